@@ -73,6 +73,44 @@ class JointLoop:
         return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
 
 
+MOST_IMAGES = 8  # on either side: motors hardly follow beyond
+REFERENCE = "reference "  # first word of an input that is a commanded position, as in `reference 1` of `motor 1`
+
+
+@frozen_value
+class ReferenceLoop:
+    """Sampled controllers of motors that follow references: u = C_ff r - C_fb q_m, held at rate_hz, link side.
+
+    motors (n_m): of all loops.  feedback, feedforward (2, F, n_m): shares of k_p and of k_d in C_fb and C_ff, at
+    freq_hz (F,).  log_hz: rate of references and of a log that folds the images of their steps; 0 without images.
+    """
+
+    motors: tuple[str, ...]
+    rate_hz: float
+    freq_hz: FloatArray = labelled("frequency")
+    feedback: ComplexArray = labelled("torque over angle, of k_p and of k_d", "N*m/rad", "gain freq_hz motors")
+    feedforward: ComplexArray = labelled("torque over reference, of k_p and of k_d", "N*m/rad", "gain freq_hz motors")
+    log_hz: float = 0.0
+
+    def images_hz(self, freq_hz: FloatArray) -> FloatArray:
+        """Return frequencies (F, M) of either sign that a log at log_hz folds onto lines, NaN beyond half the rate."""
+        images = freq_hz[:, None] + self.log_hz * np.array([*range(-MOST_IMAGES, 0), *range(1, MOST_IMAGES + 1)])
+        return np.where(np.abs(images) < self.rate_hz / 2, images, np.nan)
+
+    def at(self, freq_hz: FloatArray) -> "ReferenceLoop":
+        """Return the loop at other frequencies (F',), interpolated."""
+        if np.array_equal(freq_hz, self.freq_hz):
+            return self
+        place = np.interp(freq_hz, self.freq_hz, np.arange(len(self.freq_hz)))
+        low = np.minimum(place.astype(np.int64), len(self.freq_hz) - 2).clip(0)
+        share = (place - low)[:, None]
+        feedback, feedforward = (
+            (1 - share) * C[:, low] + share * C[:, np.minimum(low + 1, C.shape[1] - 1)]
+            for C in (self.feedback, self.feedforward)
+        )
+        return replace(self, freq_hz=freq_hz, feedback=feedback, feedforward=feedforward)
+
+
 @frozen_value
 class Configuration:
     """Posture of the robot, or state of a structure without joints.

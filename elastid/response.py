@@ -19,8 +19,19 @@ from elastid.base.escape import control_labels
 from elastid.base.workers import Kept
 from elastid.covariance import Covariance as Covariance
 from elastid.covariance import scaled
-from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
+from elastid.record import (
+    MOTION_ORDER,
+    Configuration,
+    HeldTorque,
+    JointLoop,
+    Motion,
+    Motors,
+    ReferenceLoop,
+    drive_unit,
+    motion_unit,
+)
 
+STEP_IMAGES = "records/step-images"  # code of a note on images of a sampled reference, information if subtracted
 UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion that no friction of motors explains
 
 
@@ -143,6 +154,8 @@ class Response(Kept):
         Window and length of the segments that smooth G over frequency, "" and 0 without segments.
     motors, loop : str, JointLoop or None
         Motors during the measurement: "free", or for forces at the tool "locked" or "controlled" by `loop`.
+    controller : ReferenceLoop or None
+        Controllers of the motors, if the inputs are references such as "reference 1".
     ratio_std : array (n_u,)
         Relative std of each gear ratio over the motion without a tolerance of the robot model; empty if unknown.
 
@@ -187,6 +200,7 @@ class Response(Kept):
     segment_s: float = 0.0
     motors: Motors = "free"
     loop: JointLoop | None = None
+    controller: ReferenceLoop | None = None
     ratio_std: FloatArray = labelled(
         "usual std of each gear's ratio over the motion", "", "inputs", default_factory=lambda: np.zeros(0)
     )

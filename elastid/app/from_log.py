@@ -36,6 +36,10 @@ _SAME_RATE = 0.01  # relative difference of the rates of logs of one study
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
 Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
+_FIT = (
+    "# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.",
+    "fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}",
+)
 # Names of arrays with the gains of each joint.
 GAINS = ("kp", "kd")
 
@@ -60,7 +64,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     guess = guess_log(signals, clock.rate_hz or 1.0)
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
-        return _of_commands(logs, folder, pairs, clock, robot, text)
+        period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
+        return _of_commands(logs, folder, pairs, clock, robot, text, period)
     if guess is None:
         counts = Counter((signal.name, signal.quantity or "unknown") for signal, _ in signals)
         named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
@@ -77,7 +82,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     if robot is not None and is_hit and not robot.driven[0].slides:
         frame = robot.frames[-1].name if robot.frames else "tool"
         robot = None
-    positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess)
+    positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess.motions)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
     paths = relative_paths(logs, folder)
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
@@ -89,13 +94,14 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     driving = {joint.torque.key for joint in guess.joints}
     period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
     runs = _runs_by_name(logs)
-    names, configurations = _configurations(len(logs), guess, robot, positions, [run[0] for run in runs])
+    names, configurations = _configurations(len(logs), guess.motions, robot, positions, [run[0] for run in runs])
     files = _files(paths, names, [run[1:] for run in runs])
     content = [*head_lines("responses" if robot is None else "elasticity", first)]
     content += [*_study(guess, robot, clock, configurations, period, frame), text, *files]
+    if is_hit and len(logs) > 1:
+        content.append(f"      # hit at another point: {{..., at: {{{joint.torque.place}: point 2}}, experiment: 1}}")
     if robot is not None:
-        content.append("# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.")
-        content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
+        content += _FIT
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
     return {"study.yml": joined([*content, *unused])}
@@ -134,8 +140,12 @@ def _of_commands(
     clock: Clock,
     robot: Robot | None,
     text: str,
+    period: Sequence[str],
 ) -> dict[str, str]:
-    """Files of a friction study of logs with commands and positions (pairs of channels) and without torques."""
+    """Files of a study of logs with commands and positions (pairs of channels) and without torques.
+
+    A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
+    """
     names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
     if len(names) != len(pairs):
         listed = ", ".join(y.place for y, _ in pairs)
@@ -144,8 +154,8 @@ def _of_commands(
     by_joint = {y.parts[1]: (y, reference) for y, reference in pairs}
     pairs = [by_joint[name] for name in names] if set(names) == by_joint.keys() else pairs  # else in the log's order
     if clock.rate_hz is None:
-        text = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"
-        raise DataError("records/clock", text, logs[0])
+        problem = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"
+        raise DataError("records/clock", problem, logs[0])
     gains = _controller(logs[0], len(pairs))
     for path in logs[1:]:
         if other := _unlike(path, logs[0], clock, pairs, gains):
@@ -154,18 +164,27 @@ def _of_commands(
     is_known = gains is not None
     why = "kp / kd and kd of the log" if is_known else "guessed: enter the gains of the joint controller, link side"
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
-    lines = [*head_lines("friction", logs[0]), "robot: robot.yml # guessed: geometry and ratios are not in the logs"]
-    lines += ["friction: {} # inertia, friction and command delay from commands and positions, without torque"]
-    lines += [
-        "experiment:",
-        "  recorded:",
-        f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}",
-        "    channels:",
-    ]
+    files, end = list(_files(relative_paths(logs, folder))), list[str]()
+    if robot is not None and robot.flexible and "none" not in period[0]:
+        runs, form = _runs_by_name(logs), TextFormatSpec() if logs[0].is_dir() else guess_format(logs[0])
+        motions = [y for y, _ in pairs]
+        positions = positions_of(logs, form, motions)
+        states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])
+        files = list(_files(relative_paths(logs, folder), states, [run[1:] for run in runs]))
+        lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
+        late = "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
+        few = "estimator: {method: auto} # one that needs fewer logs than inputs"
+        end = [late, *_FIT, *[few] * (len(names) > 1)]
+    else:
+        lines, period = list(head_lines("friction", logs[0])), ()
+        lines += ["robot: robot.yml # guessed: geometry and ratios are not in the logs"]
+        lines += ["friction: {} # inertia, friction and command delay from commands and positions, without torque"]
+        lines += ["experiment:"]
+    lines += ["  recorded:", f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}", *period, "    channels:"]
     for name, (y, reference) in zip(names, pairs, strict=True):
         lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
     lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", text]
-    content = {"study.yml": joined([*lines, *_files(relative_paths(logs, folder))])}
+    content = {"study.yml": joined([*lines, *files, *end])}
     inertias = [
         (dimension_and_size(y.unit)[0].startswith("m"), x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)
     ]
@@ -196,10 +215,9 @@ def _runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
 
 
 def _configurations(
-    n: int, guess: LogGuess, robot: Robot | None, positions: Positions, by_name: list[str]
+    n: int, motions: Sequence[ChannelGuess], robot: Robot | None, positions: Positions, by_name: list[str]
 ) -> tuple[list[str], list[str]]:
-    """The configuration of each of n logs, by_name (n) or by the angles of joints, and their lines in a study."""
-    motions = [*(joint.motion for joint in guess.joints), *guess.further]
+    """The configuration of each of n logs, by_name (n) or by motions of joints first, and their lines in a study."""
     nothing = np.zeros((n, 4))  # of motions without a position
     moments = np.array([motion.to_si * positions.get(motion.key, nothing) for motion in motions])
     means, scatter = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0)
@@ -213,7 +231,7 @@ def _configurations(
     why, angles = "the joints stand at other angles", dict.fromkeys(firsts, "")
     if robot is not None:
         why = "the means of the positions, or 0 where there are none"
-        angles = {first: ", ".join(f"{x:.5g}" for x in means[first, : len(guess.joints)]) for first in firsts}
+        angles = {first: ", ".join(f"{x:.5g}" for x in means[first, : len(robot.driven)]) for first in firsts}
     elif len(firsts) == 1:
         why = "all logs are of one state of the structure"
     lines = (f"    {names[first]}: [{angles[first]}]" for first in firsts)
@@ -381,9 +399,8 @@ def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool
     return bool(np.min(extent) > low - _MIN_TURN and np.max(extent) < high + _MIN_TURN)
 
 
-def positions_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> Positions:
-    """Extent, mean and standard deviation of each position of a guess in each log."""
-    motions = [*(joint.motion for joint in guess.joints), *guess.further]
+def positions_of(logs: Sequence[Path], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
+    """Extent, mean and standard deviation of each position among motions in each log."""
     known = [motion for motion in motions if motion.quantity == "position"]
     ys = [ChannelSpec("y", "any", motion.name, motion.column, quantity="position") for motion in known]
     moments = np.zeros((len(logs), 4, len(ys)))

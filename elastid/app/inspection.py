@@ -15,7 +15,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.clocks import is_clock
 from elastid.recorded.files.formats import is_log, naming, opened_log
-from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.files.text import BLOCK_LINES, TextLog, described_format, guess_format
 from elastid.recorded.files.universal import is_universal_file
 from elastid.recorded.repair.time_stamps import even_grid, steps_in_words
 from elastid.recorded.responses.reading import contents_of
@@ -24,6 +24,8 @@ from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
 from elastid.store.reading import described as described_artefact
 from elastid.study.robots import yaml_text
+
+_BLOCKS = 16  # of a large text that are read
 
 
 def _signal_row(
@@ -46,12 +48,26 @@ def _signal_row(
 
 def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     named = log.named_columns()
+    if log.is_large:
+        return _large_text_rows(log)
     try:
         signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
     except DataError:
         signals = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(named))]
     units = log.units or [""] * len(named)
     return [_signal_row(*row, unit, x) for row, unit, x in zip(named, units, signals, strict=True)]
+
+
+def _large_text_rows(log: TextLog) -> list[tuple[str, ...]]:
+    """Rows of a large text, with values of blocks of lines that are evenly spread over it."""
+    named, n = log.named_columns(), len(log.number_lines) - log.first
+    starts = np.unique(np.linspace(0, max(0, n - BLOCK_LINES), _BLOCKS).astype(int)).tolist()
+    columns: list[list[FloatArray]] = [[] for _ in named]
+    for start in starts:
+        for column, x in zip(columns, log.columns(range(len(named)), slice(start, start + BLOCK_LINES)).T, strict=True):
+            column.append(np.array([x[0], np.nanmin(x), np.nanmax(x)]) if start else x)
+    units = log.units or [""] * len(named)
+    return [_signal_row(*row, unit, iter(x)) for row, unit, x in zip(named, units, columns, strict=True)]
 
 
 def _rise(start: NDArray[Any]) -> str:
@@ -117,6 +133,8 @@ def _log_lines(path: Path) -> list[str]:
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")
+        if isinstance(log, TextLog) and log.is_large:
+            lines.append(f"  lowest and highest of {_BLOCKS} blocks of {BLOCK_LINES} lines; the file is large")
         lines += [f"  {line}" for line in columns([_COLUMNS, *signals])]
         lines += ["other contents, which cannot be channels:", *contents] if contents else []
     if not signals and path.suffix.lower() == ".mat":

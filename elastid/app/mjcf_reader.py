@@ -19,29 +19,43 @@ from elastid.robot import BASE, Body, Frame, Joint, Limits, Motor, Placement, Ro
 from elastid.robot.body import six_numbers
 from elastid.study.robots import yaml_text
 
+KINDS = ("free", "ball", "slide", "hinge")  # of joints, by MuJoCo's numbers
+
 
 def robot_of(model: Any, name: str) -> Robot:
-    """The robot of a compiled model, in MuJoCo's units, angles in rad; ValueError for other joints than both kinds."""
+    """The robot of a compiled model, in MuJoCo's units, angles in rad; ValueError for a ball joint, a free one inside.
+
+    Bodies that stand on the base, and the trunk of a robot that floats, are frames of the base.
+    """
     names = [BASE, *(model.body(i).name or f"body {i}" for i in range(1, model.nbody))]
-    bodies = []
+    bodies, frames = [], []
+    seats = [(BASE, np.eye(3), np.zeros(3))]  # of each body: where its children are placed, in whose frame
     for i in range(1, model.nbody):
-        first, R = int(model.body_jntadr[i]), _rotation(model.body_iquat[i])
-        joints = tuple(_joint(model, j) for j in range(first, first + int(model.body_jntnum[i])))
-        placement = Placement.of(_rotation(model.body_quat[i]), model.body_pos[i])
+        parent, R, p = seats[int(model.body_parentid[i])]
+        placement = Placement.of(R @ _rotation(model.body_quat[i]), p + R @ model.body_pos[i])
+        first, count = int(model.body_jntadr[i]), int(model.body_jntnum[i])
+        kinds = {KINDS[kind] for kind in model.jnt_type[first : first + count]}
+        if parent == BASE and kinds <= {"free"}:  # it stands on the base, or is a trunk that is held
+            seats.append((BASE, placement.rotation, np.array(placement.xyz)))
+            frames += [Frame(names[i], BASE, placement)] * (names[i] != BASE)
+            continue
+        seats.append((names[i], np.eye(3), np.zeros(3)))
+        joints = tuple(_joint(model, j) for j in range(first, first + count))
         known = float(model.body_mass[i]), tuple(model.body_ipos[i].tolist())
-        inertia = six_numbers(R @ np.diag(model.body_inertia[i]) @ R.T)
-        bodies.append(Body(names[i], names[int(model.body_parentid[i])], placement, joints, *known, inertia))
-    frames = []
+        turn = _rotation(model.body_iquat[i])
+        inertia = six_numbers(turn @ np.diag(model.body_inertia[i]) @ turn.T)
+        bodies.append(Body(names[i], parent, placement, joints, *known, inertia))
     for i in range(model.nsite):
-        placement = Placement.of(_rotation(model.site_quat[i]), model.site_pos[i])
-        frames.append(Frame(model.site(i).name or f"site {i}", names[int(model.site_bodyid[i])], placement))
+        body, R, p = seats[int(model.site_bodyid[i])]
+        placement = Placement.of(R @ _rotation(model.site_quat[i]), p + R @ model.site_pos[i])
+        frames.append(Frame(model.site(i).name or f"site {i}", body, placement))
     name_in_file = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
     return Robot(name_in_file or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", tuple(frames))
 
 
 def _joint(model: Any, i: int) -> Joint:
     """Driven by its actuator, or by a motor to come where the file has no actuator at all."""
-    name, kind = model.joint(i).name or f"joint {i}", ("free", "ball", "slide", "hinge")[int(model.jnt_type[i])]
+    name, kind = model.joint(i).name or f"joint {i}", KINDS[int(model.jnt_type[i])]
     if kind in ("free", "ball"):
         raise ValueError(f"joint {name} is of type {kind}; take hinges and slides, a base that stands still")
     gears, spring, motor = _gears(model, i), None, None

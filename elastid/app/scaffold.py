@@ -37,8 +37,9 @@ from elastid.study.robots import load_robot, yaml_text
 
 # Of guessed drives: gears that turn so often, on links that swing at so many Hz with so much damping, motor held.
 _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
-# Acceleration of the excitation in rad/s^2 (m/s^2), rms, and the part of a limit of torque that it takes at most.
-_ACCELERATION, _PART_OF_LIMIT = 4.0, 0.2
+_SOONEST_S = 0.01  # time constant of viscous friction and inertia of a joint, at least
+# Excitation, rms: in rad/s^2 (m/s^2), least in dry frictions, and the part of a limit of torque that it takes at most.
+_ACCELERATION, _TIMES_DRY, _PART_OF_LIMIT = 4.0, 3.0, 0.2
 _NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
 _LEAST_INERTIA = 1e-12  # kg m^2, of links that a motor moves: less is rounding
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
@@ -92,7 +93,8 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
         *([f"Joints that mimic others are fixed at their zero: {', '.join(mimics)}."] if mimics else []),
         f"The rigid part is from {path.name}. Replace guessed numbers with those of data sheets:",
         f"the springs of gears, with a mode at {_HELD_HZ:g} Hz while the motor is locked{rotors};",
-        "if the file has none, viscous friction that stops a motor's rotor within a second.",
+        "viscous friction that stops a motor's rotor within a second, where the file has none, or a placeholder that",
+        f"stops a joint within {1e3 * _SOONEST_S:g} ms.",
         "Constraints, tendons, and springs of driven joints are not read; dry friction is from MJCF files alone.",
     )
     return inertia, driven, comments
@@ -129,8 +131,10 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
         return joint
     spring = Spring(*_gear(of_links)) if joint.spring is None else joint.spring
     rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / joint.motor.ratio**2
-    viscous = joint.motor.viscous or float(f"{rotor:.2g}")
-    return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring)
+    of_file = joint.motor.viscous + joint.viscous / joint.motor.ratio**2
+    is_known = 0 < of_file < (rotor + of_links / joint.motor.ratio**2) / _SOONEST_S
+    viscous = of_file if is_known else float(f"{rotor:.2g}")
+    return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring, viscous=0.0)
 
 
 def _gear(of_links: float) -> tuple[float, float]:
@@ -150,12 +154,15 @@ def _postures(joints: Sequence[Joint]) -> FloatArray:
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
     limits = [joint.limits.torque for joint in robot.driven]
-    rms = np.minimum(2 * _ACCELERATION * inertia, _PART_OF_LIMIT * np.array(limits))  # of motor and link
+    dry = [joint.motor.coulomb * abs(joint.motor.ratio) if joint.motor else 0.0 for joint in robot.driven]
+    needed = np.maximum(2 * _ACCELERATION * inertia, _TIMES_DRY * np.array(dry))  # of motor and link
+    rms = np.minimum(needed, _PART_OF_LIMIT * np.array(limits))
     rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
     configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
     return from_template(
         "app/rehearsal/study.yml.txt", schema=SCHEMA_NAME, robot=one_line(robot.name),
-        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", percent=f"{100 * _PART_OF_LIMIT:g}",
+        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", dry=f"{_TIMES_DRY:g}",
+        percent=f"{100 * _PART_OF_LIMIT:g}",
         torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
         torque_std=f"{rms.min() / 10:.2g}", last=len(postures),
     )  # fmt: skip

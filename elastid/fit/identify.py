@@ -54,6 +54,7 @@ from elastid.linear.linear_model import DELAY, is_load
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
+from elastid.record import REFERENCE
 from elastid.response import Response
 from elastid.robot import Robot, channel_name
 
@@ -103,9 +104,8 @@ def identified(
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
-            result = replace(
-                result, notes=(*result.notes, *contradicted_priors(result), *contradicted_tolerances(result))
-            )
+            contradicted = (*contradicted_priors(result), *contradicted_tolerances(result))
+            result = replace(result, notes=(*result.notes, *contradicted))
             result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
@@ -154,7 +154,9 @@ def _search(
     check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
     check_responses(responses, robot)
     responses = [ratio_within(response, robot) for response in responses]
-    parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
+    has_references = any(response.controller is not None for response in responses)
+    names = [response.configuration.name for response in responses]
+    parameters = parameters or choose(spec, robot, names, has_references)
     check_factors(responses, spec)
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.model_error is None else spec
@@ -234,6 +236,8 @@ def _check_robot(response: Response, robot: Robot) -> None:
         raise DataError("fit/responses", f"{where}: {refused}" + (f"; {advice}" if angles.size else ""))
     at_tool = any(map(is_load, response.inputs))
     known = robot.load_locations if at_tool else robot.motor_locations
+    if response.controller is not None:
+        known = tuple(f"{REFERENCE}{name}" for name in robot.driven_names)
     if missing := [name for name in response.inputs if name not in known]:
         has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
         both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""

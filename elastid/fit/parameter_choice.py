@@ -26,7 +26,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.response import Response
-from elastid.robot import BASE, Robot, Rod, Spring, Tolerances, unit_axis
+from elastid.robot import BASE, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
 from elastid.robot.placement import Path
 from elastid.robot.tolerances import RATIO, kind_of
 
@@ -80,19 +80,20 @@ MOST_STD = 10.0  # of the logarithm of a parameter; a prior as wide as that says
 BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
 
 
-def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> Parameters:
+def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_references: bool = False) -> Parameters:
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry, and numbers of channels, are among the parameters as far as the study names
     them (`named_on_demand`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
-    are fitted, for parameters of their own; without any, such a parameter is one for all.
+    are fitted, for parameters of their own; without any, such a parameter is one for all.  has_references: the delay
+    of the references is free unless the study states it.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that overlap, and where nothing is free.
     """
     try:
-        parameters = _chosen(spec, robot, configurations)
+        parameters = _chosen(spec, robot, configurations, has_references)
     except ValueError as error:
         raise StudyError("fit/parameters", str(error), "fit.parameters") from None
     if not parameters.free:
@@ -101,11 +102,13 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     return parameters
 
 
-def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Parameters:
+def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
     """Parameters of `choose`; raise ValueError for an impossible set."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
-    table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
+    table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
     wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
+    wanted = late | wanted
     grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
     linear, motors = _linear_names(robot), {j.name: j.motor for j in robot.driven if j.motor is not None}
     # Of motor friction of which the file has none, that which stops the rotor within 1 s.
@@ -246,7 +249,9 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
     an offset of an axis acts in second order.
     """
-    tolerances = {given.name: given for given in tolerances_of(robot)}
+    has_references = channel_name(DELAY, "r") in parameters.names
+    unused = ("gain_u_",) if has_references else ("gain_kp_", "gain_kd_")
+    tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
     known = {parameter.name: parameter for parameter in parameters}
     asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
     asked |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
@@ -299,8 +304,10 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
             yield Tolerance(name, owner, kind_of(path), std, factor)
     of_constants = robot.tolerances.torque_constant
     if isinstance(of_constants, float) and of_constants > 0:
-        of_torques = (name for name in robot.channel_numbers if name.startswith("gain_u_"))
-        yield from (Tolerance(name, "", "torque_constant", of_constants) for name in of_torques)
+        gains = [name for name in robot.channel_numbers if name.startswith(("gain_u_", "gain_kp_", "gain_kd_"))]
+        for name in gains:  # a torque constant scales both gains of its joint controller
+            factor = "" if name.startswith("gain_u_") else f"torque_constant_{name[8:]}"
+            yield Tolerance(name, "", "torque_constant", of_constants, factor)
 
 
 def _turns_all(robot: Robot, path: Path) -> bool:

@@ -128,18 +128,21 @@ LARGE = 1.5
 
 # The meaning for the parameters; after the full stop the next action.
 MEANING: dict[Status, str] = {
-    "converged": "all parameters identified. The intervals do not cover systematic errors common to all responses",
+    "converged": "all parameters identified. Use them with their intervals",
     "noise_unknown": "no residual test, because the responses have no covariance; the intervals are computed from the "
     "residuals. To test the model, measure two periods or more, or give the covariance",
     "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
     "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "significant model error: the parameters may be biased, do not use them. Correct the first named cause, "
-    "or free its parameter, and fit again",
+    "misfit": "significant model error: the parameters may be biased, do not use them. Correct the likely cause, and "
+    "fit again",
     "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
     "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
     "model_error": "the model does not describe these responses, do not use its parameters. Check channels, "
     "configurations and robot model",
 }
+
+# Meaning of a misfit whose residuals are those of the noise.
+CONTRADICTED = "the data contradict the robot model, do not use the parameters yet. Correct it and fit again"
 
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/fixed-values"
@@ -148,13 +151,14 @@ CAUSES = (
     "fit/frequency-unit", "fit/likely-cause", "fit/inconsistent-responses", "fit/loads", "fit/tool",
     "fit/prior-contradicted", "fit/tolerances",
 )  # fmt: skip
-NO_CAUSE = "no tested cause explains the excess residuals"
+NO_CAUSE = "no tested cause explains the residuals above the noise"
+REQUIRED = "the data require"  # beginning of a cause that the fit includes
 OTHER_JOINTS = (
     "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
 )
 OTHER_AMPLITUDE = (
-    "Measure again at half the torque. If the residuals change, the cause is nonlinear; if not, the robot model lacks "
-    "an elastic joint"
+    "To find the cause of the model error, measure again at half the torque. If the residuals change, the cause is "
+    "nonlinear; otherwise the robot model lacks an elastic joint"
 )
 
 
@@ -180,6 +184,7 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
 
 
+ROUNDING = 1e-9  # of a std, below which a contribution to it is zero
 CORRELATED = 0.99  # beyond which two parameters cannot be distinguished
 
 
@@ -310,12 +315,13 @@ class Result:
     def display(self) -> Display:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std
-        rows = []
-        parts = self.std_parts
+        rows, least = [], {name: ROUNDING * number for name, number in std.items()}
+        parts = {kind: part for kind, part in self.std_parts.items() if any(part[p] > least[p] for p in part)}
         for p in self.parameters.asked:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
-            stds = [number(stds_of[p.name], 2) for stds_of in (*parts.values(), std)]
+            each = (stds_of[p.name] for stds_of in (*parts.values(), std))
+            stds = [number(part if part > least[p.name] else 0.0, 2) for part in each]
             rows.append((p.name, number(values[p.name], places), *stds, ends, p.unit))
         std_of = "std" if self.noise_is_known else "std, of the residuals"
         headings = ("parameter", "value", *parts, std_of, "95 % interval", "unit")
@@ -324,14 +330,26 @@ class Result:
     @property
     def meaning(self) -> str:
         """The meaning of the status for the parameters, with the next action."""
-        meaning, _, action = MEANING[self.status].partition(". ")
+        if self.status == "misfit" and not self.exceeds_noise:
+            return CONTRADICTED
         if self.status != "converged":
-            return f"{meaning}. {action}"
-        if weak := sum(note.code == "fit/weakly-identifiable" for note in self.notes):
-            n = len(self.parameters.asked)
-            meaning = f"{n - weak} of {n} parameters identified, {weak} weakly identifiable"
+            return MEANING[self.status]
+        n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
+        meaning = (
+            f"{n - weak} of {n} parameters identified, {weak} weakly" if weak else f"all {n} parameters identified"
+        )
         but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
-        return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or action}"
+        return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or self.coverage}"
+
+    @property
+    def coverage(self) -> str:
+        """The errors that the intervals include, in a sentence without its full stop."""
+        errors = ["measured noise", "distortion"]
+        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
+            errors.append("the assumed model error")
+        errors += ["the tolerances of the robot model"] * self.has_tolerances
+        fixed = "" if self.has_tolerances else ". They assume that the fixed values of the robot model are exact"
+        return f"The intervals cover {', '.join(errors[:-1])} and {errors[-1]}{fixed}"
 
     @property
     def residual_test(self) -> str:
@@ -341,22 +359,30 @@ class Result:
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
             verdict = "passed" if self.is_within_declared else "failed"
-            error = f"(noise + declared error of {percent(self.model_error)}) {self.error_ratio:.3g}"
-            return f"residual test {verdict}: rms residual / {error} (limit {LARGE:g})"
+            error = f"{self.error_ratio:.3g} times noise and assumed model error together"
+            return f"residual test {verdict}: residuals {error} (rms; limit {LARGE:g})"
         verdict = "failed" if self.exceeds_noise else "passed"
-        return f"residual test {verdict}: rms residual / noise {ratio:.3g} (limit {limit:.3g}, false-alarm rate 0.14 %)"
+        words = f"residuals {ratio:.3g} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
+        return f"residual test {verdict}: {words}"
+
+    @property
+    def converged_starts(self) -> str:
+        """Number of the searches from random start values that ended at the best optimum, in words."""
+        return (
+            f"{self.n_converged_starts} of {len(self.starts)} searches from random start values ended at this optimum"
+        )
 
     @property
     def base_remarks(self) -> dict[str, str]:
-        """For each stiffness that a typical base lowers beyond its interval: by how much, and the limit."""
+        """For each stiffness that a typical base lowers beyond its interval: by how much."""
         limits, remarks = QUANTILE_95 * np.sqrt(np.diag(self.covariance)), {}
         for part in self.assumed_rigid:
             for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
                 if p.name.startswith("k") and -change > limit:
                     remarks[p.name] = (
-                        f"a base of typical stiffness ({part.name}: {part.stiffness:.2g} N*m/rad) lowers the estimate "
-                        f"of {p.name} by {percent(-math.expm1(change))}; above "
-                        f"{-part.stiffness * change / limit:.2g} N*m/rad the effect is within the interval"
+                        f"{p.name} is estimated for a rigid base. If the base has a typical stiffness "
+                        f"({part.stiffness:.2g} N*m/rad {part.name.removeprefix('base ')}), {p.name} is "
+                        f"{percent(-math.expm1(change))} too low"
                     )
         return remarks
 
@@ -367,6 +393,12 @@ class Result:
         if self.exceeds_noise and not self.is_within_declared:
             notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
         return min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
+
+    @property
+    def shown_notes(self) -> tuple[Note, ...]:
+        """Notes for a reader: without the sum of all tolerances if one value is named."""
+        is_named = any(note.code == "fit/likely-cause" and NO_CAUSE not in note.text for note in self.notes)
+        return tuple(note for note in self.notes if not (is_named and note.code == "fit/tolerances"))
 
     @property
     def test_of_causes(self) -> str:

@@ -56,7 +56,7 @@ LIMITS = AutomaticLimits()
 
 def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
     """A method and the note on it."""
-    text = f"estimator.method auto selects {method}: {reason}"
+    text = f"the FRF is estimated by the method {method}, because {reason}"
     return method, (Note("frf/method", text, severity="information"),)
 
 
@@ -75,20 +75,22 @@ def choose_by_error(
         local = preview()
     except DataError as refusal:
         candidate()
-        return chosen(method, f"local_rational rejects these records ({refusal})")
+        return chosen(method, f"local_rational rejects the records ({refusal})")
     try:
         response = candidate()
     except DataError as refusal:
-        return chosen("local_rational", f"{method} rejects these records ({refusal})")
+        return chosen("local_rational", f"{method} rejects the records ({refusal})")
     if min(response.n_lines, local.n_lines) < 2:
-        return chosen("local_rational", f"{method} has {response.n_lines} lines")
+        return chosen("local_rational", f"{method} has only {response.n_lines} lines")
     error, error_l, resolution = stated_errors(response, local, has_bias=method == "h1")
     unit = "Hz" if local.rate_is_known else "of the sampling rate"
-    scale = f"of |G| at a resolution of {resolution:.2g} {unit}"
+    scale = f"(of |G|, averaged over {resolution:.2g} {unit})"
     if error_l * margin < error:
-        return chosen("local_rational", f"stated error {100 * error_l:.2g} % {scale}; {method}: {100 * error:.2g} %")
-    missed = f", not {margin:g} times less" if error_l < error else ""
-    return chosen(method, f"stated error {100 * error:.2g} % {scale}; local_rational: {100 * error_l:.2g} %{missed}")
+        errors = f"{100 * error_l:.2g} % {scale} instead of {100 * error:.2g} % with {method}"
+        return chosen("local_rational", f"its relative std is {errors}")
+    missed = f", which is not {margin:g} times less" if error_l < error else ""
+    errors = f"{100 * error:.2g} % {scale} instead of {100 * error_l:.2g} % with local_rational"
+    return chosen(method, f"its relative std is {errors}{missed}")
 
 
 def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:

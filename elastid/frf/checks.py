@@ -23,12 +23,15 @@ from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import inverse, singular_values, squared_magnitude
 from elastid.record import Record
+from elastid.response import Response
 
 # Thresholds of the checks.
 CLOCK_DIFFERENCE = 1e-4  # of logs, relative, up to which their lines are the same ones
 MIN_POWER_RATIO = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
 # Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
 MAX_ERROR_RATIO = 4.0
+MAX_SCATTER = 0.3  # of the mean over realisations, relative to |G| at the median of elements and lines
+MIN_TIMES_NOISE = 10.0  # of that scatter over the noise of the periods, below which it may be noise or friction
 REPEAT_DIFFERENCE = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
 PHASE_LINES = 64  # evenly taken, that show phases as well as all
 PULSE_START = 0.1  # of the largest sample, where a pulse begins
@@ -174,6 +177,23 @@ def unlike_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[
         f"measure realisation {groups[m][e].realisation} again, or omit it"
     )
     return [Note("frf/records", text, f"record {groups[m][e].name}")]
+
+
+def scatter_notes(response: Response) -> list[Note]:
+    """A note where the scatter of realisations is large beside |G| and the noise of their periods: not one response."""
+    if response.total is None or response.noise is None:
+        return []
+    total, noise = (
+        math.sqrt(float(np.median(c.variance / np.maximum(squared_magnitude(response.G), 1e-300))))
+        for c in (response.total, response.noise)
+    )
+    if total < MAX_SCATTER or total < MIN_TIMES_NOISE * noise:
+        return []
+    text = (
+        f"realisations differ by {total:.3g} |G|, {total / noise:.2g} times the noise of their periods. State `at` in "
+        "experiment.recorded.files if hammer or sensors moved, else make a configuration of each state"
+    )
+    return [Note("frf/records", text)]
 
 
 def _power_unlike(data: MeanSpectra, m: int) -> FloatArray:

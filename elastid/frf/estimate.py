@@ -20,7 +20,15 @@ from elastid.base.errors import DataError, Note, StudyError
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
-from elastid.frf.checks import hit_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines, unlike_notes
+from elastid.frf.checks import (
+    hit_notes,
+    refuse_few,
+    refuse_mismatch,
+    same_phases_notes,
+    scatter_notes,
+    separated_lines,
+    unlike_notes,
+)
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.estimators import (
     METHODS,
@@ -36,6 +44,7 @@ from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power, squared_magnitude
+from elastid.frf.moved_sensors import by_outputs, stacked
 from elastid.frf.quality import (
     described_lines,
     input_notes,
@@ -68,9 +77,13 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
     them.  total is None for one realisation, unless odd lines were left out on purpose.  Notes report the periods and
     lines left out, and signs of a faulty measurement.  Of records without a period each is a realisation.
 
+    Records with sensors at other places are estimated for themselves, and their outputs stacked.
+
     Raises StudyError where the spec asks for periods that the records lack, DataError where the records do not fit
     together or do not suffice, the experiments do not separate the inputs, or no line is excited.
     """
+    if len(sets := by_outputs(records) if isinstance(records, Sequence) else []) > 1:
+        return stacked([estimate(part, spec, planned_lines) for part in sets])
     refuse_mismatch(records)
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}
@@ -156,7 +169,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     error = total_error(data, fitted)
     notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
-        why = "the inputs, or a combination of them, are less than 6 dB above the noise"
+        why = "the inputs are less than 6 dB above the noise there, or not independent"
         notes.append(left_out_note(lines[~usable], first, why))
     notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data, groups)]
     lines = lines[usable]
@@ -168,7 +181,11 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
         unexcited = everything.on(~excited).on(inside)
         levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
-    notes += [*input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
+    notes += [
+        *input_notes(first.inputs, data, quality),
+        *output_notes(first.outputs, quality),
+        *scatter_notes(response),
+    ]
     return replace(response, notes=tuple(notes))
 
 

@@ -12,7 +12,7 @@ from elastid.excitation.grids import grid_lines
 from elastid.frf.experiment_blocks import FullSum, add_periods
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra
-from elastid.record import Record
+from elastid.record import REFERENCE, Record
 
 # Power of an excited line over the noise of the mean in a notch (6 dB), and over the lines around it (-14 dB).
 MIN_SNR, _MIN_SHARE_OF_NEIGHBOURS = 4.0, 0.04
@@ -126,9 +126,14 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
 
 
 def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[ComplexArray, FloatArray]:
-    """Mean (F, c) of the driver's amplitudes over periods, some at a time of a large record, and its variance."""
+    """Mean (F, c) of the driver's amplitudes over periods, some at a time of a large record, and its variance.
+
+    References count by their accelerations, which are alike at all lines and small in a superimposed slow motion.
+    """
     record = spectra.record
-    sums = FullSum(np.full((len(lines), len(record.inputs)), 2 / record.repeat_samples, np.complex128))
+    size = (lines / lines[0]) ** (2 if record.inputs[0].startswith(REFERENCE) else 0)
+    scale = np.outer(size, np.full(len(record.inputs), 2 / record.repeat_samples))
+    sums = FullSum(scale.astype(np.complex128))
 
     def groups() -> Iterator[PeriodSpectra]:
         first = 0

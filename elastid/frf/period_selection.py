@@ -250,7 +250,7 @@ def _leading(
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
     if not leading.any():
         return leading, ()
-    note = _note(spectra, np.flatnonzero(leading), measured, " as a transient")
+    note = _note(spectra, np.flatnonzero(leading), measured, " as the transient")
     note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
     return leading, (note,)
 
@@ -258,12 +258,12 @@ def _leading(
 def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reason: str) -> Note:
     record = spectra.record
     kind = ("half period" if record.half_wave else "period") + "s" * (len(left_out) > 1)
-    channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
+    channels = [f"Output {name}" for name in record.outputs] + [f"Input {name}" for name in record.inputs]
     worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, NEGLIGIBLE_DISTANCE)).max(axis=0)))
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",
-        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}: "
-        f"{100 * measured.D[left_out, worst].max():.2g} % deviation from the other periods in {channels[worst]}",
+        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. {channels[worst]} deviates from "
+        f"the other periods by {100 * measured.D[left_out, worst].max():.2g} %",
         f"record {record.name}",
     )

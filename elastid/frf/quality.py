@@ -107,7 +107,7 @@ def described_lines(lines: IntArray, record: Record) -> str:
 
 def left_out_note(lines: IntArray, first: Record, why: str) -> Note:
     """A note on lines of records like the first at which G is not estimated."""
-    return Note("frf/lines-discarded", f"{described_lines(lines, first)} discarded: {why}")
+    return Note("frf/lines-discarded", f"{described_lines(lines, first)} discarded, because {why}")
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:

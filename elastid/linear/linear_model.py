@@ -35,7 +35,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, froz
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
 from elastid.base.escape import control_labels
-from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors
+from elastid.record import MOTION_ORDER, REFERENCE, Configuration, HeldTorque, JointLoop, Motion, Motors, ReferenceLoop
 from elastid.robot import CHANNEL_NUMBERS, Chain, channel_name, low_pass_response
 
 # The one element between command and torque.
@@ -150,7 +150,8 @@ class LinearModel:
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
     was eliminated.  channel_numbers: names of the parameters of channels.  hold: torques of which the response
     contains images; None for the motion itself.  sliding: inputs and outputs that translate, in N and m instead of Nm
-    and rad.  motors, loop: of a `Response`, already in M, D, K.  integral (n, n): Delta of a controller, whose force is
+    and rad.  motors, loop: of a `Response`, already in M, D, K.  controller: its references are the inputs, and
+    B has a column for each of its motors.  integral (n, n): Delta of a controller, whose force is
     -Delta / s q.  Link side, SI.
     """
 
@@ -175,6 +176,7 @@ class LinearModel:
     motors: Motors = "free"
     loop: JointLoop | None = None
     integral: FloatArray | None = None
+    controller: ReferenceLoop | None = None
 
     def __post_init__(self) -> None:
         """Without T no output is an accelerometer; UnknownNameError for an unknown quantity."""
@@ -204,6 +206,21 @@ class LinearModel:
         """True if inputs are torques of motors, to which the delay and the elements of the chain belong."""
         return not any(is_load(place) for place in self.inputs)
 
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The motor of each input that is a torque or a reference."""
+        return tuple(place.replace(REFERENCE, "motor ") for place in self.inputs)
+
+    @property
+    def by_torques(self) -> "LinearModel":
+        """The model whose inputs are torques of the controlled motors, without the loops."""
+        return self if self.controller is None else replace(self, controller=None, inputs=self.controller.motors)
+
+    @property
+    def input_role(self) -> str:
+        """Role of the inputs in names of channels."""
+        return "u" if self.controller is None else "r"
+
     def number(self, theta: FloatArray, name: str) -> float:
         """The value of one parameter in theta (n_theta,); UnknownNameError names those there are."""
         return float(theta[index_of(name, self.parameters, "parameter")])
@@ -227,7 +244,8 @@ class LinearModel:
             own = [low_pass_response(s, number("low_pass", role, place)) for place in places]
             return np.asarray(gains * np.exp(-s[..., None] * delays) * common * np.stack(own, axis=-1))
 
-        return factors("y", self.outputs), 1 / factors("u", self.inputs)
+        of_inputs = factors(self.input_role, self.driven)
+        return factors("y", self.outputs), 1 / of_inputs if self.controller is None else of_inputs
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """C and T (n_y, n) at theta (n_theta,) in SI."""
@@ -334,9 +352,11 @@ class StateSpace:
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     """The state space of a LinearModel at theta (n_theta,), model.parameters in SI.
 
+    Inputs are torques, also of a model whose inputs are references.
     StudyError where an accelerometer's reading is turned into a velocity or a position: gravity would be integrated;
     and for a differentiator in the chain, which no finite number of states makes.
     """
+    model = model.by_torques
     if model.quantity != "acceleration" and model.tilt.any():
         place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
         raise StudyError(

@@ -31,7 +31,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.statistics import interpolated
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.response.transfer import factor
+from elastid.linear.response.transfer import change_of_angles
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.response import MotorMotion, Response
@@ -67,7 +67,9 @@ def effect_of_motion(
     measured = np.flatnonzero(np.isin(model.inputs, motion.motors))
     at = [motion.motors.index(model.inputs[i]) for i in measured]
     mean = _mean(expansion, motion, linear.configuration.angles, measured, at)
-    inputs = [model.inputs.index(place) for place in linear.inputs]
+    inputs = [model.inputs.index(place) for place in linear.driven]
+    if linear.controller is not None:
+        inputs = [model.inputs.index(place) for place in linear.controller.motors]
 
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
         """dG of a motion of at most so many lines."""
@@ -76,9 +78,7 @@ def effect_of_motion(
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
         changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
         dG = expansion.response_change(omega, changes)[:, :, inputs]
-        s = (1j * omega).astype(np.complex128)
-        of_outputs, of_inputs = linear.channel_factors(theta, s)
-        return factor(linear, theta, s)[:, None, None] * of_outputs[..., :, None] * dG * of_inputs[..., None, :]
+        return change_of_angles(linear, theta, lines_hz, dG)
 
     if known is not None:
         few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
@@ -273,10 +273,11 @@ def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) 
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
-    """R of a model about its equilibrium in the configuration of `linear`, with the outputs of that."""
+    """R of a model about its equilibrium in the configuration of `linear`, with its outputs and controlled motors."""
     point = equilibrium(model, theta[:-1], linear.configuration)
     numbers = model.carried(theta[:-1], linear.configuration.has_payload)
-    n_q, n_c, n_y = model.n_q, model.n_c, len(linear.outputs)
+    outputs = linear.outputs if linear.controller is None else (*linear.outputs, *linear.controller.motors)
+    n_q, n_c, n_y = model.n_q, model.n_c, len(outputs)
     # Of redundant constraints those combinations that bind; their multipliers alone are unknown.
     U = np.zeros((n_c, 0))
     if n_c:
@@ -288,7 +289,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     rows = np.zeros((n + n_y, n_q + n_c + n_y))
     rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
     z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
-    slope = _jacobian_of(model, linear.outputs)
+    slope = _jacobian_of(model, outputs)
 
     def jacobian(distances: FloatArray) -> FloatArray:
         slopes = slope(z[:, None] + kept @ distances.T, numbers).full()  # side by side
@@ -300,7 +301,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     curvature = (ahead - behind) / (2 * np.diag(steps)[:, None, None])
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
-    orders = np.array([2 if is_point(place) else 1 for place in linear.outputs])
+    orders = np.array([2 if is_point(place) else 1 for place in outputs])
     return _Expansion(n_q, n, jacobian(np.zeros((1, 2 * n_q + n)))[0], curvature, jacobian, B, free, orders)
 
 

@@ -78,9 +78,9 @@ def _found(
     ) -> list[ConfigurationSpectra]:
         return execution.ordered(partial(_gathered, places, shapes, spec, planned, friction), part)
 
-    refuse_mismatch(records)
     if refused := refusal(records):
         raise _Unsuited(refused)
+    refuse_mismatch(records)
     shapes = candidate_shapes(records, spec.friction == "coulomb")
     data = gathered(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
@@ -127,8 +127,8 @@ def _gathered(
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
         raise _Unsuited(
-            f"not identifiable without detection lines (experiments: {len(records)}, inputs: {len(inputs)}). Measure a "
-            "second realisation"
+            f"one realisation ({len(records)} experiment{'s' * (len(records) > 1)}) does not separate nonlinear "
+            "distortion from the linear response"
         )
     return data
 
@@ -232,14 +232,14 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
         if place in result.taken_places():
             level, std = result.sliding_level(place)
             text = (
-                f"{place}: Coulomb friction {level:.4g} +- {std:.2g} {unit} (link side) estimated and compensated; "
-                f"residual power reduced to {share:.2g} % of its initial value"
+                f"{place}: Coulomb friction of {level:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
+                f"of noise and distortion decreases to {share:.2g} % of its value without compensation"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
         else:
             text = (
-                f"{place}: friction not compensated, because it is not significant (in cross-validation "
-                f"{share:.3g} % of the residual power remains)"
+                f"{place}: Coulomb friction is not compensated, because it is not significant (compensation leaves "
+                f"{share:.3g} % of the power of noise and distortion in cross-validation)"
             )
             notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
     return tuple(notes)
@@ -249,7 +249,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
     """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
-    note = Note("nonlinear/friction-not-compensated", f"friction is not compensated: {why}", severity=severity)
+    note = Note("nonlinear/friction-not-compensated", f"Coulomb friction is not compensated: {why}", severity=severity)
     return FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,

@@ -57,6 +57,11 @@ class LogGuess:
     is_motion: bool
     references: tuple[ChannelGuess, ...] = ()
 
+    @property
+    def motions(self) -> tuple[ChannelGuess, ...]:
+        """Motions of the joints, then further ones."""
+        return (*(joint.motion for joint in self.joints), *self.further)
+
 
 def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[ChannelGuess, FloatArray]]:
     """Signals (n,) of the usual length that change, matrices by their columns, with the guesses by their names.

@@ -28,7 +28,7 @@ from elastid.experiment.plan.planned_run import mean_period
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.record import Motion, Record
+from elastid.record import REFERENCE, Motion, Record, motion_unit
 from elastid.recorded.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.recorded.files.formats import naming, size_in_pieces
 from elastid.recorded.link_side import UNWRAPPED, hold_samples, in_joints, report_drives
@@ -135,7 +135,7 @@ class RecordedRig:
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
         signals, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
         log, repairs = gathered.log, gathered.log.findings.repairs
-        report_unused_references(channels, log, roles["r"])
+        report_unused_references(channels, log, roles["r"] or roles["u"])
         report_drives(channels, signals, N, log)
         if N is not None:
             n = len(gathered.signals)
@@ -147,7 +147,14 @@ class RecordedRig:
         signals = without_step_images(signals, channels, roles, recorded, N, rate_hz, self.robot, log)
         signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
-        inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
+        outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
+        inputs = recorded.places_of(file.configuration, "u") if file.at else acting
+        u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
+        u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
+        units = input_units(channels, self.robot) * (len(inputs) // len(acting))
+        if recorded.has_commands_alone:
+            units = tuple(motion_unit("position", self.robot.slides(place)) for place in inputs)
+            inputs = tuple(REFERENCE + place.partition(" ")[2] for place in inputs)
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -159,7 +166,7 @@ class RecordedRig:
             inputs=inputs,
             outputs=outputs,
             quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
-            u=signals[:, roles["u"]],
+            u=u,
             y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
             r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
@@ -171,7 +178,7 @@ class RecordedRig:
             repairs=dict(repairs),
             left_out=tuple(log.findings.left_out),
             sliding=self.robot.sliding((*inputs, *outputs)),
-            input_units=input_units(channels, self.robot),
+            input_units=units,
         )
 
 
@@ -179,7 +186,9 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
     """The columns of r, u and y; r in the order of the inputs that it acts on, or references in place of it."""
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y", "reference")}
     inputs, references = [channels[j].at for j in roles["u"]], roles.pop("reference")
-    if not roles["r"] and {channels[i].at for i in references} == set(inputs):
+    if not inputs:
+        roles["u"] = references
+    elif not roles["r"] and {channels[i].at for i in references} == set(inputs):
         roles["r"] = references
     roles["r"].sort(key=lambda i: inputs.index(channels[i].at))
     return roles

@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import Note, NoteGroup, grouped
-from elastid.fit.result import Result
+from elastid.fit.result import HELD_AS_EXACT, Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
@@ -29,6 +29,9 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.validation.agreement import Agreement, Validation
     from elastid.validation.comparison import Comparison
     from elastid.validation.measured_modes import MeasuredModes
+
+
+ASSUMED = (HELD_AS_EXACT, "fit/assumed-rigid")  # codes of notes on values that the fit takes as exact
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,9 @@ class ReportContent:
         """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
         notes = tuple(note for measured, _ in self.frf for note in measured.notes)
         notes = notes if self.gears is None else self.gears.left_open(notes)
-        return grouped((*self.result.notes, *self.missing_modes, *notes))
+        # The fixed values and the base of a simulated robot are exact.
+        of_fit = (note for note in self.result.shown_notes if self.truth is None or note.code not in ASSUMED)
+        return grouped((*of_fit, *self.missing_modes, *notes))
 
     @property
     def missing_modes(self) -> tuple[Note, ...]:
@@ -220,7 +225,7 @@ def parameter_rows(
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
         parts = {kind: part[name] for kind, part in result.std_parts.items()}
-        of_base = bases.get(name, "")
+        of_base = "" if known else bases.get(name, "")  # the base of a simulated robot is rigid
         rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, MEANING, NO_CAUSE, OTHER_AMPLITUDE, UNCERTAIN, Result
+from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, NO_CAUSE, OTHER_AMPLITUDE, REQUIRED, UNCERTAIN, Result
+from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
@@ -74,7 +75,7 @@ def width_class(row: ParameterRow) -> int:
 
 def springs_and_dampers(rows: Sequence[ParameterRow]) -> list[ParameterRow]:
     """Return rows of stiffness and damping; all rows without them."""
-    return [row for row in rows if row.name.startswith(("k", "d"))] or list(rows)
+    return [row for row in rows if row.name.startswith(("k", "d")) and row.name != DELAY] or list(rows)
 
 
 def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
@@ -84,15 +85,16 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
     """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
-    return "; ".join(filter(None, (_of_status(result, agreements), accuracy(result, rows))))
+    return ". ".join(map(capital, filter(None, (_of_status(result, agreements), accuracy(result, rows)))))
 
 
 def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
     """Half-widths of the intervals, if they mean anything, and the number of true values inside."""
     known = [row for row in rows if row.truth is not None]
     inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
-    truths = f"{inside} of {len(known)} true values inside their intervals" if known else ""
-    return "; ".join(filter(None, ("" if is_wrong(result) else _of_widths(rows), truths)))
+    count = f"All {inside}" if inside == len(known) else f"{inside} of {len(known)}"
+    truths = f"{count} true values are inside their intervals" if known else ""
+    return ". ".join(filter(None, ("" if is_wrong(result) else capital(_of_widths(rows)), truths)))
 
 
 def is_wrong(result: Result) -> bool:
@@ -107,14 +109,14 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
     most = widest(rows)
     if result.status != "converged":
-        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(MEANING[result.status].partition('. ')[0])}."
+        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
     if most is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
-    reasons = "; ".join(sorted({row.verdict for row in poor}))
-    named = f"{', '.join(row.name for row in poor)} ({reasons})"
+    named = _with_verdicts(poor)
     if result.exceeds_noise:
-        return f"With caution: the intervals include the model error{f'; {named}' if poor else ''}."
+        error = f"assumed model error of {percent(result.model_error)}" if result.is_within_declared else "model error"
+        return f"With caution: {named and f'{named}, and '}the intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
@@ -125,18 +127,29 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return "Yes."
-    base = next((f", for a rigid base ({row.base})" for row in rows if row.base), "")
-    held = (note.text.partition(". ")[0] for note in result.notes if note.code == HELD_AS_EXACT)
-    exact = next((f", if the fixed values are exact ({error})" for error in held), "")
-    return f"Yes{base}{exact}."
+    base = next((f" {capital(row.base)}." for row in rows if row.base), "")
+    is_exact = any(note.code == HELD_AS_EXACT for note in result.notes)
+    return f"Yes{', if the fixed values of the robot model are exact' * is_exact}.{base}"
+
+
+def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        names.setdefault(row.verdict, []).append(row.name)
+    parts = []
+    for verdict, of_verdict in names.items():
+        word, _, reason = verdict.partition(": ")
+        verb = "is" if len(of_verdict) == 1 else "are"
+        parts.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
+    return ", and ".join(parts)
 
 
 def _noise_and_error(result: Result, agreements: Sequence[Agreement]) -> str:
-    """`noise`, and the model error if the residuals of the fitted configurations exceed the noise alone."""
+    """`noise`, and the assumed model error if the residuals of the fitted configurations exceed the noise alone."""
     exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
-    return (
-        f"noise and a model error of {percent(result.model_error)}" if exceeds or result.is_within_declared else "noise"
-    )
+    if not (exceeds or result.is_within_declared):
+        return "noise"
+    return f"noise and the model error of {percent(result.model_error)} that the fit assumes (fit.weights.model_error)"
 
 
 def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
@@ -145,6 +158,9 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
         return "Unknown: without a measured noise no residual test is possible."
     test = f" {capital(result.residual_test)}."
     if result.cause[0]:
+        if result.cause[0].startswith(REQUIRED):
+            ratio = result.residual_test.partition(": residuals ")[2]
+            return f"{capital(result.cause[0])}. With this change, the residuals are {ratio}."
         return f"{capital(result.cause[0])}.{test if result.exceeds_noise else ''}"
     if "error" in (noise := _noise_and_error(result, agreements)):
         return f"No error beyond {noise}.{test}"
@@ -164,12 +180,25 @@ def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
 def _of_widths(rows: Sequence[ParameterRow]) -> str:
     judged = springs_and_dampers(rows)
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
-    widths = [half_width(row) for row in judged]
+    if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in judged):
+        return ""  # the verdicts say more
+    others = [row for row in rows if row not in judged]
+    all_others = max(map(half_width, others), default=math.inf)
+    last = f", all {len(others)} other parameters to ±{percent(all_others)}" if all_others <= WIDTH_CLASSES[-1] else ""
+    first = _of_width(judged, kind)
+    return first and first + last
+
+
+def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
+    widths = [half_width(row) for row in rows]
     widest = max(widths, default=math.inf)
     for limit in (widest,) if widest <= WIDTH_CLASSES[-1] else WIDTH_CLASSES:
         within = sum(width <= limit for width in widths)
-        if within >= max(len(judged) / 2, 1):
-            return f"{within} of {len(judged)} {kind} identified to ±{percent(limit)} or better"
+        if within >= max(len(rows) / 2, 1):
+            count = f"all {within}" if within == len(rows) else f"{within} of {len(rows)}"
+            names = f"the parameters {' and '.join(row.name for row in rows)}"
+            named = names if within == len(rows) == 2 else f"{count} {kind}"
+            return f"{named} are identified to ±{percent(limit)} or better"
     return ""
 
 
@@ -223,7 +252,7 @@ class Action:
     text: str = ""
 
 
-USE = Action("Use the numbers.", "No interval or residual requires another measurement.")
+USE = Action("Use the numbers.", "")
 OPEN_GEARS = Action(
     "Check that channels, units, time and load are the same in all records.",
     "If they are, estimate the nonlinear effects of the gears.",
@@ -262,7 +291,7 @@ def _action_of_status(result: Result) -> Action | None:
         return OPEN_GEARS
     if result.status == "converged" or (result.status == "misfit" and result.cause[2]):
         return None
-    return Action(f"{MEANING[result.status].partition('. ')[2]}.", "")  # the cause stands above it
+    return Action(f"{result.meaning.partition('. ')[2]}.", "")  # the cause stands above it
 
 
 def _of_cause(result: Result) -> Action | None:

@@ -29,6 +29,18 @@ def six_numbers(tensor: FloatArray) -> tuple[float, float, float, float, float, 
     return xx, yy, zz, xy, xz, yz
 
 
+def possible(tensor: FloatArray) -> FloatArray:
+    """The tensor (3, 3) with its smaller principal inertias enlarged up to the sum that the largest one needs.
+
+    By at most a tenth of the largest, the usual tolerance of an inertia; else, and with a negative one, as it is.
+    """
+    principal, axes = np.linalg.eigh(tensor)
+    missing = principal[2] - principal[0] - principal[1]
+    if principal[0] < 0 or not 0 < missing <= 0.2 * principal[2]:
+        return tensor
+    return np.asarray(axes @ np.diag(principal + missing / 2 * np.array([1, 1, 0])) @ axes.T)
+
+
 @section
 class Body:
     """Rigid body: mass, centre of mass in its frame, inertia about the centre of mass, and joints from its parent.
@@ -69,7 +81,7 @@ class Body:
     # Messages begin with the key at fault, at whose line a study shows them.
     def __post_init__(self) -> None:
         principal = np.linalg.eigvalsh(self.inertia_matrix)
-        slack = 1e-9 * max(abs(principal).max(), 1e-300)
+        slack = 1e-9 * abs(principal).max() + 1e-15  # rounding of a tensor, and of one of zeros that was turned
         if principal[0] < -slack or principal[2] > principal[0] + principal[1] + slack:
             moments = ", ".join(f"{p:.4g}" for p in principal)
             raise ValueError(

@@ -10,11 +10,14 @@ low_pass_y_motor_1; delay_u and low_pass_u of all torques). The measured respons
 
 .. math:: \hat G_{ij} = \frac{F_{y,i}}{F_{u,j}}\, G_{ij}, \qquad F = \frac{g\, e^{-s T_d}}{1 + s T_l}
 
+References have the same numbers (delay_r): they act as F r. The gains of the joint controllers are factors of the
+stated ones (gain_kp_motor_1, gain_kd_motor_1).
+
 A negative T_l is the inverse filter 1 + s |T_l|: only quotients F_y / F_u are identifiable. Every place has these
 numbers; they are 1, 0 and 0, and parameters only where a study names them.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -47,8 +50,9 @@ class Channel:
     """Errors of a logged channel: gain (logged over true value), time delay and low pass."""
 
     # fmt: off
-    role: Annotated[Literal["u", "y"], Key("Role of the channel: `u` torque, `y` position, velocity or acceleration.",
-        "`y` for a sensor; `u` scales all inertias of that motor.")]
+    role: Annotated[Literal["u", "y", "r", "kp", "kd"], Key("Role of the channel: `u` torque, `y` position, velocity "
+        "or acceleration, `r` reference. `kp`, `kd`: gain of a joint controller relative to the stated one.", "`y` for "
+        "a sensor; `u` scales all inertias of that motor; `r` with delay for commands that act late.")]
     at: Annotated[str, Key("Location of the channel on the robot (default: all channels of the role).", "spell it as "
         "in the channels of the study.")] = ""
     gain: Annotated[float, Key("Gain of the channel, a positive factor; start of a fit that names it, such as "
@@ -97,19 +101,20 @@ class Chain:
         numbers: Numbers = {name: ("s", (name,)) for name in self._times}
         for i, channel in enumerate(self.channels):
             for kind, (unit, usual) in CHANNEL_NUMBERS.items():
-                if kind == "gain" or getattr(channel, kind) != usual:
+                if (kind == "gain" and channel.at) or getattr(channel, kind) != usual:
                     numbers[channel_name(kind, channel.role, channel.at)] = (unit, ("channels", i, kind))
         return numbers
 
-    def channel_numbers(self, motors: Iterable[str], places: Iterable[str]) -> dict[str, tuple[Channel, str]]:
+    def channel_numbers(self, motors: Sequence[str], places: Sequence[str]) -> dict[str, tuple[Channel, str]]:
         """Channel and kind of each number of torques at motors and motions at places, by name, as far as listed."""
         listed = {(channel.role, channel.at): channel for channel in self.channels}
-        keys = [("u", ""), *(("u", place) for place in motors), ("y", ""), *(("y", place) for place in places)]
+        of_role = {"u": motors, "y": places, "r": motors, "kp": motors, "kd": motors}
+        keys = [(role, place) for role, at in of_role.items() for place in ("", *at) if place or role in "uyr"]
         return {
             channel_name(kind, *key): (listed.get(key, Channel(*key)), kind)  # type: ignore[arg-type]
             for key in keys
             for kind in CHANNEL_NUMBERS
-            if key[1] or kind != "gain"
+            if (key[1] or kind != "gain") and (key[0] in "uyr" or kind == "gain")
         }
 
     def at(self, role: str, places: Iterable[str]) -> list[tuple[Channel, ...]]:
@@ -120,7 +125,7 @@ class Chain:
     def check_places(self, motors: Collection[str], places: Collection[str]) -> None:
         """Raise ValueError for a listed channel that does not exist, and for a common gain of a role."""
         for channel in self.channels:
-            names = motors if channel.role == "u" else places
+            names = places if channel.role == "y" else motors
             if (channel.at and channel.at not in names) or (not channel.at and channel.gain != 1):
                 raise ValueError(
                     f"chain.channels: no {channel.role} is at '{channel.at}'; there are {', '.join(names)}"

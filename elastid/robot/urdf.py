@@ -1,7 +1,7 @@
 """A robot whose rigid part is a URDF file, with springs, motors and other properties given in the study.
 
-Links become bodies, a fixed link without mass becomes a named frame. Revolute, continuous, prismatic and fixed joints
-are read, with their limits and damping; of a limit's effort, the torque on the link side.
+Links become bodies; a fixed link without mass, or on the base, becomes a named frame. Revolute, continuous, prismatic
+and fixed joints are read, with their limits and damping; of a limit's effort, the torque on the link side.
 """
 
 import math
@@ -19,7 +19,7 @@ from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
-from elastid.robot.body import BASE, Body, Frame, Payload, six_numbers
+from elastid.robot.body import BASE, Body, Frame, Payload, possible, six_numbers
 from elastid.robot.joint import Joint, Limits, Motor, Spring
 from elastid.robot.placement import Acceleration3, Placement
 from elastid.robot.robot import Robot
@@ -201,7 +201,7 @@ class _Reader:
             self.child_of[child] = joint
 
     def read(self) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
-        """All bodies, parents first, and the fixed links without mass as frames."""
+        """All bodies, parents first, and the fixed links without mass or on the base as frames."""
         roots = [name for name in self.links if name not in self.child_of]
         if len(roots) != 1:
             raise self.root.wrong(f"one link must be the base; without a parent are {', '.join(roots) or 'none'}")
@@ -221,7 +221,7 @@ class _Reader:
             origin = _origin(joint)
             R, p = seat.R @ origin.rotation, seat.p + seat.R @ np.array(origin.xyz)
             link = self.links[child]
-            if self._is_fixed(joint) and not _has_mass(link):
+            if self._is_fixed(joint) and (seat.body == BASE or not _has_mass(link)):
                 frames.append(Frame(child, seat.body, Placement.of(R, p)))
                 below = _Seat(seat.body, R, p)
             else:
@@ -330,7 +330,7 @@ def _body(link: UrdfElement, parent: str, placement: Placement, joints: tuple[Jo
         raise inertial.wrong(f"<inertial> of link {body.name} needs <mass> and <inertia>")
     xx, yy, zz, xy, xz, yz = (tensor.number(f"i{axes}", "0") for axes in ("xx", "yy", "zz", "xy", "xz", "yz"))
     origin = _origin(inertial)
-    inertia = origin.rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ origin.rotation.T
+    inertia = origin.rotation @ possible(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])) @ origin.rotation.T
     try:
         return replace(body, mass=mass.number("value"), center_of_mass=origin.xyz, inertia=six_numbers(inertia))
     except ValueError as error:

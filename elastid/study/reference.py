@@ -220,6 +220,8 @@ def explain(asked: str) -> str:
         wanted = wanted[:-1]  # of a name the mapping that holds it
     exact = [key for path, key in keys.items() if _agree(steps[path], wanted)]
     matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(wanted) :], wanted)]
+    if not matches and (same := [code for code in codes() if code.endswith(f"/{asked}")]):
+        return "\n\n".join(map(explain, same))
     if not matches:
         names = {".".join(parts[-n:]): ".".join(parts) for parts in reversed(steps.values()) for n in (len(parts), 1)}
         close = get_close_matches(".".join(wanted), names, n=1)

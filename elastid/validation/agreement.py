@@ -189,11 +189,11 @@ class Validation:
         rows = [
             (
                 a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
-                f"{a.overall_phase_rms_deg:.2g}", f"{a.overall_rms_sigma:.3g}",
+                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}",
             )
             for a in self.configurations
         ]  # fmt: skip
-        headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / sigma")
+        headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / noise")
         return Display(f"Validation: {self.verdict}", headings, rows)
 
 
@@ -279,21 +279,22 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     if math.isnan(db):
         return "Validation not possible: no line of the measured FRFs is above 2 sigma."
     is_less = exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM
-    color = f"{'white' if white else 'coloured'}{', noise overestimated (intervals too wide)' if is_less else ''}"
-    error = f"error {db:.2g} dB and {deg:.2g} deg rms"
-    if not left_out:  # the residual test of the fit has the ratio of these residuals to the noise
-        residuals = "" if math.isnan(p) else f"; residuals {color}"
-        return f"Fit {error}{residuals}. To test the prediction, set validation.configurations."
-    names = ", ".join(a.configuration for a in left_out)
-    is_larger = False
+    color = f"{'white' if white else 'coloured'}{' (noise overestimated, intervals too wide)' if is_less else ''}"
+    error = f"{db:.2g} dB and {deg:.2g} deg rms"
+    if not left_out:  # the residual test of the fit judges these residuals
+        return f"Error of the fitted FRFs: {error}. No configuration is reserved for validation."
+    names, is_larger = ", ".join(a.configuration for a in left_out), False
     if fitted:
         fitted_db, fitted_deg = _over(fitted)
-        error += f" (fitted configurations: {fitted_db:.2g} dB and {fitted_deg:.2g} deg)"
         # A configuration with more noise than the fitted ones has an error that is not the model's.
         is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
+        error += f" (fitted: {fitted_db:.2g} dB and {fitted_deg:.2g} deg)" if is_larger else ""
     verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"
-    test = f"rms residual / noise {math.sqrt(ratio):.3g}, residuals {color}"
-    return f"Validation {verdict} in configuration {names}: {error}; {'noise unknown' if math.isnan(p) else test}."
+    test = "the noise is unknown"
+    if not math.isnan(p):
+        test = f"residuals {color}, {math.sqrt(ratio):.3g} times the noise (rms)"
+    where = f"configuration {names}, which was not fitted"
+    return f"Validation {verdict}. The model predicts {where}, with an error of {error}; {test}."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:

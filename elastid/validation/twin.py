@@ -88,15 +88,15 @@ class TwinRun:
     @property
     def words(self) -> str:
         """Simulation errors along the log, in one sentence."""
-        driven = f"driven by the logged {_DRIVES[self.drive]}"
+        driven = f"with the logged {_DRIVES[self.drive]} as input"
         if self.lost:
-            return f"Simulation on {self.log}, {driven}: diverged, {self.lost}."
+            return f"Simulation of record {self.log} {driven}: diverged, {self.lost}."
         held_hz = self.tracking_bandwidth_hz
-        held = f" and a position loop of {held_hz:.2g} Hz bandwidth" if held_hz else ""
+        held = f". A slow position loop ({held_hz:.2g} Hz) keeps the model at the logged positions" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         return (
-            f"Simulation over {self.seconds:.3g} s of {self.log}, {driven}{held}. Rms error / rms signal: "
+            f"Simulation of record {self.log} ({self.seconds:.3g} s) {driven}{held}. Rms error / rms signal: "
             f"{'; '.join(parts)}."
         )
 

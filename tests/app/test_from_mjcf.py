@@ -73,6 +73,22 @@ def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque() -
     assert [joint.limits.torque for joint in robot.driven] == [5.0, 60 * 0.5 * 8, np.inf]
 
 
+@pytest.mark.parametrize("joint", ["", "<freejoint/>"])
+def test_a_pedestal_and_a_trunk_that_floats_are_the_base(joint: str) -> None:
+    """A body called `base`, as most arms of public collections have, turned and moved, with a camera's stand on it."""
+    stand = '<body name="stand" pos="0 0 1"><geom size=".1"/></body>' * (not joint)
+    at = f'<worldbody><body name="base" pos="1 2 3" euler="90 0 0">{joint}<geom size=".1"/>{stand}'
+    text = ARM.replace("<worldbody>", at).replace("</worldbody>", "</body></worldbody>")
+    robot, before, model = compiled(text), compiled(ARM), mujoco.MjModel.from_xml_string(text)
+    assert [body.name for body in robot.bodies] == [body.name for body in before.bodies]
+    assert [frame.name for frame in robot.frames if frame.body == "base"] == ["stand"] * (not joint)
+    data = mujoco.MjData(model)
+    data.qpos[-len(robot.joints) :] += (q := np.random.default_rng(1).normal(size=len(robot.joints)))
+    mujoco.mj_kinematics(model, data)
+    for frame in (frame.name for frame in robot.frames if frame.name != "stand"):
+        np.testing.assert_allclose(frame_poses(robot, q[None], frame).position[0], data.site(frame).xpos, atol=1e-12)
+
+
 def compiled(text: str) -> Robot:
     """The robot of an MJCF file in this process."""
     return robot_of(mujoco.MjModel.from_xml_string(text), "crane")
@@ -87,7 +103,7 @@ def _takes_data() -> bool:
     ("change", "says"),
     [
         (("</worldbody>", f"<body><joint name='z'/>{MESH}</body></worldbody>{ASSET}"), "no.stl"),
-        (("<worldbody>", "<worldbody><body name='free'><freejoint/><geom size='.1'/></body>"), "free"),
+        (("<worldbody>", "<worldbody><body name='b'><joint type='ball'/><geom size='.1'/></body>"), "ball"),
         (("</worldbody>", ""), "XML"),
     ],
 )

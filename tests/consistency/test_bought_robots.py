@@ -117,3 +117,66 @@ fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
     for friction, value in zip(summary["friction"], true["fc"], strict=True):
         print(f"{make} {friction['motor']}: Coulomb torque {100 * (friction['F_c'] / value - 1):+.1f} %")
         assert friction["F_c"] == pytest.approx(value, rel=0.05)
+
+
+LATE_S, PERIOD_S, TICK_S = 8e-3, 2.0, 1.25e-4
+
+
+def references(rng: np.random.Generator, rate: int) -> np.ndarray:
+    """Five periods (n, 3) of three references of random phases with a rise at the start, of one torque at all lines."""
+    lines = np.arange(3, 120, 2)
+    omega, t = 2 * np.pi * lines / PERIOD_S, np.arange(round(5 * PERIOD_S * rate)) / rate
+    phases = np.exp(2j * np.pi * rng.uniform(size=(3, len(lines))))
+    waves = np.real(np.exp(1j * np.outer(t, omega)) @ (phases / (omega * np.hypot(omega, 2 * np.pi * 5))).T)
+    return np.minimum(t / 0.5, 1.0)[:, None] * waves / waves.std(axis=0) * np.array([8e-4, 8e-4, 1.6e-3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [1000, 250])
+def test_references_alone_give_stiffness_damping_and_delay(rate: int, makes: ModuleType, tmp_path: Path) -> None:
+    """Without a torque, at 250 Hz with images of the references: four springs to 1 %, dampings to 5 %, delay to 0.1 ms.
+
+    The integral of the rig contains the error of its own sample, and its two sampled lags are 112 us less late than the
+    continuous ones of the chain.
+    """
+    rig, arm, late = import_module("rig"), import_module("arm"), round(LATE_S * rate)
+    chain = "chain: {torque_lag: 0.2054 ms, torque_order: 2, torque_damping: 1.033}\n"
+    (tmp_path / "robot.yml").write_text(arm.robot(tolerances="exact") + chain)
+    files, posture, ticks = [], "p1", round(1 / TICK_S / rate)
+    for k in range(6):
+        rows = references(np.random.default_rng(k), rate)
+        acts = np.vstack([np.zeros((late, 3)), rows])[: len(rows)]
+        signals = rig.run(makes.CONF[posture], acts, ticks, rig.params(friction=0.0, ripple=0.0, dist=1.0), seed=k)
+        log = np.hstack([rows + np.array(makes.CONF[posture]), signals["q"][::ticks]])[round(2 * PERIOD_S * rate) :]
+        heads = ",".join([f"command_{j}" for j in (1, 2, 3)] + [f"position_{j}" for j in (1, 2, 3)])
+        np.savetxt(tmp_path / f"{k}.csv", log, "%.10g", ",", header=heads, comments="")
+        files.append({"path": f"{k}.csv", "configuration": posture, "realisation": k // 3, "experiment": k % 3})
+    T_i = [time_s + TICK_S for time_s in rig.GAINS["ti"]]
+    K_v = [gain * time_s / (time_s - TICK_S) for gain, time_s in zip(rig.GAINS["kv"], T_i, strict=True)]
+    gains = {"position_gain": rig.GAINS["kp"], "velocity_gain": K_v, "integral_time": T_i}
+    controller = gains | {"velocity_feed_forward": 1, "ticks": ticks, "reference": {"cycle": 1 / rate}}
+    channels = [
+        {"role": role, "at": f"motor {j}", "channel": f"{name}_{j}", "quantity": "position", "unit": "rad"}
+        for role, name in (("reference", "command"), ("y", "position"))
+        for j in (1, 2, 3)
+    ]
+    recorded = {"rate_hz": rate, "period": PERIOD_S, "controller": controller, "channels": channels, "files": files}
+    parameters = {"k_*": {}, "d_*": {}, "fm_*": {}, "delay": {"start": -1.118e-4, "fixed": True}}
+    study = {
+        "name": "arm",
+        "robot": "robot.yml",
+        "experiment": {"configurations": {posture: list(makes.CONF[posture])}, "recorded": recorded},
+        "fit": {"starts": 4, "profile": [], "parameters": parameters},
+    }
+    (tmp_path / "study.yml").write_text(json.dumps(study))
+    cli.run_command(["run", str(tmp_path / "study.yml"), "-q", "--run", str(tmp_path / "run")])
+    summary, true = json.loads((tmp_path / "run" / "summary.json").read_text()), makes.TR
+    assert summary["status"] == "converged"
+    springs = dict(zip(("1", "2", "3", "2z"), (*true["k"], true["kz"]), strict=True))
+    dampers = dict(zip(springs, (*true["d"], true["dz"]), strict=True))
+    limits = {f"k_{name}": (value, 0.01 * value) for name, value in springs.items()}
+    limits |= {f"d_{name}": (value, 0.05 * value) for name, value in dampers.items()} | {"delay_r": (LATE_S, 1e-4)}
+    for name, (value, limit) in limits.items():
+        error, std = summary["parameters"][name]["value"] - value, summary["parameters"][name]["std"]
+        print(f"{rate} Hz, {name}: {100 * error / value:+.3f} %, {error / std:+.2f} std")
+        assert abs(error) < min(5 * std, limit)

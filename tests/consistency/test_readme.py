@@ -94,7 +94,7 @@ def check_table(summary: dict[str, Any]) -> None:
     found = [
         [of_springs[:, 0].min(), of_springs[:, 0].max()],
         [of_dampers[:, 0].min(), of_dampers[:, 0].max()],
-        [float(np.sqrt(np.mean(kind[:, 1] ** 2))) for kind in (of_springs, of_dampers)],
+        *([float(np.sqrt(np.mean(kind[:, 1] ** 2)))] for kind in (of_springs, of_dampers)),
         [summary["parameters"]["fm_1"]["value"]],
         [motor["F_c"] for motor in summary["friction"]],
     ]

@@ -99,7 +99,7 @@ def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
     every = find_friction(single, AUTO, lines[:1])
     assert every.shapes == ()
     assert every.notes[0].code == "nonlinear/friction-not-compensated"
-    assert re.findall(r"\d+", every.notes[0].text) == ["2", "2"]  # experiments and inputs
+    assert re.findall(r"\d+", every.notes[0].text) == ["2"]  # experiments
 
 
 def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:

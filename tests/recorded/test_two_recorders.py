@@ -12,6 +12,7 @@ from plants.marks import slow
 from plants.measured_robots import deviation, responses_of
 from plants.refusals import refused
 
+from elastid.app.cli import run_command
 from elastid.base.arrays import FloatArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.experiment.specs.channels import ChannelSpec
@@ -79,7 +80,7 @@ def check_stiffness(records: list[Record], tolerance: float, *free: str) -> None
     """Each k that is free, from a start that is off by up to 20 %, within a tolerance and 3 standard deviations."""
     each = [[r for r in records if r.configuration.name == name] for name in ("c1", "c2", "c3")]
     responses = [estimate(of_one, EstimatorSpec(), LINES) for of_one in each]
-    selects_joint = [any("selects joint" in note.text for note in response.notes) for response in responses]
+    selects_joint = [any("method joint" in note.text for note in response.notes) for response in responses]
     assert selects_joint == [records[0].r_is_reference] * 3
     parameters = {name: ParameterSpec() for name in (*free, "k_1", "k_2", "d_1", "d_2", "fm_*")}
     start = arm().with_parameters({"k_1": 2.4e5, "k_2": 2.2e5})
@@ -110,3 +111,27 @@ def test_reference_as_instrument_gives_stiffness_without_bias(ratio: float, tmp_
     with refused("frf/inputs-not-separable") if ratio < 1 else nullcontext():
         size = (8, 6 if ratio <= 1 else 3)
         check_stiffness(measured(tmp_path, (*U, *Y, *R), 1 / ratio, size, 1.0)[0], 0.02 / ratio)
+
+
+@pytest.mark.parametrize(("seed", "code"), [(1, 0), (2, 2)])
+def test_check_compares_the_start_of_two_recorders(seed: int, code: int, tmp_path: Path) -> None:
+    """The second log has the reference of the first, a quarter of a period later, or another one."""
+    references = [np.random.default_rng(i).normal(size=500) for i in (1, seed)]
+    for name, r, start in zip("ab", references, (0, 125), strict=True):
+        x = np.tile(np.roll(r, start), 4)
+        y = np.convolve(x, np.ones(5) / 5)[: len(x)] + 1e-3 * np.random.default_rng(start).normal(size=len(x))
+        np.savetxt(tmp_path / f"{name}.csv", np.stack([x, y], 1), delimiter=",", header="r,x", comments="")
+    (tmp_path / "study.yml").write_text("""name: two
+experiment:
+  configurations: {bench: []}
+  recorded:
+    rate_hz: 500
+    period_samples: 500
+    channels:
+      - {role: u, at: shaker, channel: x, quantity: force, unit: N}
+      - {role: r, at: shaker, channel: r, quantity: force, unit: N}
+      - {role: r, at: shaker, channel: r, quantity: force, unit: N, file: 2}
+      - {role: y, at: point, channel: x, quantity: acceleration, unit: m/s^2, file: 2}
+    files: [{path: a.csv, configuration: bench, also: [b.csv]}]
+""")
+    assert run_command(["check", str(tmp_path / "study.yml")]) == code

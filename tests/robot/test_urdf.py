@@ -144,6 +144,17 @@ def test_a_joint_that_mimics_and_has_no_motor_is_fixed_and_limits_of_zero_are_no
     assert [frame.name for frame in robot.frames] == ["base_link", "tool0"]
 
 
+def test_what_stands_on_the_base_is_a_frame_and_a_rounded_inertia_is_enlarged_to_a_possible_one(tmp_path):
+    """A pedestal with a mass and an impossible inertia bears nothing of the dynamics; 2.1 of 1 + 1 misses by 5 %."""
+    bolts = '<joint name="bolts" type="fixed"><parent link="floor"/><child link="base_link"/></joint>'
+    heavy = '<link name="base_link"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="9"/></inertial></link>'
+    text = ARM.replace("</robot>", f'<link name="floor"/>{bolts}</robot>').replace('izz="1"', 'izz="2.1"')
+    robot = read(text.replace('<link name="base_link"/>', heavy), BESIDE, tmp_path)
+    assert [body.name for body in robot.bodies] == ["upper"]
+    assert [frame.name for frame in robot.frames if frame.body == "base"] == ["floor", "base_link"]
+    np.testing.assert_allclose(np.diag(robot.bodies[0].inertia_matrix), [1.05, 1.05, 2.1], atol=1e-12)
+
+
 def test_joints_that_are_not_named_beside_the_file_are_asked_for(tmp_path):
     """A joint without motor and spring would swing freely."""
     with refused("robot/file", place="robot.urdf:5", holds="a1"):

@@ -92,7 +92,7 @@ def test_validation_compares_white_residuals_with_the_noise(sigmas, is_passed):
     measured = response(G + sigmas * std * circular(np.random.default_rng(9), G.shape), std)
     verdict = validate([measured], [response(G)], ["c1"]).verdict
     assert verdict.startswith("Validation passed") == is_passed
-    ratio = re.findall(r"noise (\d[.\d]*)", verdict)[0]
+    ratio = re.findall(r"(\d[.\d]*) times", verdict)[0]
     assert float(ratio) == pytest.approx(sigmas, rel=0.05)
 
 

@@ -42,21 +42,23 @@ def design(study: Study, work: Work) -> Artefacts:
     def report(console: Console) -> None:
         """Limits, robot time, choice of configurations and forecast."""
         console.notes(limit_use.notes)
-        console.say(f"design: {limit_use.closest}")
+        length_s = plan.run_samples / plan.rate_hz
         console.say(
-            f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, "
-            f"{len(plan.lines)} DFT lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, "
-            f"{plan.robot_time_s:g} s of robot time"
+            f"design: {len(plan.experiments)} experiments of {length_s:g} s in {len(plan.configurations)} "
+            f"configurations ({plan.robot_time_s:g} s of robot time); torque at {len(plan.lines)} DFT lines from "
+            f"{plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz"
         )
         played = "one trajectory per experiment, one row per cycle"
         if plan.inject == "torque":
             played = (
-                "one period of injected torque per experiment. Add it to the controller's torque and play "
+                "one period of the torque signals per experiment. Add them to the controller's torques and play "
                 f"{plan.periods + plan.transient_periods} periods without a gap"
             )
-        console.say(
-            f"design: references/*.csv: {played}. Largest peaks in percent of the limits: {limit_use.by_quantity}"
-        )
+        # A run of all stages simulates the experiment: only a user who measures plays the signals.
+        say = console.say if console.shows_tables else console.detail
+        say(f"design: {limit_use.closest}")
+        say(f"design: largest peaks in percent of the limits: {limit_use.by_quantity}")
+        say(f"design: references/*.csv: {played}")
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
         # Relative standard deviations below 1e-9 are those of rounding.

@@ -1,7 +1,7 @@
 """estimate: records, or responses of other programs -> frf.h5, one response for each configuration."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,14 +14,15 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ToolSpec
-from elastid.experiment.specs.recorded import ResponseFileSpec
+from elastid.experiment.specs.recorded import RecordedSpec, ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
+from elastid.recorded.reference_loop import with_reference_loop
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
@@ -34,12 +35,13 @@ def estimate(study: Study, work: Work) -> Artefacts:
     """frf.h5 from records.h5; each process has one configuration in memory at a time."""
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
-    names, friction = read_configurations(records), None
-    if estimator.friction != "none":
+    names, friction, recorded = read_configurations(records), None, study.experiment.recorded
+    commands = recorded if recorded is not None and recorded.has_commands_alone else None
+    if estimator.friction != "none" and commands is None:
         on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
         friction = find_friction(on_motors, estimator, lines, Execution(work.jobs))
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot)
+    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, commands=commands)
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
@@ -61,13 +63,17 @@ def estimate_configuration(
     friction: FrictionTakenOut | None,
     robot: Robot | None,
     configuration: str,
+    commands: RecordedSpec | None = None,
 ) -> tuple[Response, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.
+    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  commands: logs
+    without torques, with the controller of their references.
     """
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
+    if commands is not None and robot is not None:
+        response = with_reference_loop(response, commands, robot)
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)
@@ -92,15 +98,31 @@ def _artefacts(
     friction: FrictionTakenOut | None = None,
 ) -> Artefacts:
     def report(console: Console) -> None:
-        console.notes(notes)
-        counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
-        console.say(f"estimate: {len(responses)} response{'s' * (len(responses) != 1)} (DFT lines: {counts})")
-        for note in () if friction is None else friction.notes:
-            if note.severity == "information":  # warnings were printed before
+        console.notes((note for note in notes if note.code == "frf/method"), on_page=True)
+        console.notes(note for note in notes if note.code != "frf/method")
+        lines = {r.configuration.name: r.n_lines for r in responses}
+        plural = "s" * (len(responses) != 1)
+        counts = sorted(set(lines.values()))
+        each = f"with {counts[0]} DFT lines{' each' * bool(plural)}" if len(counts) == 1 else ""
+        each = each or f"(DFT lines: {listed(lines)})"
+        console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {each}")
+        compensated = {}
+        for row in () if friction is None else friction_rows(friction):
+            if row.coulomb_torque is not None:
+                compensated[row.place] = f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})"
+        if compensated:
+            console.say(f"estimate: link-side Coulomb friction subtracted from the torque: {listed(compensated)}")
+        for note in () if friction is None else friction.notes:  # warnings were printed before
+            if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")
 
     frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731
     return Artefacts({"frf.h5": frf}, report)
+
+
+def listed(values: Mapping[str, object]) -> str:
+    """Names and values in a sentence."""
+    return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def imported_responses(study: Study, base: Path) -> Iterator[Response]:

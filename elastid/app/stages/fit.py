@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from elastid.app.console import Console, result_table
-from elastid.app.identified_robot import contents, robot_files, truth
+from elastid.app.identified_robot import WITH_COULOMB, contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
@@ -21,10 +21,10 @@ from elastid.report.content import ParameterRow, gear_line, gear_table, paramete
 from elastid.report.overview import (
     OPEN_GEARS,
     accuracy,
+    is_wrong,
     next_steps,
     numbers_answer,
     residual_sentence,
-    verdict_sentence,
 )
 from elastid.response import Response
 from elastid.store.measured import read_friction, read_responses
@@ -71,10 +71,15 @@ def fit(study: Study, work: Work) -> Artefacts:
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
-        console.notes(notes_before_gears(result.notes, study.gears is not None), on_page=True)
+        every = notes_before_gears(result.shown_notes, study.gears is not None)
+        # The end of the run has the first cause.
+        is_last = console.verbosity >= 0 and study.gears is None and bool(result.cause[0])
+        first = "".join(result.cause) if is_last else ""
+        console.notes((note for note in every if str(note) != first), on_page=True)
         seconds = (second.words for second in (result.static, result.tool) if second is not None)
-        # The warning has the first cause.
-        for words in (result.message.replace(result.cause[0] or result.status, result.status, 1), *seconds):
+        reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
+        status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")
+        for words in (f"{status}; {result.converged_starts}", *seconds):
             console.say(f"fit: {'linear model: ' * (study.gears is not None)}{words}")
 
     files = robot_files(study.name, robot, result, friction, responses.names)
@@ -119,23 +124,54 @@ def conclude(run: Run) -> None:
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction, opened)
     run.console.table(result_table(result.display, rows))
+    for line in _legend(result, rows):
+        run.console.say(line)
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
     if opened is not None:
         run.console.say(f"gears: {gear_line(opened)}")
-    for words in dict.fromkeys(words for row in rows for words in (row.contains * estimated, row.base) if words):
-        run.console.say(f"{', '.join(row.name for row in rows if words in (row.contains, row.base))}: {words}")
+    for row in rows:
+        if estimated and row.contains == WITH_COULOMB:
+            run.console.say(f"{row.name}: {row.contains}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
         run.console.say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
-    failure = f"{result.message.partition('. ')[0]}. {capital(meaning)}"
+    # Above this line the answers have the cause.
+    failure = meaning if run.console.verbosity >= 0 else f"{result.message.partition('. ')[0]}. {capital(meaning)}"
     if result.status == "misfit":
         raise MisfitError("fit/misfit", failure, status)
     if result.status not in TRUSTED:
         raise FitError("fit/not-trusted", failure, status)
     run.console.say(f"{status}: {result.message if explained else meaning}")
+
+
+SYMBOLS = {
+    "joint {} (link side)": {"k": "stiffness", "d": "damping", "f": "viscous friction"},
+    "motor {} (motor side)": {
+        "fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft",
+    },
+    "body {}": {"m": "mass", "I": "inertia"},
+    "the outputs": {"delay": "relative to the inputs"},
+}  # fmt: skip
+STD_PARTS = {
+    "std_noise": "noise", "std_prior": "tolerances of the robot model, which more data do not reduce",
+    "std_systematic": "other errors that repeated measurements share",
+}  # fmt: skip
+
+
+def _legend(result: Result, rows: Sequence[ParameterRow]) -> Iterator[str]:
+    first = {row.name.partition("_")[0]: row.name for row in reversed(rows)}
+    groups = []
+    for owner, families in SYMBOLS.items():
+        of_owner = [family for family in families if family in first]
+        names = ", ".join(f"{first[family]} ({families[family]})" for family in of_owner)
+        groups += [f"{names} of {owner.format(first[of_owner[0]].partition('_')[2])}"] if of_owner else []
+    if groups:
+        yield f"Names: {'; '.join(groups)}"
+    if parts := [name for name in result.display.headings if name in STD_PARTS]:
+        yield f"std^2 = {' + '.join(f'{name}^2 ({STD_PARTS[name]})' for name in parts)}"
 
 
 def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
@@ -147,11 +183,11 @@ def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult 
 def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     is_linear = gears is None or not gears.explains_misfit  # the responses of a validation are of a linear model
     judged = read_validation(run.path("validate")).configurations if is_linear and run.is_current("validate") else ()
-    # Of other fits the line `fit` has the message.
-    detail = verdict_sentence(result, rows, judged) if result.status == "converged" else accuracy(result, rows)
-    yield f"Are the numbers good? {numbers_answer(result, rows, gears)}{detail and f' {capital(detail)}.'}"
+    detail = "" if is_wrong(result) else accuracy(result, rows)
+    yield f"Are the numbers good? {numbers_answer(result, rows, gears)}{detail and f' {detail}.'}"
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
         step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
-    yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))
+    command = f"elastid run {run.loaded.path} {step.text}" if step.text.startswith("--") else step.text
+    yield " ".join(filter(None, ("What next?", step.what, step.gain, command and f"`{command}`")))

@@ -1,5 +1,6 @@
 """measure: a plan and a rig, or logs -> records.h5; an interrupted measurement is resumed. Static load tests."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -96,8 +97,10 @@ def _measure_part(
 
 def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
     """Notes and number of records."""
+    name = next((m for note in notes if (m := re.fullmatch(r"record ((.*)-r(\d+)-e(\d+))", note.place))), None)
+    words = f". {name[1]}: configuration {name[2]}, realisation {name[3]}, experiment {name[4]}" if name else ""
+    console.say(f"measure: {count} record{'s' * (count != 1)}{words}")
     console.notes(notes)
-    console.say(f"measure: {count} record{'s' * (count != 1)}")
 
 
 def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:

@@ -70,8 +70,10 @@ def page_artefacts(
             pages.append(write_page(page, drawn, path.parent, study.report.formats, execution))
 
     def report(console: Console) -> None:
-        for line in (*lines, *(f"report: {page}" for page in pages)):
+        for line in lines:
             console.say(line)
+        for page in pages:  # the end of a run of all stages names the page
+            (console.say if console.shows_tables else console.detail)(f"report: {page}")
 
     return Artefacts({**further, "report.html": write}, report)
 

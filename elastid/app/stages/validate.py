@@ -64,7 +64,8 @@ def validate(study: Study, work: Work) -> Artefacts:
     judged = replace(judged, predictions=tuple(predictions))
 
     def report(console: Console) -> None:
-        console.say(f"validate: {judged.verdict.removeprefix('Validation ')}")
+        verdict = judged.verdict.removeprefix("Validation ")
+        console.say(f"validate: {verdict[:1].lower()}{verdict[1:]}")
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
         worst = sorted(twin.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
@@ -85,10 +86,10 @@ def judge(
 ) -> tuple[Validation, TwinFindings]:
     """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
 
-    That is its torques part by part, and its motion along a record; nothing without records.
+    That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
     """
     twin, fitted = NO_TWIN, basis.fitted
-    if records is not None:
+    if records is not None and all(response.controller is None for response in fitted.measured):
         twin = TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
     shifts = {
         name: fitted.at(name).response_shifts(G.freq_hz)

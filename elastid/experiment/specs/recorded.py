@@ -1,5 +1,6 @@
 """The sections `recorded` and `responses` of an experiment: log files, and responses that were measured elsewhere."""
 
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -21,10 +22,13 @@ class CascadeSpec(GainsSpec):
     # fmt: off
     velocity_feed_forward: Annotated[float, Key("Velocity feed-forward s of the channels with role reference, 0 to 1.",
         "1 for controllers without velocity lag; a value that is too small shows as a position error proportional to "
-        "speed.", least=0, most=1)] = 0.0
+        "speed. It replaces reference.velocity_feedforward.", least=0, most=1)] = 0.0
     reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: unknown).",
         "if the log has the rate of the references: images of their steps are then in the torques; elastid subtracts "
         "them if the references are logged, else states their size.")] = None
+    velocity: Annotated[Literal["difference", "exact"], Key("Velocity in the feedback: `difference` of two encoder "
+        "positions, or `exact` (the velocity of the simulation).", "`exact` for logs of simulators, whose controllers "
+        "read the joint velocity of the state.")] = "difference"
     ticks: Annotated[int, Key("Samples of the controller in a cycle of the references.", "4 for a controller at 1 kHz "
         "and references every 4 ms.", least=1)] = 32
     # fmt: on
@@ -77,6 +81,9 @@ class FileSpec:
         "phases.")] = 0
     experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "as many as motors unless a "
         "local method is used; equal numbers are further periods of one experiment.")] = 0
+    at: Annotated[dict[str, str], Key("Locations of hammer and sensors in this file, by `at` of their channels "
+        "(default: the locations in channels).", "{hammer: point 2} for the file of the second hit "
+        "point; each point needs its own experiment number.")] = field(default_factory=dict)
     amplitude: Annotated[int, Key("Number of the excitation amplitude, from 1.", "2 and so on for the same "
         "configuration with another torque; elastid estimates one response per amplitude.", least=1)] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the used samples (default: all).",
@@ -128,8 +135,8 @@ class RecordedSpec:
         "then relative to it).", "an error scales all frequencies, and all stiffnesses by its square; `unknown` only "
         "for structures without a robot.", above=0)]
     channels: Annotated[tuple[ChannelSpec, ...], Key("Signals of the logs.", "at least one torque (u) and one "
-        "position, velocity or acceleration (y); add the injected torque (r) for closed-loop estimators. Friction "
-        "studies also take references of a known controller instead of torques.")]
+        "position, velocity or acceleration (y); add the injected torque (r) for closed-loop estimators. References "
+        "of a known controller may replace the torques.")]
     files: Annotated[tuple[FileSpec, ...], Key("Log files.", "one entry per experiment; realisations and experiments "
         "are numbered from 0 in each configuration.")]
     period: Annotated[Period | None, Key("Period of the excitation, `find` to estimate it from the torques, or `none` "
@@ -148,9 +155,9 @@ class RecordedSpec:
         "model then includes half a sample of delay, a sinc and aliases. `band-limited`: torques measured through a "
         "filter, or much faster than the update of the drive.", "`zero-order` for commands; a wrong choice shows as a "
         "misfit that grows towards half the sampling rate.")] = "band-limited"
-    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, for `elastid loops` and for friction "
-        "studies with reference channels (default: unknown controller).", "give it to validate friction in closed "
-        "loop; needed to identify friction from references without torques.")] = None
+    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, for `elastid loops` and for studies with "
+        "reference channels (default: unknown controller).", "give it to validate friction in closed loop; needed to "
+        "identify friction or elasticity from references without torques.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -188,6 +195,12 @@ class RecordedSpec:
         roles = {channel.role for channel in self.channels}
         return "u" not in roles and "reference" in roles and self.controller is not None
 
+    def places_of(self, configuration: str, role: str) -> tuple[str, ...]:
+        """Locations of the channels of a role (u, y) in all files of a configuration."""
+        files = [file for file in self.files if file.configuration == configuration]
+        channels = [channel.at for channel in self.channels if channel.role == role]
+        return tuple(dict.fromkeys(file.at.get(at, at) for file in files for at in channels))
+
     @property
     def log_names(self) -> tuple[str, ...]:
         """The names that records of the files have: their stems, numbered where two are the same."""
@@ -214,6 +227,7 @@ class RecordedSpec:
         earlier = [before for before in self.files[:number] if before.run == file.run]
         periods = {self.period_of(of_run) for of_run in (*earlier[:1], file)}
         is_repeated = any((before.path, before.samples) == (file.path, file.samples) for before in earlier)
+        is_repeated |= any(before.at != file.at for before in earlier)
         if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):
             return ""
         return (

@@ -37,13 +37,15 @@ from elastid.fit.result import ModificationIndex
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
 CHANNELS = "check torque constants, units and scales of the channels, and rate_hz"
+GAINS = "check experiment.recorded.controller, or identify it: `--set 'fit.parameters.{name}={{}}'`"
+SIGNALS = {"u": "torques", "y": "positions", "r": "references", "kp": "k_p of controllers", "kd": "k_d of controllers"}
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 
 def gain(index: ModificationIndex) -> str:
     """Factor by which a channel, or all channels of one kind, read wrongly."""
     _, role, where = index.name.split("_", 2)
-    signals, factor = "torques" if role == "u" else "positions", relative(math.exp(float(index.steps[0])))
+    signals, factor = SIGNALS[role], relative(math.exp(float(index.steps[0])))
     if where == "*":
         return f"gain of all {signals} {factor}"
     return f"gain of the {signals[:-1]} at {where.replace('_', ' ')} {factor}"
@@ -81,8 +83,8 @@ def payload(index: ModificationIndex) -> str:
     body, mass, new = axis(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
     place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
-    at = f", at about [{', '.join(place)}] m in the axes of {body}" if new > mass and len(place) == 3 else ""
-    return f"{new - mass:+.2g} kg on {body} ({mass:.4g} to {new:.4g} kg){at}"
+    at = f" at about [{', '.join(place)}] m in the axes of {body}" if new > mass and len(place) == 3 else ""
+    return f"mass of {body} = {new:.4g} kg instead of {mass:.4g} kg ({new - mass:+.2g} kg{at})"
 
 
 def late(index: ModificationIndex) -> str:
@@ -91,6 +93,10 @@ def late(index: ModificationIndex) -> str:
     form = next(form for form in FORMS if index.name.startswith(form))
     role, _, place = index.name.partition("@")[0].removeprefix(form).lstrip("_").partition("_")
     late, other = ("motions", "torques") if T > 0 else ("torques", "motions")
+    if role == "r":
+        late, role = f"the references{place and ' of'} {place.replace('_', ' ')}".rstrip(), ""
+        if form == "delay":
+            return f"a delay of {T / 1e-3:.3g} ms of {late}"
     if form == "delay":
         ms = f"{T / 1e-3:.3g} ms"
         return (
@@ -140,6 +146,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # Channels and clocks.
     Hypothesis("gain", ("gain_u",), GAIN_U, True, gain, CHANNELS),
     Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS),
+    Hypothesis("controller gain", ("gain_kp", "gain_kd"), GAIN_U, True, gain, GAINS),
     Hypothesis(
         "time",
         ("delay", "low"),

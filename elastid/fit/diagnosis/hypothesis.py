@@ -29,11 +29,11 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import contradicted_tolerances, exceeded_tolerance, relative
+from elastid.fit.diagnosis.priors import contradicted_tolerances, relative, tolerance_of
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
 from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
-from elastid.fit.result import NO_CAUSE, ModificationIndex, Result
+from elastid.fit.result import NO_CAUSE, REQUIRED, ModificationIndex, Result
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]]
@@ -42,7 +42,9 @@ Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Readin
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
 # Remedies; a command to copy is at the end, after a colon.
 FREE_MOTORS = "Free the viscous friction of all motors, which the robot model lacks: `--set 'fit.parameters.fm_*={}'`"
-CHECK_OR_PRIOR = "Check {name}, or free it with a prior: `--set 'fit.parameters.{name}={{prior: {{std: {usual:g}}}}}'`"
+CHECK_OR_PRIOR = (
+    "Correct {name} in the robot model, or estimate it: `--set 'fit.parameters.{name}={{prior: {{std: {usual:g}}}}}'`"
+)
 
 
 @dataclass(frozen=True)
@@ -220,20 +222,20 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def fault(index: ModificationIndex, evidence: Evidence) -> str:
-    """The cause with its evidence: `likely cause: m_fore = 75 kg instead of 71 kg (+5.6 %), explains 99 % of ...`."""
+    """The cause with its evidence: `likely cause: m_fore = 75 kg instead of 71 kg (+5.6 %); explains 99 % of ...`."""
     result = evidence.result
     by_name = {index.name: phrase(index, evidence) for index in reversed(result.indices)}
     alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
     same = f", or {', or '.join(alternatives)} (indistinguishable)" if alternatives else ""
-    tolerances = exceeded_tolerance(index, result)
-    of_tolerance = f", {tolerances:.2g} times its tolerance" if tolerances else ""
+    tolerance = tolerance_of(index, result)
+    of_tolerance = f", with a tolerance of {tolerance}" if tolerance else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f"changes {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
     named = f"{phrase(index, evidence)}{same}{of_tolerance}"
     if not evidence.is_unexplained:
-        return f"the data contradict the robot model and require {named}{effect and f' ({effect})'}"
+        return f"{REQUIRED} {named}{effect and f' ({effect})'}"
     certainty = "likely" if index.explained_fraction >= LIMITS.certain_share else "possible"
-    facts = f"explains {_percent(index.explained_fraction)} of the excess residuals{effect and f', {effect}'}"
+    facts = f"explains {_percent(index.explained_fraction)} of the residuals above the noise{effect and f', {effect}'}"
     return f"{'further' if index.place > 1 else certainty} cause: {named}; {facts}"
 
 
@@ -259,7 +261,8 @@ def number_phrase(index: ModificationIndex) -> str:
     change = relative(math.exp(step)) if index.log[0] else f"{step:+.3g}{unit}"
     if index.name.endswith("*"):
         return f"{index.name} {change}"
-    return f"{index.name} = {index.changed[0]:.4g}{unit} instead of {float(index.values[0]):.4g}{unit} ({change})"
+    before = f"{float(index.values[0]):.4g}{unit} ({change})"
+    return f"{index.group} {index.name} = {index.changed[0]:.4g}{unit} instead of {before}"
 
 
 def _remedy(index: ModificationIndex, evidence: Evidence) -> str:

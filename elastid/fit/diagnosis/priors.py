@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.limits import LIMITS
@@ -14,11 +15,16 @@ from elastid.fit.result import ModificationIndex, Result
 from elastid.response import Response
 
 
-def exceeded_tolerance(index: ModificationIndex, result: Result) -> float:
-    """Tolerances by which the data move a value of the robot model, the most of a cause; 0 if not significant."""
-    priors = {p.name: p.prior.std for p in result.parameters.free if p.is_nuisance and p.prior is not None}
+def tolerance_of(index: ModificationIndex, result: Result) -> str:
+    """The tolerance of the value that a cause changes most, in words; empty without one or if not significant."""
+    known = {p.name: p for p in result.parameters.free if p.is_nuisance and p.prior is not None}
     steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
-    return max((step / priors.get(name, math.inf) for name, step in steps if index.drop > LIMITS.drop), default=0.0)
+    changes = [(step / p.prior.std, p) for name, step in steps if (p := known.get(name)) is not None and p.prior]
+    if not changes or index.drop <= LIMITS.drop:
+        return ""
+    _, p = max(changes, key=lambda change: change[0])
+    std = 0.0 if p.prior is None else p.prior.std
+    return percent(std) if p.log else f"{std:.2g} {p.unit}"
 
 
 def prior_moves(result: Result) -> FloatArray:
@@ -48,10 +54,11 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
 
 
 def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
-    r"""A note if numbers of the robot model leave their tolerances, all together (chi-square test, 1/700) or one.
+    r"""A note if numbers of the robot model leave their tolerances: all (chi-square test, 1/700), one, or by effect.
 
     Of distances d over their tolerances d^T d has the expectation tr(1 - P), P being the covariance of d that is left.
-    They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model.
+    They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
+    tolerances explain this step has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
     n, C = len(result.parameters.asked), result.covariance
     d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])
@@ -59,16 +66,19 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
         return ()
     dof, square = max(float(np.sum(1 - np.diag(C)[n:] / s**2)), 1.0), float(d @ d)
     limit = chi_square_limit(dof, LIMITS.tail)
-    if square <= limit and np.abs(d).max() <= LIMITS.prior:
+    L = np.linalg.solve(C[n:, n:], C[n:, :n]).T
+    moved, by_tolerances = L @ (d * s), np.einsum("ij,jk,ik->i", L, np.diag(s**2) - C[n:, n:], L)
+    sizes = np.abs(moved) / np.sqrt(np.maximum(by_tolerances, np.diag(C)[:n]))
+    if square <= limit and max(np.abs(d).max(), sizes.max()) <= LIMITS.prior:
         return ()
-    moved = C[:n, n:] @ np.linalg.solve(C[n:, n:], d * s)
-    worst = int(np.argmax(np.abs(moved) / np.sqrt(np.diag(C)[:n])))
+    worst = int(np.argmax(sizes))
     p = result.parameters.asked[worst]
     change = relative(math.exp(-moved[worst])) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
-        f"the robot model deviates by {ratio:.2g} tolerances (rms; limit {most:.2g}); exact nominal values would "
-        f"change {p.name} by {change}. Check the value of the first warning, else torque constants, angles and payload"
+        f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). "
+        f"Exact nominal values would change {p.name} by {change}, {sizes[worst]:.2g} times the std of this change "
+        f"(limit {LIMITS.prior:.2g}). Check torque constants, angles and payload"
     )
     return (Note("fit/tolerances", text, p.name),)
 

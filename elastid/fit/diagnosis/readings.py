@@ -304,8 +304,8 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
     if not role:
         return H * values
     # A torque that is logged late divides its column.
-    named = np.array([name == place for name in (model.outputs if role == "y" else model.inputs)])
-    return np.where(named[:, None] if role == "y" else named, H if role == "y" else 1 / H, 1.0) * values
+    named = np.array([name == place for name in (model.outputs if role == "y" else model.driven)])
+    return np.where(named[:, None] if role == "y" else named, 1 / H if role == "u" else H, 1.0) * values
 
 
 def common_delay(fit: ElasticFit, x: FloatArray) -> float:
@@ -331,9 +331,13 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     fit, x, free = thinned(optimum.fit), optimum.end.x, ~result.at_bound
     evaluated, prior, share = evaluate(fit, x), fit.prior_slopes, fit.n_residuals / optimum.fit.n_residuals
     cost, noise = min(predict(AS_READ, evaluated, prior, free)[0], scores.cost * share), scores.noise * share
-    channels = {DELAY: ("", "")} | {
+    models = [e.part.kernel.model for e in evaluated]
+    # A delay of all references delays all motions, one of the torques is within the loop.
+    common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
+    channels = {common: ("", "")} | {
         channel_name(DELAY, role, place): (role, place)
-        for role, places in zip("yu", _channels(evaluated), strict=True)
+        for model in models
+        for role, places in (("y", model.outputs), (model.input_role, model.driven))
         for place in places
     }
     late = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.stated_share]
@@ -343,11 +347,11 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     with suppress(ElastidError):  # no equilibrium there
         start, every = assembly.parameters.x, free | True
         file = thinned(assembly.at(start, assembly.spec.criterion))
-        if DELAY not in result.parameters.free_names and (T := common_delay(file, start)):
+        if common not in result.parameters.free_names and (T := common_delay(file, start)):
             start = settle(Reading("", "time", partial(_late, delay, T, "", "")), file, start, every)[1]
-            points[DELAY] = evaluate(file, start), start, every
-            row = ModificationIndex(DELAY, "time", (DELAY,), np.zeros(1), ("s",), (False,), np.array([T]))
-            late, others = ([row, *(r for r in late if r.name != DELAY)], [r for r in others if r.name != DELAY])
+            points[common] = evaluate(file, start), start, every
+            row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
+            late, others = ([row, *(r for r in late if r.name != common)], [r for r in others if r.name != common])
     for row in late:
         at, near, may_follow = points[row.name]
         best = [*best_forms(at, prior, may_follow, row.name, channels[row.name], float(row.steps[0]))]

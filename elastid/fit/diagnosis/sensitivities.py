@@ -70,7 +70,8 @@ class HeldModel:
     def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
         """The extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
-        channels = [channel_name("gain", "u", place) for place in robot.motor_locations]
+        roles = ("u",) if fitted.controller is None else ("kp", "kd")
+        channels = [channel_name("gain", role, place) for role in roles for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
         channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
         for extended, rigid in (_with_torsions(robot), (robot, {})):
@@ -238,12 +239,12 @@ NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
 def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
     """Derivatives to the delay of each output and input in s; a single one is the delay of all."""
     s, model, columns = 2j * np.pi * response.freq_hz[:, None, None], response.model, dict[str, ComplexArray]()
-    for role, places, axis in (("y", model.outputs, 1), ("u", model.inputs, 2)):
+    for role, places, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
         for i, place in enumerate(places if len(places) > 1 else ()):
             mask = np.zeros((1, len(model.outputs), len(model.inputs)))
             mask[(slice(None),) * axis + (i,)] = 1.0
-            columns[channel_name("delay", role, place)] = (-s if role == "y" else s) * mask * response.G
-    return columns
+            columns[channel_name("delay", role, place)] = (s if role == "u" else -s) * mask * response.G
+    return columns if model.controller is None else columns | {channel_name("delay", "r"): -s * response.G}
 
 
 def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:

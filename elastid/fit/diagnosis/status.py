@@ -88,7 +88,7 @@ def with_status(evidence: Evidence) -> Result:
     """The result with the worst status that applies, and a message: the verdict first, then the residual test."""
     result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
     free = result.parameters.free_names
-    starts = f"{result.n_converged_starts} of {len(result.starts)} starts reached this optimum"
+    starts = result.converged_starts
     held = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
     explained = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
@@ -328,7 +328,8 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         if _is_weak(result, parameter.name):
             # Without the interval: that of the table may be found later, by profile likelihood.
-            text = "weakly identifiable. Fix the value, or measure in another posture or band"
+            ends = f"upper end of the 95 % interval more than {LIMITS.interval_factor:g} times the lower end"
+            text = f"weakly identifiable ({ends}). Do not use this estimate"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))

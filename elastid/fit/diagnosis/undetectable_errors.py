@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import capital
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
@@ -89,10 +88,11 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     if not named:
         return ()
     free = result.parameters.free_names
-    moves = "; ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
+    moves = "; ".join(f"{error.amount(error.per_std)} changes {free[error.parameter]}" for error in named)
     text = (
-        f"an error of {named[0].amount(named[0].error)} does not show in the residuals. Intervals assume exact fixed "
-        f"values. Errors that change an estimate by one std: {moves}. Measure these values, or free them with a prior"
+        f"the intervals assume exact fixed values of the robot model. By one std, an error of {moves}. The residuals "
+        f"do not show an error of {named[0].amount(named[0].error)}. State the tolerances of these values in "
+        "robot.tolerances, so that the intervals include them"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
@@ -145,6 +145,5 @@ def find_elastic_base(result: Result) -> tuple[Note, ...]:
     remarks = result.base_remarks
     if not remarks:
         return ()
-    text = ". ".join(map(capital, remarks.values()))
-    text = f"the base stiffness is not identifiable. {text}. Add a measured base stiffness to the robot model"
+    text = f"{'. '.join(remarks.values())}. If the base is elastic, add its measured stiffness to the robot model"
     return (Note("fit/assumed-rigid", text, severity="information"),)

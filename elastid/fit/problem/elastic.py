@@ -33,6 +33,7 @@ from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import held_images
 from elastid.parameters import Parameters
+from elastid.record import REFERENCE
 from elastid.response import Response
 
 # Configurations of a chunk.
@@ -322,8 +323,11 @@ def part_with(
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
     """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
     loads = {moved_by(name) for name in response.inputs if is_load(name)}
+    is_closed = response.controller is not None and model.controller is None
+    references = tuple(f"{REFERENCE}{name[6:]}" for name in model.inputs) if is_closed else ()
     known_inputs = (
         *model.inputs,
+        *references,
         *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
     )
     for kind, wanted, known in (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs)):
@@ -335,9 +339,12 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
             )
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
-    inputs = [model.inputs.index(name) for name in response.inputs]
+    acting = response.controller.motors if response.controller is not None and is_closed else response.inputs
+    inputs = [model.inputs.index(name) for name in acting]
+    B = model.B if model.controller is not None else model.B[:, inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
-    return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs, hold=response.hold)
+    model, loop = model.with_outputs(outputs), response.controller
+    return replace(model, B=B, inputs=response.inputs, hold=response.hold, controller=loop)
 
 
 def linear_model(linearisation: Linearisation, response: Response, theta: FloatArray) -> LinearModel:
@@ -362,4 +369,4 @@ def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
     local = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
-    return Kernel(local, freq_hz, moved)
+    return Kernel(local, freq_hz, moved, model.theta_ref)

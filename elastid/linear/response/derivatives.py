@@ -155,13 +155,13 @@ class Columns(Kept):
     def is_symmetric(self) -> bool:
         """True if G = G^T: outputs in the directions of the inputs, no tilting accelerometer, exact channels."""
         model = self.kernel.model
-        is_moved = model.tilt.any() or model.moved_outputs or model.channel_numbers
+        is_moved = model.tilt.any() or model.moved_outputs or model.channel_numbers or model.controller is not None
         return np.array_equal(model.B.T, model.C) and not is_moved
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
         """Rows and columns (n_e,) of the elements of G that are computed."""
-        n_y, n_u = self.kernel.model.C.shape[0], self.kernel.model.B.shape[1]
+        n_y, n_u = self.kernel.model.C.shape[0], len(self.kernel.model.inputs)
         rows, columns = np.triu_indices(n_u) if self.is_symmetric else np.indices((n_y, n_u)).reshape(2, -1)
         return np.asarray(rows, np.int64), np.asarray(columns, np.int64)
 
@@ -216,24 +216,18 @@ class Columns(Kept):
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
-        (_, S), n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
-        places, is_own = rows * n_u + columns, np.array_equal(kernel.output_columns, np.arange(n_u))
-        for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
+        (_, S), kernel = self._directions, self.kernel
+        places = rows * len(kernel.model.inputs) + columns
+        for part in kernel.products(theta, self._asked):
             # The loops leave the lines of an element side by side.
-            G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
-            right = YX if YX.shape[1] == n_u else YX[:, :n_u]
-            left = YX if is_own else YX[:, kernel.output_columns]
-            if kernel.model.channel_numbers:
-                of_y, of_u = kernel.model.channel_factors(theta, s)
-                left, right = of_y[..., None] * left, of_u[..., None] * right
-            factors = [
-                np.broadcast_to(slope, response.shape)[:, rows, columns] * G
-                for _, slope in kernel.factor_slopes(theta, s)
-            ]
-            direct = [*factors, *moved[:, :, rows, columns]]
+            s, G = part.s, part.G.transpose(1, 2, 0).reshape(-1, len(part.s)).take(places, axis=0).T
+            left, right = kernel.sides(theta, part)
+            factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, part)]
+            direct = [*factors, *part.moved[:, :, rows, columns]]
             unfactored = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
-            yield Sensitivity(block, s, omega, gain, G, left, right, self.pieces.sign, S, unfactored, rows, columns)
+            bases = left, right, self.pieces.sign, S
+            yield Sensitivity(part.block, s, omega, part.gain, G, *bases, unfactored, rows, columns)
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""

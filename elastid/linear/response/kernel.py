@@ -28,8 +28,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import Kept
-from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.response.transfer import factor
+from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel, Slope
+from elastid.linear.response.closed_loop import GAINS, ClosedLoop, closed, open_loops
+from elastid.linear.response.transfer import factor, folded_images, held_images
 from elastid.robot import CHANNEL_NUMBERS, channel_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -52,6 +53,7 @@ class Products(NamedTuple):
     G: ComplexArray
     YX: ComplexArray
     moved: ComplexArray
+    loop: ClosedLoop | None = None
 
 
 @dataclass(frozen=True)
@@ -72,13 +74,15 @@ class Kernel(Kept):
     """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `wanted` (P
     names).
 
-    Images of held torques are no part of it (`held_images`). Prepared once, evaluated at many theta; it pickles.
+    Images of held torques are no part of it (`held_images`), but for those in loops of references, which are held at
+    `images_at` (n_theta,). Prepared once, evaluated at many theta; it pickles.
     KeyError for a name that the model does not have.
     """
 
     model: LinearModel
     freq_hz: FloatArray
     wanted: tuple[str, ...]
+    images_at: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for name in self.wanted:
@@ -101,28 +105,30 @@ class Kernel(Kept):
         known = (*delay, *(element.name for element in self.model.chain), *self.model.channel_numbers)
         return tuple(name for name in self.wanted if name in known)
 
-    def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray | FloatArray]]:
-        """d ln G / d theta_p of each of the factors, with its place among the wanted parameters.
-
-        (F, 1, 1) of those that are the same for all elements, (n_y, n_u) or (F, n_y, n_u) of numbers of a channel.
-        """
-        elements = {element.name: element for element in self.model.chain}
+    def factor_slopes(self, theta: FloatArray, part: Products) -> Iterator[ComplexArray]:
+        """dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
+        elements, s, loop = {element.name: element for element in self.model.chain}, part.s[:, None, None], part.loop
+        G = part.G if loop is None else loop.T  # images are held
+        of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
         for name in self.factors:
-            number, place = self.model.number(theta, name), self.wanted.index(name)
-            if name in self.model.channel_numbers:
-                yield place, self._channel_slope(name, number, s[:, None, None])
+            number = self.model.number(theta, name)
+            if loop is not None and name[:8] in of_gains:
+                yield loop.of_gain(of_gains[name[:8]], name[8:].replace("_", " ", 1))
+            elif name in self.model.channel_numbers:
+                yield self._channel_slope(name, number, s) * G
             else:
-                slope = -s if name == DELAY else elements[name].log_slope(s, number)
-                yield place, slope[:, None, None]
+                slope = -s if name == DELAY else elements[name].log_slope(part.s, number)[:, None, None]
+                inside = loop if name in (DELAY, TORQUE_LAG) else None
+                yield slope * (G if inside is None else inside.change(inside.plain, inside.motors))
 
     def _channel_slope(self, name: str, number: float, s: ComplexArray) -> ComplexArray | FloatArray:
         """d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all channels of a role."""
         kind = next(kind for kind in CHANNEL_NUMBERS if name.startswith(kind))
         rows, columns = (
             np.array([name in (channel_name(kind, role), channel_name(kind, role, place)) for place in places])
-            for role, places in (("y", self.model.outputs), ("u", self.model.inputs))
+            for role, places in (("y", self.model.outputs), (self.model.input_role, self.model.driven))
         )
-        is_in = rows[:, None] * 1.0 - columns
+        is_in = rows[:, None] * 1.0 + (columns if self.model.controller is not None else -1.0 * columns)
         if kind == "gain":
             return np.asarray(is_in / number)
         return np.asarray(is_in * (-s if kind == "delay" else -s / (1 + s * abs(number))))
@@ -148,7 +154,7 @@ class Kernel(Kept):
         (C, T), tilted = model.readout(theta), self._sides.tilted
         right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
-        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
+        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows, *self._motor_rows]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
@@ -168,12 +174,53 @@ class Kernel(Kept):
                 dC, dT = rows.reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
                 by_B = self._moved_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
                 readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
-            G = G.swapaxes(1, 2)
-            if model.channel_numbers:
+            G, loop = G.swapaxes(1, 2), None
+            if self._open_loops is not None:
+                motors = factor(self._open_loops[1], theta, s)[:, None, None] * moved[:, :, -n_u:].swapaxes(1, 2)
+                images = (part[block] for part in self._images)
+                loop = closed(model, theta, self.freq_hz[block], G, motors, *images)
+                readings = model.channel_factors(theta, s)[0][..., None] * readings @ loop.A
+                G = loop.T + self._folded[block]
+            elif model.channel_numbers:
                 of_outputs, of_inputs = model.channel_factors(theta, s)
                 channels = of_outputs[..., :, None] * of_inputs[..., None, :]
                 G, readings = channels * G, channels * readings
-            yield Products(block, s, gain, G, YX, readings)
+            yield Products(block, s, gain, G, YX, readings, loop)
+
+    def sides(self, theta: FloatArray, part: Products) -> tuple[ComplexArray, ComplexArray]:
+        """Y^T Z^-1 of the outputs (F, n_y, n_d) and of the inputs (F, n_u, n_d): dG = -c left dZ right^T."""
+        n_m = self.model.B.shape[1]
+        right = part.YX if part.YX.shape[1] == n_m else part.YX[:, :n_m]
+        left = part.YX if np.array_equal(self.output_columns, np.arange(n_m)) else part.YX[:, self.output_columns]
+        if not self.model.channel_numbers and part.loop is None:
+            return left, right
+        of_y, of_u = self.model.channel_factors(theta, part.s)
+        if part.loop is None or self._open_loops is None:
+            return of_y[..., None] * left, of_u[..., None] * right
+        ratio = (factor(self._open_loops[1], theta, part.s) / part.gain)[:, None, None]
+        return of_y[..., None] * left - ratio * (part.loop.L @ right), part.loop.A.mT @ right
+
+    @cached_property
+    def _open_loops(self) -> tuple[LinearModel, LinearModel] | None:
+        return None if self.model.controller is None else open_loops(self.model)
+
+    @cached_property
+    def _images(self) -> list[ComplexArray]:
+        """Images of the controllers' torques in outputs and motors (F, n, n_m)."""
+        return [held_images(model, self._theta_of_images, self.freq_hz) for model in self._open_loops or ()]
+
+    @cached_property
+    def _folded(self) -> ComplexArray:
+        """Images of the references (F, n_y, n_u)."""
+        return folded_images(self.model, self._theta_of_images, self.freq_hz)
+
+    @property
+    def _theta_of_images(self) -> FloatArray:
+        return self.model.theta_ref if self.images_at is None else self.images_at
+
+    @property
+    def _motor_rows(self) -> tuple[FloatArray, ...]:
+        return () if self.model.controller is None else (self.model.B,)
 
     @cached_property
     def _moved_rows(self) -> tuple[FloatArray, ...]:

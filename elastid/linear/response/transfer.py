@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
+from elastid.linear.response.closed_loop import ClosedLoop, closed, open_loops
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -51,8 +52,8 @@ NODES = (1 + np.cos(np.pi * (np.arange(4) + 0.5) / 4)) / 2
 def held_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
     """Images (F, n_y, n_u) in a response of torques that `model.hold` holds; none on lines above half of their rate."""
     images = np.zeros((len(freq_hz), len(model.outputs), len(model.inputs)), complex)
-    if model.hold is None or not any(model.hold.sampled):
-        return images
+    if model.hold is None or model.controller is not None or not any(model.hold.sampled):
+        return images  # those of a controller are within its loop
     # Acceleration by the torque that acts, before any sensor, is folded; the delay is that of the images.
     before = tuple(element for element in model.chain if element.name == TORQUE_LAG)
     behind = tuple(element for element in model.chain if element.name != TORQUE_LAG)
@@ -99,6 +100,8 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     Returns G (F, n_y, n_u), link side, model.quantity per Nm; with the images of torques that `model.hold` holds.
     """
     freq_hz = checked_frequencies(freq_hz)
+    if model.controller is not None:
+        return closed_loop(model, theta, freq_hz).T + folded_images(model, theta, freq_hz)
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
     drift = 0.0 if model.integral is None else model.integral / s
@@ -108,6 +111,40 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     G = factor(model, theta, s) * (C @ X + T @ X / s**2)
     G = of_outputs[..., :, None] * G * of_inputs[..., None, :]
     return np.asarray(G + held_images(model, theta, freq_hz))
+
+
+def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:
+    """Loops of a model whose inputs are references, closed at freq_hz (F,)."""
+    return closed(model, theta, freq_hz, *(frequency_response(part, theta, freq_hz) for part in open_loops(model)))
+
+
+def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
+    r"""Images (F, n_y, n_u) of sampled references in sampled positions, both at f_l = `model.controller.log_hz`.
+
+    .. math:: \sum_{m \ne 0} T(f + m f_l)
+    """
+    images = np.zeros((len(freq_hz), len(model.outputs), len(model.inputs)), complex)
+    if model.controller is None or not model.controller.log_hz or model.hold is None:
+        return images
+    shifted = model.controller.images_hz(freq_hz)
+    known = np.isfinite(shifted)
+    f, lines, order = shifted[known], np.nonzero(known)[0], MOTION_ORDER[model.quantity]
+    T = closed_loop(model, theta, np.abs(f)).T
+    T = np.where(f[:, None, None] < 0, T.conj(), T)
+    np.add.at(images, lines, T * ((freq_hz[lines] / f) ** order)[:, None, None])
+    return np.asarray(images * np.array(model.hold.sampled)[:, None])
+
+
+def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray) -> ComplexArray:
+    """dG by a change (F, n_y, n_u) of the angles by torques; with loops (F, n_y + n_m, n_m), motors last."""
+    s = (2j * np.pi * freq_hz).astype(np.complex128)
+    of_outputs, of_inputs = model.channel_factors(theta, s)
+    of_y = of_outputs[..., None] * factor(model, theta, s)[:, None, None]
+    if model.controller is None:
+        return np.asarray(of_y * change * of_inputs[..., None, :])
+    motors, n_y = open_loops(model)[1], len(model.outputs)
+    of_motors = factor(motors, theta, s)[:, None, None]
+    return closed_loop(model, theta, freq_hz).change(of_y * change[:, :n_y], of_motors * change[:, n_y:])
 
 
 def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
@@ -127,4 +164,7 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> R
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
     places = model.inputs, model.outputs, model.quantity, model.configuration
-    return Response(lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop)
+    return Response(
+        lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop,
+        controller=model.controller,
+    )  # fmt: skip

@@ -22,6 +22,7 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import foreign, ros_bag, text, universal
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.reader_process import guarded
+from elastid.recorded.files.text import TextLog
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,8 @@ def size_in_pieces(
 ) -> tuple[int, np.dtype[np.floating[Any]]]:
     """Samples of the channels in a file, and the precision that holds them; none of a file that has no pieces."""
     with opened_log(path, text) as log:
+        if isinstance(log, TextLog) and log.is_large:
+            return len(log.number_lines) - log.first, np.dtype(np.float64)
         arrays = [log.array_of(channel)[1] for channel in channels] if isinstance(log, ArrayLog) else []
     n = min((array.shape[0] if array.has_pieces else 0 for array in arrays), default=0)
     return n, np.dtype(np.float32 if all(np.can_cast(array.dtype, np.float32) for array in arrays) else np.float64)

@@ -20,6 +20,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.units import TABLE, usual_spelling
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.files.lines import LARGE_BYTES, FileLines
 from elastid.recorded.files.log import Log, missing_channel
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
@@ -30,6 +31,8 @@ _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace") for mark in
 # Compressed texts by their first bytes, and most bytes of one.
 _COMPRESSED: dict[bytes, Any] = {b"\x1f\x8b": gzip, b"BZh": bz2, b"\xfd7zXZ": lzma}
 _MAX_BYTES = 1 << 30
+_HEAD_BYTES = 1 << 16  # of a large text, which show its code
+BLOCK_LINES = 1 << 16  # of a large text that are in memory at a time
 WRITTEN_OTHERWISE = "; it seems to be written with "
 
 
@@ -42,7 +45,7 @@ class TextLog(Log):
 
     path: Path
     format: TextFormatSpec
-    number_lines: tuple[str, ...]
+    number_lines: Sequence[str]
     headings: tuple[str, ...]
     first: int
     n_columns: int
@@ -61,14 +64,31 @@ class TextLog(Log):
         """Values (n_samples, n_c) of the channels; DataError for a heading or column that is not in the file."""
         return self.columns([self._column(channel) for channel in channels], part)
 
+    @property
+    def is_large(self) -> bool:
+        """True if its lines remain in the file, so that a part of them counts as so many samples."""
+        return isinstance(self.number_lines, FileLines)
+
     def columns(self, wanted: Sequence[int], part: slice = slice(None)) -> FloatArray:
         """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
-        needed, delimiter = sorted(set(wanted)), _delimiter(self.format)
-        lines: Sequence[str] = self.number_lines[self.first :]
+        needed, end = sorted(set(wanted)), len(self.number_lines)
+        if self.is_large:
+            rows = range(self.first, end)[part]
+            parts = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
+            data = np.concatenate([self._read(needed, rows.start, rows.stop) for rows in parts or [range(0)]])
+        else:
+            data = self._read(needed, self.first, end, part.stop if (part.stop or 0) > 0 else None)[part]
+        return data[:, [needed.index(column) for column in wanted]]
+
+    def _read(self, needed: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
+        """Columns (n_samples, len(needed)) of some lines, at most so many samples."""
+        lines, delimiter = self.number_lines[first:end], _delimiter(self.format)
         read = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
-            ndmin=2, max_rows=part.stop if (part.stop or 0) > 0 else None,
+            ndmin=2, max_rows=most,
         )  # fmt: skip
+        if not lines:
+            return np.zeros((0, len(needed)))
         try:
             data: FloatArray = read(lines)
         except ValueError:
@@ -76,11 +96,12 @@ class TextLog(Log):
             try:
                 data = read(lines)
             except ValueError as error:
-                raise DataError("records/text", self._complaint(needed, lines) or f"{self.path}: {error}") from None
-        return data[part][:, [needed.index(column) for column in wanted]]
+                complaint = self._complaint(needed, lines, first)
+                raise DataError("records/text", complaint or f"{self.path}: {error}") from None
+        return data
 
-    def _complaint(self, columns: Sequence[int], lines: Sequence[str]) -> str:
-        for number, line in enumerate(lines, start=self.first + 1):
+    def _complaint(self, columns: Sequence[int], lines: Sequence[str], first: int) -> str:
+        for number, line in enumerate(lines, start=first + 1):
             fields = _fields(line, self.format)
             for column in columns if fields else ():
                 title = f" ('{self.headings[column]}')" if column < len(self.headings) else ""
@@ -144,20 +165,11 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         raise StudyError(
             "records/text", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
         )
-    raw = _raw(path)
-    if b"\0" in raw[:4096] and not _is_utf_16(raw):
-        raise DataError(
-            "files/damaged",
-            "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5",
-            path,
-        )
-    content = _decoded(raw)
-    lines, plain = content.splitlines(), plain_numbers(content, text)
-    numbers = tuple(lines if plain is content else plain.splitlines())
+    lines, numbers = _lines(path, text)
     first = text.header_lines
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
         first += 1
-    if not any(line.strip() for line in lines):
+    if first >= len(numbers) and not any(line.strip() for line in lines):
         raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
     if first >= len(numbers):
         raise DataError(
@@ -170,6 +182,27 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     headings = _headings(lines[:first], text, n_columns)
     units = _units(lines[:first], text, headings)
     yield TextLog(path, text, numbers, headings, first, n_columns, units)
+
+
+def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[str]]:
+    """Lines of a text, and these with points as decimals, of a large one those that are asked for.
+
+    DataError for a file that is no text.
+    """
+    is_large = path.stat().st_size > LARGE_BYTES
+    raw = _raw(path, _HEAD_BYTES if is_large else -1)
+    if b"\0" in raw[:4096] and not _is_utf_16(raw):
+        raise DataError(
+            "files/damaged",
+            "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5",
+            path,
+        )
+    if is_large and b"\n" in raw and not _is_utf_16(raw) and _packing(path) is None:
+        encoding = _encoding(raw[: raw.rindex(b"\n")])
+        return FileLines.of(path, encoding, str), FileLines.of(path, encoding, partial(plain_numbers, text=text))
+    content = _decoded(_raw(path) if is_large else raw)
+    lines, plain = content.splitlines(), plain_numbers(content, text)
+    return lines, lines if plain is content else plain.splitlines()
 
 
 # Groups of three digits, and the signs that separate them: 1.512,5 and 1'512,5 with a decimal comma; 1'512.5 and,
@@ -229,10 +262,9 @@ def described_format(text: TextFormatSpec) -> str:
 
 def _raw(path: Path, size: int = -1) -> bytes:
     """The first bytes of a text, decompressed; DataError for a damaged one, and for one of more than _MAX_BYTES."""
-    with path.open("rb") as file:
-        head = file.read(6)
-        if not (packed := next((module for mark, module in _COMPRESSED.items() if head.startswith(mark)), None)):
-            file.seek(0)
+    packed = _packing(path)
+    if packed is None:
+        with path.open("rb") as file:
             return file.read(size)
     try:
         with packed.open(path, "rb") as file:
@@ -244,14 +276,26 @@ def _raw(path: Path, size: int = -1) -> bytes:
     return raw
 
 
+def _packing(path: Path) -> Any:
+    """The module that unpacks a compressed text; None for any other."""
+    with path.open("rb") as file:
+        head = file.read(6)
+    return next((module for mark, module in _COMPRESSED.items() if head.startswith(mark)), None)
+
+
 def _decoded(raw: bytes) -> str:
     """UTF-8, UTF-16 with a byte order mark, or the code page of Windows loggers in Europe."""
+    return raw.decode(_encoding(raw), errors="replace")
+
+
+def _encoding(raw: bytes) -> str:
     if _is_utf_16(raw):
-        return raw.decode("utf-16", errors="replace")
+        return "utf-16"
     try:
-        return raw.decode("utf-8-sig")
+        raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace")
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def _is_utf_16(raw: bytes) -> bool:

@@ -52,8 +52,9 @@ class Log:
         self.findings.notes.append(Note(code, text, severity=severity))
 
     def report(self, kind: str, count: SupportsInt, text: str) -> None:
-        """Add a note on a fault, and count its samples or repetitions by kind."""
-        self.note(_CODES.get(kind, "records/corrected"), text)
+        """Count the samples or repetitions of a fault by kind, and add a note on it unless `text` is empty."""
+        if text:
+            self.note(_CODES.get(kind, "records/corrected"), text)
         self.findings.repairs[kind] += int(count)
 
     def after(self, first: int) -> "Log":

@@ -33,6 +33,7 @@ from elastid.recorded.repair.time_stamps import at_times, resampled
 MAX_FRACTION = 0.01  # of a channel that may be missing, single samples apart, without a period
 MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 FILLED = "missing samples filled"
+REPLACED = "interpolated from other periods and adjacent samples"
 INTERPOLATED = "missing samples interpolated"
 
 
@@ -58,7 +59,9 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
             )
         result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
         poor |= of_channel
-        log.report(FILLED, missing.size, f"{text}: interpolated from other periods and adjacent samples")
+        outliers = f"{log.names[c]}: {missing.size} of {len(good)} samples differ"
+        is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
+        log.report(FILLED, missing.size, "" if is_reported else f"{text}. They are {REPLACED}")
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
     left_out = sorted(poor | set(np.flatnonzero(lacking > MAX_STILL).tolist()))
     if not left_out:

@@ -98,7 +98,7 @@ def _masked(
             log.report("spikes left", at.size, f"{text}: too many for spikes, left unchanged")
             continue
         result[at, c] = np.nan
-        log.report(MASKED, at.size, f"{text} and are treated as missing; the first is {log.time_of(at[0])}")
+        log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")
         if any(outvoted[c : c + 1]):
             text = (
                 f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of "

@@ -75,8 +75,9 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
     """Yield drawings of compensated friction and of the friction of the robot model."""
     if taken_out is not None and taken_out.configurations:
         caption = (
-            "Identified friction (link side) over velocity or presliding distance, and F_c of the robot model. Last "
-            "panel: residual torque amplitude before and after compensation."
+            "Identified friction of each motor (link side) against velocity or presliding distance, with F_c of the "
+            "robot model, if it states one. Last panel: torque amplitude of noise and distortion, before and after "
+            "compensation."
         )
         yield Drawing("friction", "friction", caption, partial(friction.friction_taken_out, taken_out, robot))
 

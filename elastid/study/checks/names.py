@@ -43,9 +43,18 @@ def list_configurations(study: Study) -> list[str]:
     return [*given, *study.design.candidates.given, *numbered]
 
 
+def _locations(study: Study, role: str) -> list[str]:
+    """Locations of the channels of a role, in all files."""
+    recorded, channels = study.experiment.recorded, study.experiment.channels
+    moved = (
+        [] if recorded is None else [at for name in list_configurations(study) for at in recorded.places_of(name, role)]
+    )
+    return list(dict.fromkeys(moved)) or [channel.at for channel in channels if channel.role == role]
+
+
 def list_inputs(study: Study) -> list[str]:
     """Locations of the inputs."""
-    given = [channel.at for channel in study.experiment.channels if channel.role == "u"]
+    given = _locations(study, "u")
     return given or list(study.as_robot().motor_locations)
 
 
@@ -53,5 +62,5 @@ def list_outputs(study: Study) -> list[str]:
     """Locations of the outputs; empty if only the frf.h5 of another run names them."""
     simulated, channels = study.experiment.simulated, study.experiment.channels
     if channels or study.experiment.kind == "responses":
-        return [channel.at for channel in channels if channel.role == "y"]
+        return _locations(study, "y")
     return list(simulated.outputs if simulated is not None and simulated.outputs else study.as_robot().motor_locations)

@@ -15,6 +15,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.recorded.channel_doubts import channel_doubts
+from elastid.recorded.channels import gather_channels
 from elastid.recorded.clocks import MAX_SAMPLES, TIME_UNITS, is_time, stamps_of
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import Log as OpenLog
@@ -61,12 +62,20 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
             f"{', '.join(WITHOUT_PERIOD)}",
         )
     yield from check_controller(study, recorded)
-    if recorded.has_commands_alone:
-        message = (
-            "no channel has role u (an input). Add the torques; references alone identify friction: add friction: {}"
-        )
+    if recorded.has_commands_alone and study.robot is None:
+        message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
         yield Problem((*path, "channels"), message)
-    for i in range(len(recorded.files)):
+    if recorded.has_commands_alone and study.gears is not None:
+        yield Problem(("gears",), "effects of gears need torques, and no channel has role u. Add them, or remove gears")
+    inputs = [channel for channel in recorded.channels if channel.role in ("u", "r", "reference")]
+    locations = [channel.at for channel in recorded.channels]
+    for i, file in enumerate(recorded.files):
+        for at in file.at:
+            if at not in locations:
+                yield unknown((*path, "files", i, "at"), "location of a channel", at, locations)
+        if file.at and (len(inputs) != 1 or study.robot is not None):
+            message = "a hammer or sensors move in studies without robot and with one input. Write a configuration each"
+            yield Problem((*path, "files", i, "at"), message)
         if refused := recorded.repeat_refusal(i):
             yield Problem((*path, "files", i), refused)
 
@@ -160,8 +169,8 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
         yield Problem((*path, "channels", i, key), text)
 
 
-# Logs that are opened, over the list.
-_MAX_LOGS = 12
+# Logs that are opened, over the list; bytes of logs of one experiment whose start times are compared.
+_MAX_LOGS, _MAX_BYTES = 12, 1 << 26
 
 
 def check_logs(study: Study, base: Path) -> Iterator[Problem]:
@@ -182,6 +191,20 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         for problem in _check_log(study, recorded, i, base):
             problems.setdefault(problem.path, problem)
     yield from problems.values()
+    several = next((i for i, file in enumerate(recorded.files) if file.also), None)
+    if several is not None and not problems and study.friction is None:
+        yield from _check_start(study, recorded, several, base)
+
+
+def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
+    """The logs of one experiment have a signal or a clock in common, as the stage measure needs it."""
+    file = recorded.files[i]
+    if sum((base / name).stat().st_size for name in (file.path, *file.also)) > _MAX_BYTES:
+        return
+    try:
+        gather_channels(recorded, file, base, study.places)
+    except ElastidError as error:
+        yield Problem((*_RECORDED, "files", i, "also"), str(error))
 
 
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:

@@ -1,0 +1,69 @@
+"""One response of several measurements between which the sensors were moved, the hammer at the same points in each."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.errors import DataError
+from elastid.covariance import Covariance
+from elastid.record import Record
+from elastid.response import Response
+
+
+def by_outputs(records: Sequence[Record]) -> list[list[Record]]:
+    """The records of each set of outputs, in the order of the first ones.
+
+    Raises DataError for several sets of which one lacks an input.
+    """
+    sets: dict[tuple[str, ...], list[Record]] = {}
+    for record in records:
+        sets.setdefault(record.outputs, []).append(record)
+    for outputs, part in sets.items() if len(sets) > 1 else ():
+        for j, place in enumerate(part[0].inputs):
+            if not any(np.any(record.u[:, j]) for record in part):
+                text = f"there is no file with input {place} and sensors at {', '.join(outputs)}. Add it, or make two "
+                raise DataError("frf/records", text + "configurations", f"configuration {part[0].configuration.name}")
+    return list(sets.values())
+
+
+def stacked(responses: Sequence[Response]) -> Response:
+    """The response (F, n_y, n_u) of all outputs, on the lines that all responses have.
+
+    A sensor that two of them have counts in the first. Errors of different outputs are taken as independent. Quality,
+    systematic errors and leakage are left out.
+
+    Raises DataError if the responses have no line in common.
+    """
+    first = responses[0]
+    freq_hz = first.freq_hz
+    for other in responses[1:]:
+        freq_hz = np.intersect1d(freq_hz, other.freq_hz)
+    if not len(freq_hz):
+        raise DataError("frf/records", "the measurements have no line in common. Give all of them one period")
+    seen: list[str] = []
+    parts: list[Response] = []
+    for response in responses:
+        new = [place for place in response.outputs if place not in seen]
+        seen += new
+        parts += [response.lines(np.isin(response.freq_hz, freq_hz))[new, first.inputs]] if new else []
+    return replace(
+        parts[0],
+        freq_hz=freq_hz,
+        G=np.concatenate([part.G for part in parts], axis=1),
+        outputs=tuple(seen),
+        noise=_covariance([part.noise for part in parts]),
+        total=_covariance([part.total for part in parts]),
+        sliding=tuple(dict.fromkeys(place for part in parts for place in part.sliding)),
+        leakage=None,
+        notes=tuple(dict.fromkeys(note for response in responses for note in response.notes)),
+        correlated_lines=max(part.correlated_lines for part in parts),
+    )
+
+
+def _covariance(parts: Sequence[Covariance | None]) -> Covariance | None:
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts):
+        return None
+    variance = np.concatenate([part.variance for part in known], axis=1)
+    return Covariance(variance, min(part.dof for part in known), level_lines=max(part.level_lines for part in known))

@@ -1,0 +1,91 @@
+r"""Responses of motions to references: the sampled joint loops closed around the responses to torques.
+
+.. math:: T = Y S C_{ff}, \quad S = (I + C_{fb} P)^{-1}, \quad Y = H (G_y + images), \quad
+          P = H (G_m + images)
+
+G_y, G_m: outputs and angles of motors by torques; H: hold of the controllers, with whose images P is the exact
+pulse response. C_fb, C_ff are diagonal. Derivatives have the same factors as the derivatives of G,
+
+.. math:: dT = (dG_y - L\, dG_m)\, A, \qquad L = Y S C_{fb}, \qquad A = H S C_{ff}
+
+and to the gain g of a motor j, :math:`dT = (Y S)_{:j} (dC_{ff,j} e_j^T - dC_{fb,j} (P S C_{ff})_{j:})`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.linear.linear_model import TORQUE_LAG, LinearModel
+from elastid.record import HeldTorque, ReferenceLoop, zero_order_hold
+from elastid.robot import channel_name
+
+GAINS = ("kp", "kd")  # as in gain_kp_motor_1
+
+
+def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
+    """Models from the torques of the motors of `model.controller` to its outputs, and to the angles of its motors."""
+    loop = model.controller
+    assert loop is not None  # of models whose inputs are references
+    plain = replace(model.by_torques, channel_numbers=())
+    slopes = {name: replace(slope, C=None, T=None, B=None) for name, slope in model.slopes.items()}
+    motors = replace(
+        plain, C=model.B.T, T=None, outputs=loop.motors, quantity="position", slopes=slopes,
+        chain=tuple(element for element in model.chain if element.name == TORQUE_LAG),
+        hold=HeldTorque((loop.rate_hz,) * len(loop.motors), (True,) * len(loop.motors)),
+    )  # fmt: skip
+    return plain, motors
+
+
+def closed(
+    model: LinearModel, theta: FloatArray, freq_hz: FloatArray, plain: ComplexArray, motors: ComplexArray,
+    plain_images: ComplexArray | float = 0.0, motor_images: ComplexArray | float = 0.0,
+) -> "ClosedLoop":  # fmt: skip
+    """Close the loops around responses of `open_loops` at freq_hz (F,), whose images may stand apart."""
+    assert model.controller is not None
+    loop, names = model.controller.at(freq_hz), model.controller.motors
+    H = zero_order_hold(freq_hz / loop.rate_hz)[:, None, None]
+    of_outputs, of_inputs = model.channel_factors(theta, (2j * np.pi * freq_hz).astype(np.complex128))
+    gains = [[channel_name("gain", role, motor) for motor in names] for role in GAINS]
+    numbers = np.array([[model.number(theta, n) if n in model.channel_numbers else 1.0 for n in row] for row in gains])
+    feedback, feedforward = (np.einsum("gm,gfm->fm", numbers, C) for C in (loop.feedback, loop.feedforward))
+    plain, plain_images = (of_outputs[..., :, None] * part for part in (plain, plain_images))
+    Y, P = H * (plain + plain_images), H * (motors + motor_images)
+    S = np.linalg.inv(np.eye(len(names)) + feedback[:, :, None] * P)
+    columns = [names.index(motor) for motor in model.driven]
+    driven, by_torque = (S * feedforward[:, None, :])[:, :, columns] * of_inputs[..., None, :], Y @ S
+    entering = loop.feedforward[:, :, columns] * of_inputs
+    parts = plain, motors, Y @ driven, by_torque * feedback[:, None, :], H * driven
+    return ClosedLoop(loop, columns, *parts, by_torque, P @ driven, entering)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """T (F, n_y, n_r) of a block of lines with the factors of its derivatives, errors of channels included.
+
+    plain (F, n_y, n_m), motors (F, n_m, n_m): G_y and G_m, without hold and images.  L (F, n_y, n_m), A (F, n_m,
+    n_r).  by_torque (F, n_y, n_m): Y S.  motion (F, n_m, n_r): of the motors.  loop: at these lines, references in
+    `columns` (n_r,), whose shares of C_ff are entering (2, F, n_r).
+    """
+
+    loop: ReferenceLoop
+    columns: list[int]
+    plain: ComplexArray
+    motors: ComplexArray
+    T: ComplexArray
+    L: ComplexArray
+    A: ComplexArray
+    by_torque: ComplexArray
+    motion: ComplexArray
+    entering: ComplexArray
+
+    def change(self, plain: ComplexArray, motors: ComplexArray) -> ComplexArray:
+        """dT by changes of G_y, channels included, and of G_m."""
+        return np.asarray((plain - self.L @ motors) @ self.A)
+
+    def of_gain(self, gain: int, motor: str) -> ComplexArray:
+        """dT by the factor of a gain, 0 of k_p and 1 of k_d, of the loop of a motor."""
+        j = self.loop.motors.index(motor)
+        is_own = np.array(self.columns) == j
+        torque = is_own * self.entering[gain] - self.loop.feedback[gain, :, j, None] * self.motion[:, j]
+        return np.asarray(self.by_torque[:, :, j, None] * torque[:, None, :])

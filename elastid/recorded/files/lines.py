@@ -1,0 +1,75 @@
+"""The lines of a text file that is too large for memory, read where they are asked for."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+
+from elastid.base.arrays import IntArray
+
+LARGE_BYTES = 1 << 26  # from which on a text is read in parts
+_STEP = 1 << 12  # lines between two places that are kept
+_CHUNK = 1 << 24  # bytes that are searched for line ends at a time
+
+
+@dataclass(frozen=True)
+class FileLines(Sequence[str]):
+    """Lines of a file in one of the codes whose line feed is one byte; plain: applied to the text of some lines.
+
+    starts: byte at which every _STEP-th line begins, and the end of the file.
+    """
+
+    path: Path
+    encoding: str
+    starts: IntArray
+    n: int
+    plain: Callable[[str], str]
+
+    @classmethod
+    def of(cls, path: Path, encoding: str, plain: Callable[[str], str]) -> "FileLines":
+        """The lines of a file as it is now."""
+        about = path.stat()
+        starts, n = _starts(path, about.st_size, about.st_mtime_ns)
+        return cls(path, encoding, starts, n, plain)
+
+    def __len__(self) -> int:
+        return self.n
+
+    @overload
+    def __getitem__(self, place: int) -> str: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[str]: ...
+    def __getitem__(self, place: int | slice) -> str | list[str]:
+        """A line, or neighbouring lines; IndexError beyond the last one, ValueError for every second line."""
+        if not isinstance(place, slice):
+            index = range(self.n)[place]
+            return self[index : index + 1][0]
+        first, end, step = place.indices(self.n)
+        if step != 1:
+            raise ValueError("lines of a file are read in their order, one by one")
+        if first >= end:
+            return []
+        block = first // _STEP
+        start, stop = self.starts[[block, min(-(-end // _STEP), len(self.starts) - 1)]].tolist()
+        with self.path.open("rb") as file:
+            file.seek(start)
+            content = file.read(stop - start).decode(self.encoding, errors="replace")
+        lines = self.plain(content).replace("\r\n", "\n").split("\n")
+        return lines[first - block * _STEP : end - block * _STEP]
+
+
+@lru_cache(maxsize=8)
+def _starts(path: Path, size: int, changed_ns: int) -> tuple[IntArray, int]:
+    """Starts of every _STEP-th line and the end, and the number of lines; size and time of change are of the key."""
+    starts, n, offset = [np.zeros(1, np.int64)], 0, 0
+    last = b"\n"
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            ends = np.flatnonzero(np.frombuffer(chunk, np.uint8) == ord("\n"))
+            starts.append(offset + 1 + ends[(-n - 1) % _STEP :: _STEP])
+            n, offset, last = n + len(ends), offset + len(chunk), chunk[-1:]
+    kept = np.concatenate(starts)
+    return np.append(kept[kept < size], size), n + (last != b"\n")

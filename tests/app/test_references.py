@@ -1,0 +1,115 @@
+"""Stiffness, damping and the delay of the commands from references and encoders alone, without any torque."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from plants.referenced_joint import ReferencedJoint
+
+from elastid.app import cli
+from elastid.fit.result import Result
+from elastid.store.results import read_fit
+
+JOINT = ReferencedJoint(delay_s=0.0073)
+GAINS = {f"gain_{gain}_motor_1": {"prior": {"std": 0.2}} for gain in ("kp", "kd")}
+
+
+def fitted(study: Path, monkeypatch: pytest.MonkeyPatch, stages: tuple[str, ...] = ()) -> Result:
+    """Result of a study, whose run stands beside it."""
+    monkeypatch.chdir(study.parent)
+    for stage in stages or ("measure", "estimate", "fit"):
+        cli.run_command(["run", study.name, stage])
+    return read_fit(study.parent / "runs" / "referenced" / "fit.h5")
+
+
+def distances(result: Result, **truth: float) -> dict[str, float]:
+    """Standard deviations between estimates and true numbers."""
+    std = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    x = dict(zip(result.parameters.free_names, result.x.tolist(), strict=True))
+    return {name: (x[name] - result.parameters[name].to_x(value)) / std[name] for name, value in truth.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay_s", [0.0, 0.0043, 0.02])
+@pytest.mark.parametrize(("kp", "kd", "k"), [(400.0, 20.0, 500.0), (900.0, 45.0, 8000.0)])
+def test_numbers_from_references_are_true(
+    delay_s: float, kp: float, kd: float, k: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stiffness within 1 %, damping 5 %, inertia 2 %, delay within 0.1 ms, all within 4 std; status converged."""
+    plant = ReferencedJoint(k=k, kp=kp, kd=kd, delay_s=delay_s)
+    result = fitted(plant.write(tmp_path / "a", Jm_1={}), monkeypatch)
+    values = result.parameters.as_dict(result.x)
+    assert result.status == "converged"
+    assert values["k_1"] == pytest.approx(plant.k, rel=0.01)
+    assert values["d_1"] == pytest.approx(plant.d, rel=0.05)
+    assert values["Jm_1"] == pytest.approx(plant.motor, rel=0.02)
+    assert values["delay_r"] == pytest.approx(delay_s, abs=1e-4)
+    truth = {"k_1": plant.k, "d_1": plant.d, "fm_1": plant.fm, "Jm_1": plant.motor, "delay_r": delay_s}
+    assert max(map(abs, distances(result, **truth).values())) < 4
+
+
+@pytest.mark.slow
+def test_whole_run_of_a_stated_delay_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A delay that is stated rightly is no parameter; all stages of the run are carried out."""
+    study = JOINT.write(tmp_path / "a", delay_r={"start": JOINT.delay_s, "fixed": True})
+    result = fitted(study, monkeypatch, ("measure", "estimate", "fit", "validate", "report"))
+    assert result.status == "converged"
+    assert "delay_r" not in result.parameters.free_names
+    assert max(map(abs, distances(result, k_1=JOINT.k, d_1=JOINT.d).values())) < 4
+    assert (study.parent / "runs" / "referenced" / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_wrong_delay_is_a_misfit_whose_cause_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stated delay that is 2.3 ms off: status misfit, and the first cause is a delay of the references."""
+    study = JOINT.write(tmp_path / "a", delay_r={"start": 0.005, "fixed": True})
+    result = fitted(study, monkeypatch)
+    assert result.status == "misfit"
+    cause = max(result.indices, key=lambda index: index.explained_fraction)
+    assert cause.name == "delay_r"
+    assert cause.steps[0] == pytest.approx(0.0023, rel=0.05)
+
+
+@pytest.mark.slow
+def test_wrong_gains_are_a_misfit_or_identified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gains that are 20 % off the stated ones: status misfit; as parameters they are found."""
+    stated = JOINT.kp / 1.2, JOINT.kd / 1.2
+    assert fitted(JOINT.write(tmp_path / "a", stated=stated), monkeypatch).status in ("misfit", "model_error")
+    result = fitted(JOINT.write(tmp_path / "b", stated=stated, **GAINS), monkeypatch)
+    assert result.status == "converged"
+    truth = {"k_1": JOINT.k, "d_1": JOINT.d, "delay_r": JOINT.delay_s} | dict.fromkeys(GAINS, 1.2)
+    assert max(map(abs, distances(result, **truth).values())) < 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plant", "options"),
+    [
+        (ReferencedJoint(forward=0.5, delay_s=0.0034), {"every": 4}),
+        (ReferencedJoint(delay_s=0.0034), {"sensor": "joint 1"}),
+        (ReferencedJoint(exact_velocity=True), {}),
+    ],
+)
+def test_forms_of_logs_are_exact(
+    plant: ReferencedJoint, options: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Logs slower than the controller, angles behind the gear, exact velocities in the feedback: no bias."""
+    result = fitted(plant.write(tmp_path / "a", noise=1e-10, **options), monkeypatch)
+    values = result.parameters.as_dict(result.x)
+    assert result.status == "converged"
+    assert values["k_1"] == pytest.approx(plant.k, rel=1e-4)
+    assert values["d_1"] == pytest.approx(plant.d, rel=1e-3)
+    assert values["delay_r"] == pytest.approx(plant.delay_s, abs=1e-6)
+
+
+def test_check_accepts_references_of_a_known_controller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`elastid check` accepts the study; without a robot or controller it asks for torques."""
+    study = JOINT.write(tmp_path / "a", logs=1)
+    monkeypatch.chdir(study.parent)
+    assert cli.run_command(["check", study.name]) == 0
+    content = yaml.safe_load(study.read_text())
+    del content["experiment"]["recorded"]["controller"]
+    study.write_text(json.dumps(content))
+    assert cli.run_command(["check", study.name]) == 2
