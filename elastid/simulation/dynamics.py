@@ -92,7 +92,7 @@ Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 # |h lambda| of a step; classical ones are stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
 MAX_STEP_RATE = 2.5
 # Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
-MAX_SUBSTEPS = 40
+MAX_SUBSTEPS = 80
 
 
 @frozen_value

@@ -87,7 +87,7 @@ def test_known_pulses_push_the_twin_as_well() -> None:
 
 
 def test_simulation_along_a_slow_log_takes_its_steps() -> None:
-    """A spring that needs more than 40 steps in a sample of 100 Hz, of which a study may raise the rate."""
+    """A spring that needs more than 80 steps in a sample of 100 Hz, of which a study may raise the rate."""
     stiff = with_joints(swing(), lambda joint: replace(joint, spring=joint.spring and Spring(1e9, 60.0)))
     spec, start = SimulatedSpec(), Configuration("start", np.zeros(2))
     with refused("experiment/simulated", place="experiment.simulated.substeps", holds="100 Hz"):

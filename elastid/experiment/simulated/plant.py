@@ -117,8 +117,8 @@ def true_plant(
     point = equilibrium(model, model.theta, start)
     s, fastest = poles(model, contacts(model, frictions(robot)), point.q)
     needed = least_steps(1.2 * s if of_numbers else s, 1 / rate_hz)
-    # A lower rate, which of a recorded log cannot be raised, has the steps in a second of one of 1 kHz.
-    most = spec.substeps or max(MAX_SUBSTEPS, int(1000.0 / rate_hz * MAX_SUBSTEPS))
+    # The rate of a recorded log cannot be raised: it has the steps in a second of a log of 1 kHz.
+    most = spec.substeps or max(MAX_SUBSTEPS, int(1000.0 / rate_hz * MAX_SUBSTEPS) if is_free else 0)
     if needed > most:
         raise StudyError(
             "experiment/simulated",

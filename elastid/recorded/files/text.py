@@ -31,6 +31,8 @@ _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace") for mark in
 # Compressed texts by their first bytes, and most bytes of one.
 _COMPRESSED: dict[bytes, Any] = {b"\x1f\x8b": gzip, b"BZh": bz2, b"\xfd7zXZ": lzma}
 _MAX_BYTES = 1 << 30
+_HEAD_LINES, _LEAST_PROPERTIES = 100, 3  # lines in which data start, and those with a property and its numbers
+_SAMPLE_TIME = "SampleTime[ms]"  # property of TwinCAT Scope, below its column of times in ms
 _HEAD_BYTES = 1 << 16  # of a large text, which show its code
 BLOCK_LINES = 1 << 16  # of a large text that are in memory at a time
 WRITTEN_OTHERWISE = "; it seems to be written with "
@@ -166,9 +168,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
             "records/text", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
         )
     lines, numbers = _lines(path, text)
-    first = text.header_lines
-    while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
-        first += 1
+    first = _data_start(numbers, text.header_lines, text)
     if first >= len(numbers) and not any(line.strip() for line in lines):
         raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
     if first >= len(numbers):
@@ -302,16 +302,35 @@ def _is_utf_16(raw: bytes) -> bool:
     return raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
 
 
+def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int:
+    """The first line from `first` on with a number, after rows of properties such as `SampleTime[ms]  1`, if any.
+
+    These begin with a word, where the rows of data begin with a number.
+    """
+    rows = [_fields(line, text) for line in numbers[first : first + _HEAD_LINES]]
+    starts = [i for i, fields in enumerate(rows) if any(map(_is_number, fields))]
+    words = [i for i in starts if not _is_number(rows[i][0])]
+    if _LEAST_PROPERTIES <= len(words) < len(starts) / 2:
+        starts = [i for i in starts if i > words[-1]]
+    while not starts and first + len(rows) < len(numbers):
+        fields = _fields(numbers[first + len(rows)], text)
+        starts = [len(rows)] if any(map(_is_number, fields)) else []
+        rows.append(fields)
+    return first + (starts[0] if starts else len(rows))
+
+
 def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:
     """The first line without numbers after header_lines; else the last header line; else the last comment."""
     after = head[text.header_lines :]
     plain = [_fields(line, text) for line in [*after, *reversed(head[: text.header_lines])]]
     comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
     whole = [_fields(line, replace(text, comment="")) for line in comments]  # a number sign within a heading
-    for fields in plain + [_fields(line, text) for line in comments] + whole:
-        if len(fields) == n_columns:
-            return tuple(fields)
-    return ()
+    rows = plain + [_fields(line, text) for line in comments] + whole
+    rows = [fields for fields in rows if len(fields) == n_columns]
+    times = next((fields for fields in rows if fields[0] == _SAMPLE_TIME), [""] * n_columns)
+    names = next((fields for fields in rows if not any(map(_is_number, fields))), next(iter(rows), []))
+    pairs = enumerate(zip(names, times, strict=False), start=1)
+    return tuple(f"time {i} [ms]" if time == _SAMPLE_TIME else name for i, (name, time) in pairs)
 
 
 def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -> tuple[str, ...]:
@@ -322,6 +341,7 @@ def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -
         if (
             len(units) == len(headings)
             and fields != list(headings)
+            and fields[0] != _SAMPLE_TIME
             and any(usual_spelling(unit) in TABLE for unit in units)
         ):
             return units

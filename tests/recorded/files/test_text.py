@@ -131,3 +131,19 @@ def test_separators_of_thousands_are_no_decimals(
     with opened(path, TextFormatSpec(delimiter, decimal)) as log:
         names = [ChannelSpec("y", "any", column=i + 1, quantity="position") for i in range(len(values))]
         assert log.values(names, slice(None))[0].tolist() == list(values)
+
+
+def test_properties_above_the_data_are_none_of_it_and_times_of_a_scope_have_names(tmp_path: Path) -> None:
+    """The documented form of TwinCAT Scope exports: properties of each channel in rows, a column of times in ms each."""
+    rows = [
+        "Name\tdrive", "File\tC:\\drive.csv", "Starttime of export\t132959733843760000\tMonday\t15:56:24.376", "", "",
+        "Name\tActTorque\tName\tActPos", "SymbolComment\t\tSymbolComment\t", "Data-Type\tREAL64\tData-Type\tREAL64",
+        "SampleTime[ms]\t2\tSampleTime[ms]\t2", "Port\t851\tPort\t851", "Unit\t(None)\tUnit\t(None)",
+        "Unit Offset\t0\tUnit Offset\t0", "", *(f"{2 * i}\t{i / 10}\t{2 * i}\t{-i}" for i in range(30)),
+    ]  # fmt: skip
+    path = tmp_path / "scope.csv"
+    path.write_text("\n".join(rows) + "\n")
+    form = guess_format(path)
+    with opened(path, form) as log:
+        assert log.headings == ("time 1 [ms]", "ActTorque", "time 3 [ms]", "ActPos")
+        np.testing.assert_array_equal(log.columns([0, 3]), [[2 * i, -i] for i in range(30)])
