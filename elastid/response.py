@@ -31,6 +31,7 @@ from elastid.record import (
     motion_unit,
 )
 
+STEP_IMAGES = "records/step-images"  # code of a note on images of a sampled reference, information if subtracted
 UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion that no friction of motors explains
 
 

@@ -45,7 +45,7 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration
-from elastid.response import Response
+from elastid.response import STEP_IMAGES, Response
 from elastid.robot import Robot
 
 # Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
@@ -57,6 +57,7 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
 # Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
 DISTORTED = 4.0
+IMAGE_ERROR = 0.05  # of |G|, of images of a sampled reference that are known to the gains of the controller, 10 to 30 %
 # Of the way back from where the robot does not stand to the start.
 HALVINGS = 8
 
@@ -264,14 +265,19 @@ def is_distorted_by_friction(response: Response) -> bool:
 
 
 def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
-    """The least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one."""
+    """The least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one.
+
+    Where images of a sampled reference were subtracted, at most their usual error.
+    """
     x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
-    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_floor(USUAL_FLOOR)
+    notes = {(note.code, note.severity) for response in assembly.responses for note in response.notes}
+    most = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else USUAL_FLOOR
+    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_floor(most)
 
     def exceeds(floor: float) -> bool:  # as where a covariance is singular with so small a floor: V is infinite
         return unbiased.with_floor(floor).at(x, criterion).evaluate(x).cost > dof
 
-    low, high = USUAL_FLOOR / 100, USUAL_FLOOR
+    low, high = most / 100, most
     if exceeds(high):
         return high
     while high > 1.1 * low:

@@ -19,6 +19,7 @@ from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import CascadeSpec, RecordedSpec
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR, delay
+from elastid.response import STEP_IMAGES
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 
@@ -61,10 +62,10 @@ def without_step_images(
             turn = np.exp(-2j * np.pi * freq_hz[:, None] / rate_hz * round(lag))
             signals = signals.copy()
             signals[:, u] = np.fft.irfft(U - images * turn * R * (freq_hz > 0)[:, None], n, axis=0)
-            log.note("records/step-images", f"{text}; subtracted", "information")
+            log.note(STEP_IMAGES, f"{text}; subtracted", "information")
             return signals
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
-    log.note("records/step-images", f"{text}. Log the references, or {cure}")
+    log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
 
 

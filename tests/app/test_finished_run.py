@@ -9,6 +9,7 @@ from elastid.app.cli import run_command
 from elastid.app.finished_run import FinishedRun
 from elastid.base.errors import UnknownNameError
 
+pytestmark = pytest.mark.slow  # whole runs
 KEYS = ["report.formats=[]", "compare={variants: [{name: undamped, set: [fit.parameters.d_1.fixed=true]}]}"]
 
 

@@ -36,6 +36,7 @@ def run(study: Path, *stages: str) -> Run:
     return found
 
 
+@pytest.mark.slow
 def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Coulomb and viscous friction within 2 %; six speeds there and back in one log."""
     write(tmp_path, trapezoids(SPEEDS))

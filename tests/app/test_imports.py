@@ -70,6 +70,7 @@ STAGES = {
 }
 
 
+@pytest.mark.slow
 def test_a_stage_loads_what_it_works_with(tiny: Path) -> None:
     """Not the page in order to estimate, nor SciPy's optimisers and distributions, which take longest to load."""
     code = f"""

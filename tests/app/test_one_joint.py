@@ -81,6 +81,7 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Pat
     assert command("predict", folder, run, "--with", run) == 0
 
 
+@pytest.mark.slow
 def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder: Path, tmp_path: Path) -> None:
     """The log says how far it is; references are those of its plan; simulated logs are not those of a robot."""
     words = ("--goal", "k_1: 0.014 %")

@@ -31,6 +31,7 @@ def test_of_a_thousand_intervals_93_to_97_percent_hold_the_truth(study: ModuleTy
     np.testing.assert_allclose(found["stated_over_bound"], 1, atol=0.1)
 
 
+@pytest.mark.slow
 def test_clean_logs_of_both_generators_raise_no_alarm(study: ModuleType) -> None:
     """Read, estimated, and the first of them fitted."""
     for number in (0, 1):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.limited_arm import EXCITATION, arm
-from plants.marks import slow
 from plants.measured_robots import deviation
 
 from elastid.experiment.plan.movement import references
@@ -55,7 +54,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("is_logged", [slow(True), False])
+@pytest.mark.slow
+@pytest.mark.parametrize("is_logged", [True, False])
 def test_images_of_reference_steps_are_subtracted_or_stated(is_logged: bool, logs: Path) -> None:
     """Torques at the cycle without a filter, delay free: k within 1 % and 3 std with references, else beyond 1 %."""
     files = tuple(FileSpec(f"{p}-r{m}-e{e}.csv", p, m, e) for p in POSTURES for m in range(2) for e in range(2))

@@ -17,13 +17,11 @@ from itertools import product
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.statistics import STD_OVER_MAD
+from elastid.base.statistics import STD_OVER_MAD, runs
 
 # Degree of the polynomial, and samples on each side of the gap that it is fitted to.
 _POLYNOMIALS = ((0, 16), (3, 2), (1, 2))
 _WIDEST = 16
-# First periods that a reference may leave out, since they can contain a transient.
-_SKIPPED = (1, 0)
 _TRIALS = 32  # samples on each side of the gap in which trial gaps lie
 QUANTILE_75 = 1.150349  # of the size of a normal variable, in standard deviations
 _TRIAL_GAP = 8  # samples of a trial gap at most
@@ -39,13 +37,19 @@ class Interpolation:
     error: float
 
 
-def interpolate(x: FloatArray, start: int, end: int, L: int, sign: int, max_step: float) -> Interpolation | None:
-    """Interpolate the gap [start, end) of a signal x (n,), NaN where missing, that repeats after L samples.
+def interpolations(x: FloatArray, L: int, sign: int) -> Iterator[tuple[slice, Interpolation | None]]:
+    """Interpolate the gaps of a signal x (n,), NaN where missing, that repeats after L samples.
 
-    sign: -1 where x(t + L) = -x(t).  max_step: `largest_step` of it.  None without a candidate:
-    a gap of more than two samples that no other period covers, or values that change by more than
-    twice max_step from one sample to the next.
+    sign: -1 where x(t + L) = -x(t).  None without a candidate: a gap of more than two samples that no other period
+    covers, or values that change by more than twice the largest step of the signal from one sample to the next.
     """
+    steps = np.abs(np.diff(x))
+    max_step = float(np.nanmax(steps)) if np.isfinite(steps).any() else np.inf
+    for start, end in runs(~np.isfinite(x)):
+        yield slice(start, end), _interpolation(x, start, end, L, sign, max_step)
+
+
+def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_step: float) -> Interpolation | None:
     reach = _TRIALS + _WIDEST
     rows = np.arange(max(0, start - reach), min(len(x), end + reach))
     gap = slice(start - int(rows[0]), end - int(rows[0]))
@@ -70,8 +74,8 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
     at = rows + shifts[:, None] * L
     is_inside = (at >= 0) & (at < len(x))
     values = np.where(is_inside, x[np.where(is_inside, at, 0)], np.nan) * (float(sign) ** shifts)[:, None]
-    for skipped in _SKIPPED:
-        used = np.where(at >= skipped * L, values, np.nan)
+    for first in (L, 0):
+        used = np.where(at >= first, values, np.nan)
         n = np.isfinite(used).sum(axis=0)
         if np.all(n[gap] > 0):
             yield np.where(n > 0, np.nansum(used, axis=0) / np.maximum(n, 1), np.nan)
@@ -126,12 +130,6 @@ def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float
     errors = windows[:, first + inner] - windows[:, first + offsets] @ weights.T
     errors = errors[np.isfinite(errors).all(axis=1)]
     return float(np.quantile(np.abs(errors), 0.75) / QUANTILE_75) if errors.size else np.inf
-
-
-def largest_step(x: FloatArray) -> float:
-    """Largest change of a signal (n,), NaN where missing, from one sample to the next."""
-    steps = np.abs(np.diff(x))
-    return float(np.nanmax(steps)) if np.isfinite(steps).any() else np.inf
 
 
 def _is_continuous(values: FloatArray, max_step: float) -> bool:

@@ -16,7 +16,7 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import runs
 from elastid.recorded.repair import Log, bridged
-from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolate, largest_step, period_noise
+from elastid.recorded.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.recorded.repair.masks import (
     MAX_MISSING_FRACTION,
     MAX_STILL,
@@ -81,19 +81,19 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
 
 def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
     """Signal (P L,) without NaN, and the repetitions with a long gap that nothing predicts to within the noise."""
-    result, poor, max_step = np.copy(x), set[int](), largest_step(x)
+    result, poor = np.copy(x), set[int]()
     limit = MAX_ERROR_OVER_NOISE * np.hypot(period_noise(x, L, sign), step(x) / np.sqrt(12))
-    for start, end in runs(~np.isfinite(x)):
-        gap = interpolate(x, start, end, L, sign, max_step)
+    for at, gap in interpolations(x, L, sign):
+        n = at.stop - at.start
         if gap is None:
             raise DataError(
                 "records/missing-samples",
-                f"{log.where}: {text}, and no other period has the {end - start} from {log.time_of(start)} on; "
+                f"{log.where}: {text}, and no other period has the {n} from {log.time_of(at.start)} on; "
                 "measure again, or cut them off with samples",
             )
-        result[start:end] = gap.values
-        if end - start > MAX_BRIDGED and gap.error > limit:
-            poor |= set(range(start // L, (end - 1) // L + 1))
+        result[at] = gap.values
+        if n > MAX_BRIDGED and gap.error > limit:
+            poor |= set(range(at.start // L, (at.stop - 1) // L + 1))
     return result, poor
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
 from elastid.recorded.repair import Log, blocks, bridged, flat
-from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolate, largest_step, period_noise
+from elastid.recorded.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolations, period_noise
 from elastid.recorded.repair.masks import MASKED, step
 
 OUTVOTED = "spikes by two periods against one"
@@ -115,7 +115,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     is_spike = np.zeros(len(x), dtype=np.bool_)
     if is_lost.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
-        full, is_spike = _replaced(full, runs(is_lost).tolist(), L, sign, to_nearest, are_lost=True)
+        full, is_spike = _replaced(full, is_lost, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         judged = _with_other_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
@@ -130,49 +130,43 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
             break
         chosen = _roughest(full, candidates, judged & ~is_spike, L)
         chosen[:L] &= _lone_distance(full[:L]) >= _repeated_jump(full, L, sign, q)
-        new = runs(chosen).tolist()
-        if not new:
+        if not chosen.any():
             break
-        full, is_new = _replaced(full, new, L, sign, np.full(len(full), np.inf))
-        judged[np.concatenate([np.arange(start, end) for start, end in new])] = False
+        full, is_new = _replaced(full, chosen, L, sign, np.full(len(full), np.inf))
+        judged &= ~chosen
         is_spike |= is_new
     return np.flatnonzero(is_spike)
 
 
 def _replaced(
     x: FloatArray,
-    suspects: Sequence[tuple[int, int]],
+    suspects: BoolArray,
     L: int,
     sign: int,
     to_nearest: FloatArray,
     are_lost: bool = False,
 ) -> tuple[FloatArray, BoolArray]:
-    """Signal (P L,) with interpolations of the suspects that are far from them, and flags of these samples.
+    """Signal (P L,) with interpolations of the suspects (P L,) that are far from them, and flags of these samples.
 
     to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
     the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
     together if their median distance is larger than errors of the interpolation explain.
     """
-    result, is_replaced, without = np.copy(x), np.zeros(len(x), dtype=np.bool_), np.copy(x)
-    for start, end in suspects:
-        without[start:end] = np.nan
-    max_step = largest_step(without)
-    near: list[tuple[int, FloatArray, float]] = []
-    for start, end in suspects:
-        gap = interpolate(without, start, end, L, sign, max_step)
+    result, is_replaced = np.copy(x), np.zeros(len(x), dtype=np.bool_)
+    near: list[tuple[slice, FloatArray, float]] = []
+    for at, gap in interpolations(np.where(suspects, np.nan, x), L, sign):
         if gap is None:
             continue
-        distance = np.abs(x[start:end] - gap.values).max()
-        if MIN_ERRORS * gap.error < distance < 2 * to_nearest[start:end].max():
-            result[start:end], is_replaced[start:end] = gap.values, True
-        elif distance < 2 * MIN_ERRORS * gap.error and end - start <= MAX_RUN:
-            near.append((start, gap.values, distance / gap.error))
+        distance = np.abs(x[at] - gap.values).max()
+        if MIN_ERRORS * gap.error < distance < 2 * to_nearest[at].max():
+            result[at], is_replaced[at] = gap.values, True
+        elif distance < 2 * MIN_ERRORS * gap.error and at.stop - at.start <= MAX_RUN:
+            near.append((at, gap.values, distance / gap.error))
     # Normal errors d of lost messages and e of interpolations: the median is 0.45 (d^2 + e^2) / e^2.
     squares = [ratio**2 for *_, ratio in near if ratio <= MIN_ERRORS]
     if are_lost and squares and np.median(squares) > 0.91 + MIN_EXCESS / np.sqrt(len(squares)):
-        for start, values, _ in near:
-            end = start + len(values)
-            result[start:end], is_replaced[start:end] = values, True
+        for at, values, _ in near:
+            result[at], is_replaced[at] = values, True
     return result, is_replaced
 
 
@@ -255,10 +249,9 @@ def _lone_distance(e: FloatArray) -> FloatArray:
 
 def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
     """Signal (P L,) without NaN, on straight lines where no period has a sample."""
-    result, max_step = np.copy(x), largest_step(x)
-    for start, end in runs(~np.isfinite(x)):
-        gap = interpolate(x, start, end, L, sign, max_step)
-        result[start:end] = np.nan if gap is None else gap.values
+    result = np.copy(x)
+    for at, gap in interpolations(x, L, sign):
+        result[at] = np.nan if gap is None else gap.values
     return bridged(result)
 
 

@@ -129,6 +129,7 @@ def write(tiny: Path, further: str = LISTED + TOOL) -> Path:
     return tiny
 
 
+@pytest.mark.slow
 def test_a_study_with_load_tests_and_a_hammer(tiny: Path) -> None:
     """The simulated rig measures the deflections; the hammer's response is predicted."""
     path = write(tiny, LISTED + TOOL + TAPPED)
