@@ -1,6 +1,6 @@
 """The robot that a study has identified: its file, its true numbers, friction in the viscous ones, effects of gears."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -11,8 +11,8 @@ from elastid.fit.result import Result
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.gear_result import GearResult, with_effects
-from elastid.parameters import Parameter
-from elastid.robot import Friction, Robot
+from elastid.parameters import Parameters
+from elastid.robot import Friction, Robot, channel_name
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
 from elastid.study.robots import yaml_text
@@ -27,6 +27,8 @@ VISCOUS = "viscous friction alone"
 SLOPE = "viscous friction at the speeds of the records, without Coulomb friction"
 # Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
 WITH_COULOMB = "viscous friction; it is too large if the motor has Coulomb friction, which is not compensated"
+
+OF_LOOP = "; an error of k_d of the controller adds to it"
 
 
 def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None) -> frozenset[str]:
@@ -54,18 +56,22 @@ def contents(
     robot: Robot,
     is_simulated: bool,
     friction: FrictionTakenOut | None,
-    parameters: Iterable[Parameter],
+    parameters: Parameters,
     gears: GearResult | None = None,
 ) -> dict[str, str]:
-    """Parameter name to the friction in it, for motors' viscous coefficients and others that contain dry friction."""
+    """Parameter name to the friction in it, for motors' viscous coefficients and others that contain dry friction.
+
+    In responses to references, viscous friction and an error of the controller's k_d are alike.
+    """
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
     taken = () if friction is None else friction.taken_places()
     words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
     words |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
+    and_gain = OF_LOOP if channel_name(DELAY, "r") in parameters.names else ""
     return {
-        parameter.name: words.get(parameter.stands_for, VISCOUS)
-        for parameter in parameters
+        parameter.name: words.get(parameter.stands_for, VISCOUS) + and_gain
+        for parameter in parameters.free
         if parameter.stands_for in of_motors | mixed
     }
 

@@ -11,7 +11,7 @@ from elastid.app.identified_robot import SLOPE, WITH_COULOMB, contents, truth, w
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs
-from elastid.parameters import Parameter
+from elastid.parameters import Parameter, Parameters
 from elastid.robot import Body, Friction, Hysteresis, Joint, Motor, Robot, Spring
 from elastid.robot.simplified import with_joints
 
@@ -24,7 +24,8 @@ ROBOT = Robot(
         Body("c", "b", joints=(Joint("3", "y", None, SMOOTH, 1.0),), inertia=1.0),
     ),
 )
-PARAMETERS = tuple(Parameter(name, 1e-3) for name in ("k_1", "fm_1", "fm_1@warm", "f_1", "fm_2", "f_2", "fm_3"))
+NAMES = ("k_1", "fm_1", "fm_1@warm", "f_1", "fm_2", "f_2", "fm_3")
+PARAMETERS = Parameters(tuple(Parameter(name, 1e-3) for name in NAMES))
 
 
 def test_of_a_recorded_robot_no_motor_is_known_to_be_without_friction() -> None:

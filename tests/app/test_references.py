@@ -84,6 +84,15 @@ def test_wrong_gains_are_a_misfit_or_identified(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.slow
+def test_wrong_damping_gain_moves_viscous_friction_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A k_d that is 20 % off and viscous friction are alike: stiffness, damping and delay stay within 4 std."""
+    result = fitted(JOINT.write(tmp_path / "a", stated=(JOINT.kp, JOINT.kd / 1.2)), monkeypatch)
+    truth = {"k_1": JOINT.k, "d_1": JOINT.d, "delay_r": JOINT.delay_s}
+    assert max(map(abs, distances(result, **truth).values())) < 4
+    assert result.parameters.as_dict(result.x)["fm_1"] == pytest.approx(JOINT.fm + JOINT.kd / 6, rel=0.05)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "options"),
     [

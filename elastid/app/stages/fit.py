@@ -94,7 +94,7 @@ def fitted_rows(
     """A row for each parameter, with its truth where the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
     true = truth(robot, simulated, study.fit.parameters, friction)
-    contained = contents(robot, simulated is not None, friction, result.parameters.free, gears)
+    contained = contents(robot, simulated is not None, friction, result.parameters, gears)
     return parameter_rows(result, true, contained)
 
 

@@ -46,7 +46,7 @@ def report(study: Study, work: Work) -> Artefacts:
         dense=dense_models(fitted),
         friction=friction,
         twin=read_simulation(validated),
-        contents=contents(robot, simulated is not None, friction, result.parameters.free, gears),
+        contents=contents(robot, simulated is not None, friction, result.parameters, gears),
         gears=gears,
         measured_modes=measured_modes(fitted),
     )
