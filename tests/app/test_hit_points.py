@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
+from elastid.modal.estimate import estimate_modes
 from elastid.store.measured import read_responses
 
 RATE, N, PERIODS = 512, 1024, 4
@@ -46,6 +47,10 @@ def test_files_of_several_points_are_one_response_matrix(moves: str, tmp_path: P
     study.write_text(text.replace("at: acc_0,", "at: p0,").replace("at: acc_1,", "at: p2,") if key == "force" else text)
     assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
     assert "frf/records" not in codes(tmp_path / "run")
+    V = SHAPES / np.linalg.norm(SHAPES, axis=0)
+    (response,) = read_responses(tmp_path / "run" / "frf.h5")
+    alike = [value for _, value in estimate_modes(response).most_alike]
+    np.testing.assert_allclose(alike, (np.abs(V.T @ V) ** 2 - 2 * np.eye(3)).max(axis=0), atol=0.02)
     with open(tmp_path / "run" / "modes.csv") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3
