@@ -264,10 +264,15 @@ def test_logs_of_makes_have_references_and_runs_of_their_names(make: str, tmp_pa
     assert study.experiment.configurations["p1"] == pytest.approx([0.9, 0.9], abs=1e-3)
 
 
+def commands() -> tuple[np.ndarray, np.ndarray]:
+    """Times (600,) and commands of two joints (600, 2)."""
+    t = np.arange(600) / 200
+    return t, np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+
+
 def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path: Path) -> None:
     """Gains of each joint are those of the log; the study is accepted as it is, but not as one of elasticity."""
-    t = np.arange(600) / 200
-    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    t, command = commands()
     arrays = {"time_s": t, "position_rad": 0.9 * command, "velocity_rad_s": np.gradient(command, 0.005, axis=0)}
     arrays |= {"command_rad": command, "command_velocity_rad_s": 0 * command}
     np.savez(tmp_path / "log.npz", **arrays, kp=np.array([20.0, 40.0]), kd=np.array([1.0, 4.0]))
@@ -300,8 +305,7 @@ def test_commanded_positions_without_units_have_the_unit_of_their_range(size: fl
 
 def test_columns_named_command_near_a_position_are_commands_and_no_torques(tmp_path: Path) -> None:
     """By the names of the joints in any order, without a quantity or a unit in the name."""
-    t = np.arange(600) / 200
-    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    t, command = commands()
     columns = np.column_stack([t, command[:, ::-1], 0.9 * command])
     heads = "time,knee_command,hip_command,hip_position,knee_position"
     np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=heads, comments="")
@@ -316,8 +320,7 @@ def test_columns_named_command_near_a_position_are_commands_and_no_torques(tmp_p
 @pytest.mark.parametrize("kp", [[20.0, 40.0, 60.0], [0.0, 40.0], [[20.0, 40.0]] * 599 + [[20.0, 41.0]]])
 def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp: list, tmp_path: Path) -> None:
     """The study is accepted, with gains to enter."""
-    t = np.arange(600) / 200
-    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    t, command = commands()
     np.savez(tmp_path / "log.npz", time_s=t, command_rad=command, position_rad=0.9 * command, kp=np.array(kp), kd=1.0)
     controller = new(tmp_path, tmp_path / "log.npz").experiment.as_recorded().controller
     assert controller is not None
@@ -330,8 +333,7 @@ def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) ->
         "leg", tuple(Body(f"{n} link", joints=(Joint(n, motor=Motor(1.0)),), mass=1) for n in ("hip", "knee"))
     )
     (tmp_path / "robot.yml").write_text(yaml_text(robot), encoding="utf-8")
-    t = np.arange(600) / 200
-    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    t, command = commands()
     heads = "time,pos_knee,pos_hip,cmd_pos_knee,cmd_pos_hip"
     np.savetxt(
         tmp_path / "log.csv", np.column_stack([t, 0.9 * command, command]), delimiter=",", header=heads, comments=""
@@ -353,8 +355,7 @@ def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) ->
 )
 def test_logs_that_are_not_of_one_study_are_refused(change: dict, numbers: list[str], tmp_path: Path) -> None:
     """Of two controllers, two rates, other joints: where the log is, and the numbers of both; gains as a series."""
-    t = np.arange(600) / 200
-    command = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    t, command = commands()
     arrays = {"time_s": t, "command_rad": command, "position_rad": 0.9 * command, "kp": np.full((600, 2), 20.0)}
     for name, more in (("a", {}), ("b", change)):
         np.savez(tmp_path / f"{name}.npz", **(arrays | more), kd=1.0)

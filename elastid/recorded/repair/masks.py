@@ -157,7 +157,9 @@ def step(x: FloatArray) -> float:
         np.unique(x[:: max(1, len(x) // STEP_SAMPLES)]),
         1e-9 * np.nanmax(np.abs(x), initial=0),
     )
-    # Spikes off the grid are many among the different values of a coarse grid, but few among the changes.
+    # Spikes off the grid are many among the different values of a coarse grid, but few among the changes. What is whole
+    # steps of q is whole steps of a fraction of q, too.
+    largest = 0.0
     for gaps in (np.diff(values), np.abs(np.diff(x[:STEP_SAMPLES]))):
         gaps = gaps[gaps > smallest_gap]
         for smallest in np.sort(gaps)[:STEP_CANDIDATES]:
@@ -166,8 +168,8 @@ def step(x: FloatArray) -> float:
                 is_whole = np.abs(gaps / q - counts) < STEP_TOLERANCE
                 if is_whole.mean() >= 1 - MAX_OFF_GRID:
                     # Many steps together give a more exact size than one.
-                    return float(gaps[is_whole].sum() / counts[is_whole].sum())
-    return 0.0
+                    largest = max(largest, float(gaps[is_whole].sum() / counts[is_whole].sum()))
+    return largest
 
 
 def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:

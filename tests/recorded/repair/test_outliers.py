@@ -13,7 +13,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
 from elastid.recorded.repair import Findings, Log
-from elastid.recorded.repair.masks import MASKED
+from elastid.recorded.repair.masks import MASKED, step
 from elastid.recorded.repair.missing import repair
 from elastid.recorded.repair.outliers import OUTVOTED
 
@@ -127,6 +127,12 @@ def test_lost_messages_below_the_limit_of_one_are_replaced_together() -> None:
     off, left = (np.sqrt(np.mean((x - clean)[is_damaged] ** 2)) / 3e-2 for x in (damaged, _repaired(damaged)))
     assert off > 6
     assert left < 2
+
+
+def test_step_of_a_log_with_spikes_is_no_fraction_of_it() -> None:
+    """Of 0.01; among the different values spikes make smaller gaps."""
+    damaged = _damaged(_clean(383311, 1e-3, 1e-2, 0.0), "pair", 7, 1e-2, 383311)
+    assert step(damaged[:, 1]) == pytest.approx(0.01, rel=1e-6)
 
 
 def test_zeros_within_the_noise_of_a_torque_stay() -> None:
