@@ -134,7 +134,7 @@ def test_separators_of_thousands_are_no_decimals(
 
 
 def test_properties_above_the_data_are_none_of_it_and_times_of_a_scope_have_names(tmp_path: Path) -> None:
-    """The documented form of TwinCAT Scope exports: properties of each channel in rows, a column of times in ms each."""
+    """The documented form of TwinCAT Scope exports: properties of each channel in rows, times in ms beside each."""
     rows = [
         "Name\tdrive", "File\tC:\\drive.csv", "Starttime of export\t132959733843760000\tMonday\t15:56:24.376", "", "",
         "Name\tActTorque\tName\tActPos", "SymbolComment\t\tSymbolComment\t", "Data-Type\tREAL64\tData-Type\tREAL64",
