@@ -26,7 +26,7 @@ MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 VISCOUS = "viscous friction alone"
 SLOPE = "viscous friction at the speeds of the records, without Coulomb friction"
 # Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
-WITH_COULOMB = "viscous friction; it is too large if the motor has Coulomb friction, which is not compensated"
+WITH_COULOMB = "viscous friction. Coulomb friction of the motor, if any, was not compensated and increases the estimate"
 
 OF_LOOP = "; an error of k_d of the controller adds to it"
 

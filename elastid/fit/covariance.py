@@ -104,7 +104,8 @@ class Uncertainty:
     information_fraction (Q, n_x): of each configuration; information_band_hz (n_x, 2): the middle half of it.
     disagreement: T of the blocks, 1 for a true model (`blocks`).  shift (n_x,): the deviation by the blocks over that
     by measured noise, ratios of gears and declared floor alone.
-    averaging_fraction (n_x,): of the variance: averages out over repeated measurements, 1 for an exact robot model.
+    averaging_fraction (n_x,): of the variance: averages out over repeated measurements, 1 without tolerances and
+    model error.
     persistent_fraction (n_x,): of the variance, by errors of the robot model that no data reduce, else 0.  ratios: of
     the gears.
     """
@@ -160,6 +161,9 @@ def estimate_uncertainty(
     known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads) / np.maximum(fraction, 1e-6) ** 2
     widened = small_sample_factors(known_dof)
     covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + ratios + np.diag(friction)
+    # Residuals above the noise, and the model error, are equal in repeated measurements.
+    stated = np.diag(noise) * widened**2 + np.diag(ratios) + friction if is_excess else np.diag(covariance - floor)
+    known = np.minimum(stated / np.maximum(np.diag(covariance), 1e-300), 1.0) / total
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
@@ -168,8 +172,8 @@ def estimate_uncertainty(
         expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=share, information_band_hz=band_hz,
         disagreement=disagreement([part.disagreement for part in parts], len(half)),
         shift=np.where(unreached, 0.0, np.sqrt(blocks / (total + np.diag(floor)))),
-        averaging_fraction=repeated / total,
-        persistent_fraction=(np.minimum(lasting, of_file) + np.diag(ratios)) / total,
+        averaging_fraction=repeated * known,
+        persistent_fraction=(np.minimum(lasting, of_file) + np.diag(ratios)) * known,
         costs=costs, power=power, ratios=scatter,
     )  # fmt: skip
 

@@ -158,7 +158,7 @@ OTHER_JOINTS = (
 )
 OTHER_AMPLITUDE = (
     "To find the cause of the model error, measure again at half the torque. If the residuals change, the cause is "
-    "nonlinear; otherwise the robot model lacks an elastic joint"
+    "nonlinear; otherwise it is linear, for example a missing elastic joint"
 )
 
 
@@ -347,6 +347,9 @@ class Result:
         errors = ["measured noise", "distortion"]
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
             errors.append("the assumed model error")
+        systematic = 1 - self.averaging_fraction - self.persistent_fraction
+        if np.any(systematic > 0.01) and len(errors) == 2:
+            errors.append("small model errors (for example of the friction compensation)")
         errors += ["the tolerances of the robot model"] * self.has_tolerances
         fixed = "" if self.has_tolerances else ". They assume that the fixed values of the robot model are exact"
         return f"The intervals cover {', '.join(errors[:-1])} and {errors[-1]}{fixed}"
@@ -469,8 +472,8 @@ class Result:
     def std_systematic(self) -> dict[str, float]:
         """Remaining contribution: std^2 = std_noise^2 + std_prior^2 + std_systematic^2.
 
-        Errors that repeated measurements share and that more data reduce: tolerances that the data narrow, and what
-        friction compensation and unexplained distortion leave.
+        Errors that repeated measurements share: the assumed model error, residuals above the noise, tolerances that
+        more data narrow, errors of the friction compensation, and unexplained distortion.
         """
         return self._part(self._shared(1 - self.averaging_fraction - self.persistent_fraction, 0.0))
 

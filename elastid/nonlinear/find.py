@@ -238,8 +238,8 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
         else:
             text = (
-                f"{place}: Coulomb friction is not compensated, because it is not significant (compensation leaves "
-                f"{share:.3g} % of the power of noise and distortion in cross-validation)"
+                f"{place}: Coulomb friction is not significant and not compensated. In cross-validation, "
+                f"{share:.3g} % of the power of noise and distortion remains with compensation"
             )
             notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
     return tuple(notes)

@@ -140,7 +140,9 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
     for verdict, of_verdict in names.items():
         word, _, reason = verdict.partition(": ")
         verb = "is" if len(of_verdict) == 1 else "are"
-        parts.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
+        parts.append(
+            f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}{', do not use' * (verdict == UNCERTAIN)}"
+        )
     return ", and ".join(parts)
 
 
@@ -160,7 +162,8 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.cause[0]:
         if result.cause[0].startswith(REQUIRED):
             ratio = result.residual_test.partition(": residuals ")[2]
-            return f"{capital(result.cause[0])}. With this change, the residuals are {ratio}."
+            users = "The fit" + " and the validation" * any(agreement.is_validation for agreement in agreements)
+            return f"{capital(result.cause[0])}. {users} used the value that the data require: residuals {ratio}."
         return f"{capital(result.cause[0])}.{test if result.exceeds_noise else ''}"
     if "error" in (noise := _noise_and_error(result, agreements)):
         return f"No error beyond {noise}.{test}"
@@ -186,7 +189,7 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
     all_others = max(map(half_width, others), default=math.inf)
     last = f", all {len(others)} other parameters to ±{percent(all_others)}" if all_others <= WIDTH_CLASSES[-1] else ""
     first = _of_width(judged, kind)
-    return first and first + last
+    return first and f"{first}{last} (half-width of the 95 % interval)"
 
 
 def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
@@ -305,9 +308,9 @@ def _of_cause(result: Result) -> Action | None:
 
 # Numbers of a robot model that are measured together, by the beginnings of their names.
 TOLERANCES = {
-    "gain_u_": "Calibrate the torque constants", "Jm_": "Measure the motor inertias", "m_": "Weigh the bodies",
-    "I_": "Measure the inertias", "c_": "Measure the centres of mass", "p": "Measure the lengths",
-    "zero_": "Calibrate the zero angles",
+    "gain_u_": "Calibrate {} (torque constant)", "Jm_": "Measure {} (motor inertia)", "m_": "Measure {} (mass)",
+    "I_": "Measure {} (inertia)", "c_": "Measure {} (centre of mass)", "p": "Measure {} (length)",
+    "zero_": "Calibrate {} (zero angle)",
 }  # fmt: skip
 
 
@@ -322,14 +325,15 @@ def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     most = max(fractions, key=lambda beginning: fractions[beginning])
     if 2 * fractions[most] < 1:
         return None
-    what = f"{TOLERANCES[most]} ({', '.join(name for name in names[n:] if name.startswith(most))})."
-    reason = f"{percent(fractions[most])} of the variance of {poor.name} is due to these values"
+    what = f"{TOLERANCES[most].format(', '.join(name for name in names[n:] if name.startswith(most)))}."
+    share = percent(fractions[most])
+    reason = f"The tolerance causes {share} of the variance of {poor.name}. Without it, the interval shrinks"
     return _narrower(what, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
 
 
 def _narrower(what: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
     before, after = percent(half_width(poor)), percent(factor * half_width(poor))
-    return None if before == after else Action(what, f"{reason}: ±{before} becomes ±{after}.")
+    return None if before == after else Action(what, f"{reason} from ±{before} to ±{after}.")
 
 
 def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
@@ -340,7 +344,7 @@ def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     # The robot's file errs in the next measurement as in this one.
     of_data = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
     share, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
-    reason = f"The interval of {poor.name} is then narrower"
+    reason = f"The interval of {poor.name} then shrinks"
     return _narrower(f"Measure twice as long in “{name}”.", poor, reason, 1 / math.sqrt(1 + share))
 
 

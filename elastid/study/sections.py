@@ -102,7 +102,7 @@ class Study:
             rows.append(("parameters", ", ".join(self.fit.parameters)))
         if self.friction is not None:
             rows.append(("friction of", ", ".join(self.friction.joints) or "all joints"))
-        return Display(f"Study {self.name}, {self.kind}, seed {self.seed}", ("section", "content"), rows)
+        return Display(f"Study '{self.name}' (kind: {self.kind}), seed {self.seed}", ("section", "content"), rows)
 
     def as_robot(self) -> Robot:
         """The robot; StudyError for a study without one."""

@@ -111,7 +111,8 @@ def _artefacts(
             if row.coulomb_torque is not None:
                 compensated[row.place] = f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})"
         if compensated:
-            console.say(f"estimate: link-side Coulomb friction subtracted from the torque: {listed(compensated)}")
+            motors = "Coulomb friction of the motors (link-side values)"
+            console.say(f"estimate: {motors} subtracted from the torque: {listed(compensated)}")
         for note in () if friction is None else friction.notes:  # warnings were printed before
             if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")

@@ -130,9 +130,8 @@ def conclude(run: Run) -> None:
         run.console.table(gear_table(opened))
     if opened is not None:
         run.console.say(f"gears: {gear_line(opened)}")
-    for row in rows:
-        if estimated and row.contains == WITH_COULOMB:
-            run.console.say(f"{row.name}: {row.contains}")
+    if estimated and (mixed := ", ".join(row.name for row in rows if row.contains == WITH_COULOMB)):
+        run.console.say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
         run.console.say(line)
@@ -153,11 +152,11 @@ SYMBOLS = {
         "fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft",
     },
     "body {}": {"m": "mass", "I": "inertia"},
-    "the outputs": {"delay": "relative to the inputs"},
+    "the outputs relative to the inputs": {"delay": "time delay"},
 }  # fmt: skip
 STD_PARTS = {
     "std_noise": "noise", "std_prior": "tolerances of the robot model, which more data do not reduce",
-    "std_systematic": "other errors that repeated measurements share",
+    "std_systematic": "assumed model error, friction compensation, and tolerances that more data reduce",
 }  # fmt: skip
 
 
@@ -172,6 +171,8 @@ def _legend(result: Result, rows: Sequence[ParameterRow]) -> Iterator[str]:
         yield f"Names: {'; '.join(groups)}"
     if parts := [name for name in result.display.headings if name in STD_PARTS]:
         yield f"std^2 = {' + '.join(f'{name}^2 ({STD_PARTS[name]})' for name in parts)}"
+    elif result.exceeds_noise:
+        yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 
 
 def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:

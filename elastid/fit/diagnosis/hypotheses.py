@@ -36,7 +36,7 @@ from elastid.fit.result import ModificationIndex
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
-CHANNELS = "check torque constants, units and scales of the channels, and rate_hz"
+CHANNELS = "check the torque constants, units and scales of the channels"
 GAINS = "check experiment.recorded.controller, or identify it: `--set 'fit.parameters.{name}={{}}'`"
 SIGNALS = {"u": "torques", "y": "positions", "r": "references", "kp": "k_p of controllers", "kd": "k_d of controllers"}
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
@@ -48,7 +48,10 @@ def gain(index: ModificationIndex) -> str:
     signals, factor = SIGNALS[role], relative(math.exp(float(index.steps[0])))
     if where == "*":
         return f"gain of all {signals} {factor}"
-    return f"gain of the {signals[:-1]} at {where.replace('_', ' ')} {factor}"
+    step = float(index.steps[0])
+    size = relative(math.exp(step)).lstrip("+-")
+    error = f"wrong by {size}" if "factor" in size else f"about {size} too {'large' if step > 0 else 'small'}"
+    return f"logged {signals[:-1]} at {where.replace('_', ' ')} {error}"
 
 
 def angle(index: ModificationIndex) -> str:

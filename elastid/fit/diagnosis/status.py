@@ -30,6 +30,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, fault, phrase
 from elastid.fit.diagnosis.limits import LIMITS
@@ -328,8 +329,8 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         if _is_weak(result, parameter.name):
             # Without the interval: that of the table may be found later, by profile likelihood.
-            ends = f"upper end of the 95 % interval more than {LIMITS.interval_factor:g} times the lower end"
-            text = f"weakly identifiable ({ends}). Do not use this estimate"
+            limit = percent(math.log(LIMITS.interval_factor) / (2 * QUANTILE_95))
+            text = f"weakly identifiable (std above {limit} of the estimate). Do not use such an estimate"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))

@@ -76,7 +76,7 @@ def _quantities(response: Response) -> Mapping[str, Any]:
         ),
         _curve("residual", "|measured − model|", style.RESIDUAL, ["G", "model"], width=0.7),
         _curve("noise", "std of noise", style.NOISE, ["noise"], width=1, dash=[6, 4]),
-        _curve("total", "std of noise + nonlinear", style.TOTAL, ["total"], width=1, dash=[2, 3]),
+        _curve("total", "std of noise and nonlinear distortion", style.TOTAL, ["total"], width=1, dash=[2, 3]),
         _curve("model", "std of the model", style.START, ["std"], width=1, dash=[8, 3, 2, 3]),
     ]
     phase = [curve | {"key": f"{curve['key']}_phase"} for curve in (measured, fitted)]

@@ -81,9 +81,15 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
     return Markup(f'<svg class="robot" role="img" aria-label="{words}" {box}>{"".join(parts)}</svg>')
 
 
+def _level(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
+    """Index of WIDTH_WORDS of the widest interval of stiffness and damping at these joints; None without one."""
+    terms = {f"{kind}_{name}" for name in names for kind in "kd"}
+    return max((overview.width_class(row) for row in rows if row.name in terms), default=None)
+
+
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
-    level = max(map(overview.width_class, [row for row in terms if not row.name.startswith("fm")]), default=None)
+    level = _level(names, rows.values())
     widths = ", ".join(f"{row.name} ±{percent(overview.half_width(row))}" for row in terms) or "nothing identified here"
     css_class = "held" if level is None else f"w{level}"
     label = escape(", ".join(names))
@@ -113,16 +119,20 @@ MARKS = ("low", "high", "start", "truth")
 def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapping[str, Any]:
     """Values for the status bar and the three columns; a sketch only where the robot has points that are drawn."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
-    classes = [overview.width_class(row) for row in rows]
+    sketched = content.robot if drawing is not None else None
+    classes: list[int | None] = [overview.width_class(row) for row in rows]
+    if sketched is not None:
+        classes = [level for names in joint_groups(sketched) for level in [_level(names, rows)] * len(names)]
     return {
         "sentence": overview.verdict_sentence(content.result, rows, content.agreements),
         "numbers_answer": overview.numbers_answer(content.result, rows, content.gears),
         "summary": overview.summary_line(content),
-        "sketch": robot_sketch(content.robot, drawing, rows) if content.robot is not None and drawing else "",
+        "sketch": robot_sketch(sketched, drawing, rows) if sketched is not None and drawing is not None else "",
         "widest": None if overview.is_wrong(content.result) else overview.widest(rows),
         "half_width": overview.half_width,
         "width_class": overview.width_class,
         "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
+        "counted": "joints" if sketched else "parameters",
         "strip": overview.strip(content.validation.configurations),
         "residuals": overview.residual_sentence(content.result, content.agreements),
         "actions": overview.next_steps(content.result, rows),

@@ -139,6 +139,6 @@ def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes() -> None
     result = identify(responses, robot, FitSpec(parameters={name: ParameterSpec() for name in names}, starts=1))
     action = next_steps(result, parameter_rows(result, None))[0]
     assert "gain_u_motor_1" in action.what
-    ((name, before, after),) = re.findall(r"of (\w+) is .*±(\S+) % becomes ±(\S+) %", action.gain)
+    ((name, before, after),) = re.findall(r"of (\w+)\..* ±(\S+) % .*±(\S+) %", action.gain)
     assert float(before) > 9.0
     assert float(after) == pytest.approx(196 * result.std_noise[name] / result.values[name], rel=0.1)

@@ -209,6 +209,8 @@ def test_the_first_screen_names_the_widest_number_unless_the_model_is_wrong() ->
         shown = first_screen(replace(content, result=replace(content.result, status=status)), rows)
         assert getattr(shown["widest"], "name", None) == name
         assert "<svg" in shown["sketch"]
-        assert [count for *_, count in shown["width_counts"]] == [1, 1, 1, 1]
+        assert [count for *_, count in shown["width_counts"]] == [0, 1, 1, 0]  # joints
         assert shown["sketch"] in html(content, [])
-    assert first_screen(report_content(), rows)["sketch"] == ""
+    shown = first_screen(report_content(), rows)
+    assert shown["sketch"] == ""
+    assert [count for *_, count in shown["width_counts"]] == [1, 1, 1, 1]  # parameters
