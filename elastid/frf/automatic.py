@@ -37,8 +37,8 @@ from elastid.response import Response
 class AutomaticLimits:
     """Limits of the choice.
 
-    With them `auto` has at most 1.5 times the error of the best method on ten kinds of record, at 10 to 50 dB
-    (`scripts/studies/results.csv`).
+    With them the automatic choice has at most 1.5 times the error of the best method on ten kinds of record, at 10 to
+    50 dB (`scripts/studies/results.csv`).
     """
 
     lines: int = 128  # of the preview of a local method, for its time

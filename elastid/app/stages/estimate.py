@@ -22,7 +22,6 @@ from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
-from elastid.recorded.reference_loop import with_reference_loop
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
@@ -73,6 +72,8 @@ def estimate_configuration(
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
     if commands is not None and robot is not None:
+        from elastid.recorded.reference_loop import with_reference_loop  # brings CasADi
+
         response = with_reference_loop(response, commands, robot)
     repairs: Counter[str] = Counter()
     for record in records:
