@@ -58,7 +58,7 @@ def test_values_show_themselves_in_a_few_lines(measured, result) -> None:
     model = result.model("c1")
     friction = friction_result()
     for value, says in (
-        (study, "linkage_arm.yml: Study linkage_arm, simulated"),
+        (study, "linkage_arm.yml: Study 'linkage_arm'"),
         (study.study, "k_*, d_*, fm_*"),
         (study.study.robot, "Robot linkage arm: 4 bodies, 2 motors, 1 loop"),
         (study.study.robot, "2      lower      y     100         8e+05 N*m/rad    400 N*m*s/rad"),
