@@ -133,16 +133,16 @@ MEANING: dict[Status, str] = {
     "residuals. To test the model, measure two periods or more, or give the covariance",
     "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
     "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "significant model error: the parameters may be biased, do not use them. Correct the likely cause, and "
+    "misfit": "significant model error: the parameters may be biased: do not use them. Correct the likely cause, and "
     "fit again",
     "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
     "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
-    "model_error": "the model does not describe these responses, do not use its parameters. Check channels, "
+    "model_error": "the model does not describe these responses: do not use its parameters. Check channels, "
     "configurations and robot model",
 }
 
 # Meaning of a misfit whose residuals are those of the noise.
-CONTRADICTED = "the data contradict the robot model, do not use the parameters yet. Correct it and fit again"
+CONTRADICTED = "the data contradict a value of the robot model. Correct or estimate the value, and fit again"
 
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/fixed-values"

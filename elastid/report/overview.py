@@ -116,7 +116,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     named = _with_verdicts(poor)
     if result.exceeds_noise:
         error = f"assumed model error of {percent(result.model_error)}" if result.is_within_declared else "model error"
-        return f"With caution: {named and f'{named}, and '}the intervals include the {error}."
+        return f"With caution{named and f': {named}'}. The intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
@@ -141,7 +141,8 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
         word, _, reason = verdict.partition(": ")
         verb = "is" if len(of_verdict) == 1 else "are"
         parts.append(
-            f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}{', do not use' * (verdict == UNCERTAIN)}"
+            f"{', '.join(of_verdict)} {verb} {word}"
+            + (f" ({reason}{'; do not use' * (verdict == UNCERTAIN)})" if reason else "")
         )
     return ", and ".join(parts)
 

@@ -228,7 +228,7 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
     alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
     same = f", or {', or '.join(alternatives)} (indistinguishable)" if alternatives else ""
     tolerance = tolerance_of(index, result)
-    of_tolerance = f"; tolerance of the robot model: {tolerance} (std)" if tolerance else ""
+    of_tolerance = f"; its tolerance is {tolerance} (std)" if tolerance else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f"changes {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
     named = f"{phrase(index, evidence)}{same}{of_tolerance}"

@@ -67,7 +67,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         caption = "Expected information: by configuration and frequency, and by configuration and parameter."
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
     if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():
-        caption = "Peaks of each experiment, in % of the limits of the motor."
+        caption = "Largest peak in each configuration, in % of the limits of the motor."
         yield Drawing("peaks", "plan", caption, partial(fit.limit_use, content.limit_use))
 
 
@@ -75,9 +75,8 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
     """Yield drawings of compensated friction and of the friction of the robot model."""
     if taken_out is not None and taken_out.configurations:
         caption = (
-            "Identified friction of each motor (link side) against velocity or presliding distance, with F_c of the "
-            "robot model, if it states one. Last panel: torque amplitude of noise and distortion, before and after "
-            "compensation."
+            "Identified friction of each motor (link side), and F_c of the robot model (dashed) where it is stated. "
+            "Lower panels: torque amplitude of noise and distortion, before and after compensation."
         )
         yield Drawing("friction", "friction", caption, partial(friction.friction_taken_out, taken_out, robot))
 

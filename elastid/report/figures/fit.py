@@ -127,7 +127,7 @@ def information(forecast: Forecast) -> Figure:
     all_of = Cells(by_octave, names, octaves, (0.0, max(float(by_octave.max()), 1.0)), text)
     cells = Cells(100 * forecast.information_fraction.sum(axis=1), (), forecast.parameters, text=text)
     panels = [
-        Panel(x="octave above Hz", title="share of all information in %", cells=all_of),
+        Panel(x="start of the octave in Hz", title="share of all information in %", cells=all_of),
         Panel(title="share of the information on a parameter in %", cells=cells),
     ]
     return style.matrix("Expected information by configuration", [panels])

@@ -123,7 +123,7 @@ def test_responses_from_elsewhere_need_no_robot(
     study.write_text(json.dumps({"name": "elsewhere", "experiment": experiment, "report": {"formats": ["png"]}}))
     assert run_command(["check", str(study)]) == 0
     said = capsys.readouterr().out
-    assert "elsewhere, frf-responses" in said
+    assert "frf-responses" in said
     run = ["--run", str(tmp_path / "run"), "-q"]
     assert run_command(["run", str(study), *run]) == 0
     (again,) = read_responses(tmp_path / "run" / "frf.h5")
