@@ -16,10 +16,9 @@ from elastid.simulation.spec import ReferencePathSpec
 def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot) -> Response:
     """Return a response to references with the loop of each motor, as the controller of the study closes it.
 
-    A log at the cycle of the references folds the images of their steps.
-    Without a path of the references each acts from its sample to the next.  The exact velocity of an inertia under held
-    torques is its angle times 2 (1 - 1/z) / [T (1 + 1/z)].  The systematic errors by motor friction, which
-    are known for torques alone, are left out.
+    A log at the cycle of the references folds the images of their steps.  Without a path of the references each acts
+    from its sample to the next.  The exact velocity of an inertia under held torques is its angle times
+    2 (1 - 1/z) / [T (1 + 1/z)].  The systematic errors by motor friction are known for torques alone and left out.
     """
     controller = recorded.controller
     assert controller is not None  # of logs with commands alone

@@ -148,7 +148,8 @@ class RecordedRig:
         signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
-        inputs = recorded.places_of(file.configuration, "u") if file.at else acting
+        is_moved = any(other.at for other in recorded.files if other.configuration == file.configuration)
+        inputs = recorded.places_of(file.configuration, "u") if is_moved else acting
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
         u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
         units = input_units(channels, self.robot) * (len(inputs) // len(acting))

@@ -75,3 +75,15 @@ def test_a_sensor_whose_files_miss_a_hit_point_is_refused(tmp_path: Path) -> Non
     text = re.sub(r"realisation: (\d)}", lambda m: f"at: {next(places)}, experiment: {m[1]}}}", study.read_text())
     study.write_text(text)
     assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 1
+
+
+def test_the_first_hit_point_may_keep_the_location_of_its_channel(tmp_path: Path) -> None:
+    """As the drafted study says: only the files of further points state `at`."""
+    for k in range(2):
+        hits(tmp_path, f"{k}.csv", k, [0])
+    study = tmp_path / "s" / "study.yml"
+    assert run_command(["new", str(study.parent), "--from", *(str(tmp_path / f"{k}.csv") for k in range(2))]) == 0
+    study.write_text(study.read_text().replace("realisation: 1}", "at: {force: p1}, experiment: 1}"))
+    assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
+    (response,) = read_responses(tmp_path / "run" / "frf.h5")
+    assert response.inputs == ("force", "p1")
