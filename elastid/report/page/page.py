@@ -76,7 +76,7 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
         parts.append(_joint(points[point], names, by_name))
     width, height = (float(np.ptp(points[:, axis])) + 2 * MARGIN for axis in (0, 1))
     box = f'viewBox="0 0 {width + 30:.0f} {height:.0f}" width="{width + 30:.0f}" height="{height:.0f}"'
-    words = "The robot, its joints coloured by the width of their intervals"
+    words = "The robot; colours of the points: widths of the intervals of their joints"
     # Every text within is escaped.
     return Markup(f'<svg class="robot" role="img" aria-label="{words}" {box}>{"".join(parts)}</svg>')
 
@@ -122,7 +122,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     sketched = content.robot if drawing is not None else None
     classes: list[int | None] = [overview.width_class(row) for row in rows]
     if sketched is not None:
-        classes = [level for names in joint_groups(sketched) for level in [_level(names, rows)] * len(names)]
+        classes = [_level(names, rows) for names in joint_groups(sketched)]
     return {
         "sentence": overview.verdict_sentence(content.result, rows, content.agreements),
         "numbers_answer": overview.numbers_answer(content.result, rows, content.gears),
@@ -132,7 +132,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "half_width": overview.half_width,
         "width_class": overview.width_class,
         "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
-        "counted": "joints" if sketched else "parameters",
+        "counted": "point" if sketched else "parameter",
         "strip": overview.strip(content.validation.configurations),
         "residuals": overview.residual_sentence(content.result, content.agreements),
         "actions": overview.next_steps(content.result, rows),
