@@ -7,7 +7,7 @@ from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import WITH_COULOMB, contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
-from elastid.base.display import capital, percent
+from elastid.base.display import capital
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
@@ -172,10 +172,9 @@ def _legend(result: Result, rows: Sequence[ParameterRow], friction: FrictionTake
         groups += [f"{names} of {owner.format(first[of_owner[0]].partition('_')[2])}"] if of_owner else []
     if groups:
         yield f"Names: {'; '.join(groups)}"
-    examples = [f"the assumed model error of {percent(result.model_error)}"] * (result.model_error > 0)
-    examples += ["errors of the friction compensation"] * bool(friction and friction.shapes)
-    others = f"other errors{', for example ' * bool(examples)}{' and '.join(examples)}"
-    meanings = {**STD_PARTS, "std_systematic": others}
+    examples = ["the assumed model error"] * (result.model_error > 0)
+    examples += ["of the friction compensation"] * bool(friction and friction.shapes)
+    meanings = {**STD_PARTS, "std_systematic": ", for example ".join(["other errors", *examples[:1]])}
     if parts := [name for name in result.display.headings if name in meanings]:
         yield f"std^2 = {' + '.join(f'{name}^2 ({meanings[name]})' for name in parts)}"
     elif result.exceeds_noise:

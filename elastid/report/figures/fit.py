@@ -129,11 +129,11 @@ def limit_use(use: LimitUse) -> Figure:
     motors = [name.removeprefix("motor ") for name in use.inputs]
     percent = 100 * np.where(np.isfinite(use.limit), use.used, np.nan)
     panels = [
-        Panel(x="motor", title=f"{QUANTITIES[kind]} in % of its limit",
+        Panel(x="motor", title=QUANTITIES[kind],
               cells=Cells(percent[:, kind], () if i else use.configurations, motors, (0.0, 130.0)))
         for i, kind in enumerate(kinds)
     ]  # fmt: skip
-    return style.matrix(f"Peaks against limits ({use.margin:.0%} of each kept free)", [panels])
+    return style.matrix(f"Peaks in % of the limits ({use.margin:.0%} margin)", [panels])
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:

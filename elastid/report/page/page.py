@@ -25,7 +25,6 @@ from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import grouped
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_whole
-from elastid.fit.result import Result
 from elastid.nonlinear.friction import friction_rows
 from elastid.report import overview
 from elastid.report.content import (
@@ -138,18 +137,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "actions": overview.next_steps(content.result, rows),
         "commands": overview.COMMANDS,
         "meanings": meanings(content),
-        "correlated": correlated(content.result),
     }
-
-
-def correlated(result: Result) -> dict[str, tuple[str, float]]:
-    """Return the most correlated parameter of each free one, with the correlation; "" below 0.5."""
-    names, partners = result.parameters.free_names, {}
-    correlation = np.nan_to_num(result.correlation, nan=0.0) - np.eye(len(names))
-    for i, name in enumerate(names):
-        j = int(np.argmax(np.abs(correlation[i])))
-        partners[name] = (names[j], float(correlation[i, j])) if abs(correlation[i, j]) >= 0.5 else ("", 0.0)
-    return partners
 
 
 def meanings(content: ReportContent) -> dict[str, str]:

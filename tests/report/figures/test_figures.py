@@ -158,7 +158,7 @@ def torque() -> Drawn:
     of = balance()
     whole = {"measured": of.measured, "model without friction": of.torques[0], "measured − model": of.residual}
     names = ("unexplained_fraction", "unexplained_without_friction", "power")
-    shares = dict(zip(("left", "left without friction", "share of the torque's power"), names, strict=True))
+    shares = dict(zip(("unexplained", "unexplained without friction", "fraction of the torque's power"), names, strict=True))
     left = {text: [100 * max(getattr(each, name), 1e-7) for each in of.bands] for text, name in shares.items()}
     model = {"model": of.torques.sum(axis=0)}
     return fit.torque_balance_figure(of), [whole | model, {INERTIA: of.torques[0], DRY: of.torques[1]}, left]
@@ -192,8 +192,8 @@ def taken_out(*shapes: Shape) -> Drawn:
     found = replace(of, shapes=shapes, coulomb_torque=of.coulomb_torque[:n], covariance=of.covariance[:n, :n])
     is_bristle, x = shapes[-1].kind == "stop", np.linspace(-1, 1, 400) * (5 * shapes[0].threshold or 1e-3)
     y, std = found.reversal("motor 1", np.linspace(0, 8e-3, 400)) if is_bristle else found.sliding("motor 1", x)
-    panel = {"friction": y, "95 % interval": about(y, std), "F_c of the robot's file": [4.0, -4.0]}
-    labels = ("unexplained, with friction", "unexplained, friction taken out")
+    panel = {"friction": y, "95 % interval": about(y, std), "F_c of the robot model": [4.0, -4.0]}
+    labels = ("before compensation", "after compensation")
     panels = [dict(zip(labels, (found.before[:, i], found.after[:, i]), strict=True)) for i in range(2)]
     return friction.friction_taken_out(found, robot((4.0, 7.0))), [panel, *panels]
 
