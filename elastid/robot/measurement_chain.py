@@ -61,7 +61,8 @@ class Channel:
         "fit.parameters delay_u_motor_1, or delay_u for all torques.", "one cycle if the log contains the torque "
         "of the previous cycle.")] = 0.0
     low_pass: Annotated[Time, Key("Time constant of a first-order low-pass filter between the true and the logged "
-        "signal; in fit.parameters low_pass_u_motor_1, for example.", "1 / (2 pi corner) of the filter of a logged current.")] = 0.0
+        "signal; in fit.parameters low_pass_u_motor_1, for example.", "1 / (2 pi corner) of the filter of a logged "
+        "current.")] = 0.0
     # fmt: on
 
 

@@ -301,7 +301,8 @@ _FAMILIES = dict(
         "k=spring.stiffness d=spring.damping k2=spring.quadratic k2s=spring.symmetric_quadratic k3=spring.cubic "
         "b=spring.backlash ki=spring.inner_stiffness e=spring.rounding f=joints.viscous Jm=motor.inertia "
         "fm=motor.viscous km=motor.spring.stiffness dm=motor.spring.damping zero=joints.zero pj=joints.point "
-        "m=bodies.mass gain=channels.gain delay=channels.delay low=channels.low_pass c=bodies.center_of_mass I=bodies.inertia p=placement.xyz kc=coil.stiffness "
+        "m=bodies.mass gain=channels.gain delay=channels.delay low=channels.low_pass "
+        "c=bodies.center_of_mass I=bodies.inertia p=placement.xyz kc=coil.stiffness "
         "L0=coil.rest_length F0=gas.force h0=gas.column kappa=gas.kappa a=rod.center l=rod.length",
     )
 )

@@ -158,7 +158,8 @@ def torque() -> Drawn:
     of = balance()
     whole = {"measured": of.measured, "model without friction": of.torques[0], "measured − model": of.residual}
     names = ("unexplained_fraction", "unexplained_without_friction", "power")
-    shares = dict(zip(("unexplained", "unexplained without friction", "fraction of the torque's power"), names, strict=True))
+    texts = ("unexplained", "unexplained without friction", "fraction of the torque's power")
+    shares = dict(zip(texts, names, strict=True))
     left = {text: [100 * max(getattr(each, name), 1e-7) for each in of.bands] for text, name in shares.items()}
     model = {"model": of.torques.sum(axis=0)}
     return fit.torque_balance_figure(of), [whole | model, {INERTIA: of.torques[0], DRY: of.torques[1]}, left]
