@@ -28,7 +28,8 @@ from elastid.simulation.controller import loop_of, sampled_responses
 
 # Lowest frequency over the rate, below which friction dominates; least correlation of torques with those by inertia.
 _LOWEST, _MIN_CORRELATION = 0.05, 0.2
-# Of the torque loop of a controller without low_pass_hz: a sample at a step of its command shows the torque before it.
+# Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
+# before it.
 _TORQUE_LAG_S = 3e-4
 _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, and no torque shows its reference
 
@@ -62,7 +63,8 @@ def without_step_images(
     text = f"aliases of the reference's steps change the response by {text}"
     is_at_cycle = abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR
     positions = {channels[i].at: i for i in roles["y"] if channels[i].quantity == "position"}
-    if is_at_cycle and not roles["r"] and all(channels[i].at in positions for i in u):
+    is_slow = controller.cycle > 2 * np.pi * _TORQUE_LAG_S  # else the unknown lag dominates the images
+    if is_at_cycle and is_slow and not roles["r"] and all(channels[i].at in positions for i in u):
         q = signals[:, [positions[channels[i].at] for i in u]]
         Q = np.fft.rfft(q - np.linspace(q[0], q[-1], n), axis=0)  # without the jump from the end to the start
         per_reference = C_ff + images
@@ -100,7 +102,8 @@ def _per_reference(
 
     def controlled(f: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         C = sampled_responses(joints, loop, controller.spec, f, controller.tick_hz, "position")
-        lag = 1.0 if controller.low_pass_hz else low_pass_response(2j * np.pi * f[:, None], _TORQUE_LAG_S)
+        T = _TORQUE_LAG_S / 2 if controller.low_pass_hz else _TORQUE_LAG_S
+        lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
         return C[0] * lag, C[1] * lag
 
     def logged(f: FloatArray) -> ComplexArray:
