@@ -31,6 +31,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -246,17 +247,34 @@ class Track:
         return column if name == "offset" else np.exp(column)
 
 
-def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """x and P of `filter_step` at rest at an angle, spring bent by the load, bristle anywhere, friction by PRIOR."""
+def first_estimate(
+    joint: FollowedJoint, angle: float, load: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0)
+) -> tuple[FloatArray, FloatArray]:
+    """x and P of `filter_step` at an angle, spring bent by the load, bristle anywhere, friction by PRIOR.
+
+    velocity: with its standard deviation.
+    """
     names = joint.states
     bend = joint.coulomb / joint.bristle_stiffness
     start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.stiffness > 0 else 0.0)}
-    std = {"q_m": bend, "q_l": 2 * bend, "v_m": 1e-2, "v_l": 1e-2, "z": bend / 2, "w": 0.1 * joint.coulomb}
+    start |= dict.fromkeys(("v_m", "v_l"), velocity[0])
+    of_velocity = math.hypot(1e-2, velocity[1])
+    std = {
+        "q_m": bend,
+        "q_l": 2 * bend,
+        "v_m": of_velocity,
+        "v_l": of_velocity,
+        "z": bend / 2,
+        "w": 0.1 * joint.coulomb,
+    }
     for name in joint.followed:
         start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
     x = np.array([start.get(name, 0.0) for name in names])
     return x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.held))[: len(names)]
+
+
+FIRST_SAMPLES = 5  # over which the velocity at the start of a motion is averaged
 
 
 class KalmanFilter:
@@ -271,13 +289,17 @@ class KalmanFilter:
         self._loop = cache(lambda n: step.mapaccum("filter", n, 2))
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
-        """The track over motions, at rest where one begins; the pause before it makes friction less certain."""
+        """The track over motions; the pause before one makes friction less certain.
+
+        A motion starts with the mean velocity of its first samples, as friction would explain a wrong one.
+        """
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
         drift, own = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
         parts, times, (x, P) = list[tuple[FloatArray, ...]](), np.zeros(1), first_estimate(joint, 0.0)
         for motion in motions:
             before, P_before = x, P
-            x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]))
+            half, later = np.diff(motion.angle[[0, FIRST_SAMPLES, 2 * FIRST_SAMPLES]]) * self.rate_hz / FIRST_SAMPLES
+            x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
             if parts:
                 x[own], P[own] = before[own], P_before[own]
                 P[own, : n_x - p] = 0.0
@@ -300,8 +322,12 @@ class KalmanFilter:
         return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, times[1:], moves)
 
 
-def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float) -> FilterNoise:
+def estimate_noise(
+    kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float
+) -> tuple[FilterNoise, float]:
     """The noise with the largest likelihood of innovations (Mehra, IEEE Trans. Automatic Control 15(2), 1970).
+
+    Also returns -2 ln of this likelihood for each sample, less a constant.
 
     Over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
 
@@ -322,7 +348,11 @@ def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoi
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
-    # Factors of three about the guess; noise that is known to 5 % is known well enough.
-    x0, simplex = np.zeros(len(names)), np.vstack([np.zeros(len(names)), 1.1 * np.eye(len(names))])
-    options = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150, "initial_simplex": simplex}
-    return noise_at(np.asarray(minimize(cost, x0, method="Nelder-Mead", options=options).x))
+    # Factors of three about the guess, and about one with less torque and more slip, where another minimum may be, of
+    # other likelihood by more than chance; noise that is known to 5 % is known well enough.
+    n, options, ends = len(names), {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150}, list[Any]()
+    for start in (np.zeros(n), np.log([{"torque": 0.2, "slip": 4.0}.get(name, 1.0) for name in names])):
+        simplex = np.vstack([start, start + 1.1 * np.eye(n)])
+        ends.append(minimize(cost, start, method="Nelder-Mead", options=options | {"initial_simplex": simplex}))
+    end = ends[int((ends[0].fun - ends[1].fun) * settled.sum() > 20.0)]
+    return noise_at(end.x), float(end.fun)

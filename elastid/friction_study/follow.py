@@ -63,14 +63,17 @@ class FollowedFriction:
 def follow(
     name: str,
     slides: bool,
-    joint: FollowedJoint,
+    joints: Sequence[FollowedJoint],
     motions: Sequence[JointSamples],
     rate_hz: float,
     guess: FilterNoise,
     settle_s: float,
     find_noise: bool,
 ) -> FollowedFriction:
-    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
+    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones.
+
+    joints: one, or several with other bristles, one of which the innovations choose where no experiment identified it.
+    """
     duration_s = sum(len(motion.angle) for motion in motions) / rate_hz
     if duration_s <= settle_s + LAGS / rate_hz:
         raise DataError(
@@ -82,10 +85,12 @@ def follow(
     longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
     stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
     # Some sixty runs find it.
-    kalman, noise = KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise), guess
+    filters = [KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise) for joint in joints]
+    kalman, noise = filters[0], guess
     if find_noise:
-        noise = estimate_noise(kalman, stretch, guess, min(settle_s, 1.0))
-    track = kalman.run(motions, noise)
+        estimates = [(each, *estimate_noise(each, stretch, guess, min(settle_s, 1.0))) for each in filters]
+        kalman, noise, _ = min(estimates, key=lambda estimate: estimate[-1])
+    joint, track = kalman.joint, kalman.run(motions, noise)
     judged = consistency(track, settle_s)
     step = max(1, (n := len(track.innovation)) // 2000)  # a result keeps so many points
     ends = np.arange(n % step + step - 1, n, step)
@@ -147,7 +152,7 @@ def _followed(
         raise StudyError("filter/start", "no friction was identified from which a filter could start", f"joint {name}")
     laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
     law = next(law for law in laws if law.place == f"motor {name}")
-    joint = _joint(robot, identified, records, spec, law, identified.viscous)
+    joints = _joints(robot, identified, records, spec, law, identified.viscous)
     parts = ("gravity.cos", "gravity.sin", "offset")
     cos, sin, constant = (identified.shared.get(part, (0.0, 0.0))[0] for part in parts)
     motions = tuple(
@@ -158,33 +163,36 @@ def _followed(
     angle = max(_count(record) for record in records) / np.sqrt(12)
     # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
     rate = spec.drift / 1200.0**0.5
-    drift: dict[str, float] = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name in spec.states}
-    torque = spec.torque_std or 0.05 * joint.coulomb  # where it was not identified
+    coulomb = joints[0].coulomb
+    drift: dict[str, float] = {name: rate * (coulomb if name == "offset" else 1.0) for name in spec.states}
+    torque = spec.torque_std or 0.05 * coulomb  # where it was not identified
     noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
     return follow(
-        name, identified.slides, joint, motions, records[0].rate_hz, noise, spec.settle,
+        name, identified.slides, joints, motions, records[0].rate_hz, noise, spec.settle,
         find_noise=spec.torque_std is None,
     )  # fmt: skip
 
 
-def _joint(
+SLIPS_OVER_PATH = 1e-4, 2e-5  # presliding distances, where no experiment identified one
+
+
+def _joints(
     robot: Robot,
     identified: JointFriction,
     records: Sequence[FrictionRecord],
     spec: FilterSpec,
     law: PlacedLaw,
     viscous: float,
-) -> FollowedJoint:
+) -> tuple[FollowedJoint, ...]:
+    """The joint to follow, with each presliding distance that it may have."""
     F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
-    bristle_stiffness, bristle_damping = law.at_rest()
+    bristles = [law.at_rest()]
     if law.law.n_states == 0:
-        # No presliding was identified: bristles slip after 1e-4 of the path, or 20 counts of the encoder.
         path = max(float(np.ptp(record.position)) for record in records)
-        slip = max([1e-4 * path, *(20 * record.resolution for record in records)])
-        bristle_stiffness, bristle_damping = F_c / slip, 0.0
-    known = {"coulomb": F_c, "viscous": max(viscous, 1e-6 * F_c), "stiction_ratio": F_s / F_c}
+        counts = max(20 * record.resolution for record in records)
+        bristles = [(sigma, 0.0) for sigma in dict.fromkeys(F_c / max(s * path, counts) for s in SLIPS_OVER_PATH)]
+    viscous, known = max(viscous, 1e-6 * F_c), {"stiction_ratio": F_s / F_c}
     known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
-    known |= {"bristle_stiffness": bristle_stiffness, "bristle_damping": bristle_damping}
     known["correlation_s"] = spec.correlation_time
     elastic = held_spring(robot, records[0])
     if elastic is not None:
@@ -198,7 +206,8 @@ def _joint(
             f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is "
             "known: a filter needs the inertia; record a motion that accelerates, or give the joint's spring",
         )
-    return with_tolerances(FollowedJoint(inertia, followed=spec.states, **known), identified)
+    joint = with_tolerances(FollowedJoint(inertia, F_c, viscous, 1.0, spec.states, **known), identified)
+    return tuple(replace(joint, bristle_stiffness=sigma_0, bristle_damping=sigma_1) for sigma_0, sigma_1 in bristles)
 
 
 def _count(record: FrictionRecord) -> float:

@@ -86,7 +86,7 @@ def test_noise_is_found_from_innovations() -> None:
     """Torque noise within 10 % from a guess of a third; a bristle that is LuGre's slips no more than guessed."""
     kalman = KalmanFilter(FOLLOWED, RATE_HZ)
     run = simulate(rich(5), seed=5)
-    found = estimate_noise(kalman, run.samples, replace(NOISE, torque=NOISE.torque / 3), settled_s=2.0)
+    found, _ = estimate_noise(kalman, run.samples, replace(NOISE, torque=NOISE.torque / 3), settled_s=2.0)
     assert found.torque == pytest.approx(TORQUE_STD, rel=0.1)
     assert found.slip == pytest.approx(NOISE.slip)
 
@@ -101,7 +101,7 @@ def test_correlated_torque_noise_keeps_its_variance() -> None:
 
 def followed(run: WarmRun, joint: FollowedJoint = FOLLOWED) -> FollowedFriction:
     """A run, judged after 5 s."""
-    return follow("1", False, joint, [run.samples], RATE_HZ, NOISE, 5.0, find_noise=False)
+    return follow("1", False, [joint], [run.samples], RATE_HZ, NOISE, 5.0, find_noise=False)
 
 
 def codes(found: FollowedFriction) -> set[str]:
@@ -120,7 +120,7 @@ def test_filter_that_lost_the_log_diverges_at_a_time(viscous: float, noise: floa
     """Viscous friction a thousand times too large at the start, noise of 20 times."""
     joint = replace(FOLLOWED, viscous=viscous * FOLLOWED.viscous)
     expected = replace(NOISE, angle=noise * NOISE.angle, torque=noise * NOISE.torque)
-    lost = follow("1", False, joint, [simulate(rich(7), 4).samples], RATE_HZ, expected, 5.0, find_noise=False)
+    lost = follow("1", False, [joint], [simulate(rich(7), 4).samples], RATE_HZ, expected, 5.0, find_noise=False)
     assert codes(lost) == {"filter/diverged"}
     assert 5.0 <= float(re.findall(r"^at (\S+) s:", lost.consistency.divergence)[0]) <= 7.0
 
@@ -140,7 +140,7 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> 
     run = simulate(rich(1.5), 5).samples
     short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + 1.0)
     alone, after = (
-        follow("1", False, FOLLOWED, motions, RATE_HZ, replace(NOISE, torque=NOISE.torque / 3), 0.5, find_noise=True)
+        follow("1", False, [FOLLOWED], motions, RATE_HZ, replace(NOISE, torque=NOISE.torque / 3), 0.5, find_noise=True)
         for motions in ([run], [short, replace(run, start_s=1.0)])
     )
     assert after.noise == alone.noise

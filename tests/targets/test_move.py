@@ -145,6 +145,10 @@ def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     doubles = ctypes.c_double * n, ctypes.c_double * (n * (n + m))
     x, P = doubles[0](), doubles[1]()
     c.joint_2_start(x, P, ctypes.c_double(samples.angle[0]), ctypes.c_double(0.0))
+    # The other starts from the velocity of its first samples.
+    velocity = np.diff(samples.angle[[0, 5, 10]]) * RATE_HZ / 5
+    for i in (2, 3):
+        x[i], P[i * (n + 1)] = velocity[0], 1e-4 + (velocity[1] - velocity[0]) ** 2
     for u, g, y in zip(samples.torque, samples.load, samples.angle, strict=True):
         c.joint_2_follow(x, P, *(ctypes.c_double(value) for value in (u, g, y)), None, None)
     track = KalmanFilter(FOLLOWED, RATE_HZ).run([samples], NOISE)

@@ -9,6 +9,7 @@ import pytest
 from plants.friction_records import TEMPLATE
 from plants.lugre_joint import COULOMB, RATE_HZ, ROBOT, VISCOUS, rich, simulate
 from plants.refusals import refused
+from scipy.signal import butter, sosfiltfilt
 
 from elastid.app.cli import run_command
 from elastid.app.console import Console
@@ -113,3 +114,40 @@ def test_friction_of_a_log_is_followed(study: Path) -> None:
     assert list((run / "figures").glob("*filter.png"))
     assert run_command(["export", str(study), "--run", str(run), "--to", "observer", "-q"]) == 0
     assert "joint_1_follow" in (run / "export" / "observer" / "observer.h").read_text()
+
+
+CARRIAGE = """
+name: carriage
+robot:
+  name: carriage
+  gravity: [0, 0, 0]
+  bodies: [{name: slide, joints: [{name: 1, motion: translation, axis: x, motor: {inertia: 95, ratio: 1}}]}]
+friction: {constant_velocity: detect}
+filter: {states: [Fc, f+, f-, offset]}
+experiment:
+  recorded:
+    rate_hz: 1000
+    channels:
+      - {role: u, at: motor 1, channel: force, quantity: force}
+      - {role: y, at: motor 1, channel: position, quantity: position}
+    files: [{path: log.csv}]
+"""
+
+
+@pytest.mark.slow
+def test_coulomb_friction_without_presliding_is_followed_through_many_reversals(tmp_path: Path) -> None:
+    """A reversal every second and a half: Coulomb and viscous friction of both directions stay in their bands."""
+    rng, n = np.random.default_rng(0), 90_000
+    position = sosfiltfilt(butter(2, 0.3, fs=1000, output="sos"), rng.standard_normal(n))
+    position *= 0.1 / position.std()
+    velocity = np.gradient(position, 1e-3)
+    force = 95.0 * np.gradient(velocity, 1e-3) + 20.6 * np.tanh(velocity / 1e-4) + 203.0 * velocity
+    signals = np.stack([force + 0.5 * rng.standard_normal(n), position + 1e-6 * rng.standard_normal(n)], axis=1)
+    np.savetxt(tmp_path / "log.csv", signals, "%.9g", ",", header="force,position", comments="")
+    (tmp_path / "study.yml").write_text(CARRIAGE)
+    assert run_command(["run", str(tmp_path / "study.yml"), "-q", "--jobs", "1", "--run", str(tmp_path / "run")]) == 0
+    (track,) = read_filter(tmp_path / "run" / "filter.h5")
+    truth = np.array([20.6, 203.0, 203.0, 0.0])
+    settled = track.time_s > 20
+    inside = (track.low <= truth) & (truth <= track.high)
+    assert np.all(inside[settled].mean(axis=0) > 0.9)
