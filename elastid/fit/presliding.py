@@ -172,15 +172,16 @@ class _State:
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
     """Add springs motor by motor, by the largest predicted drop, if V falls by more than chance."""
     by_chance, left = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints))), list(joints)
-    limit = max(by_chance, LIMITS.drop)  # what compensated friction leaves is not Gaussian
+    first = state
     while left:
         predicted = [state.predicted(joint) for joint in left]
-        if not max(predicted) > PREDICTED * limit * state.level:
+        if not max(predicted) > PREDICTED * by_chance * state.level:
             break
         joint = left.pop(int(np.argmax(predicted)))
         best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
-        state = best if state.cost - best.cost > limit * best.level else state
-    return state
+        state = best if state.cost - best.cost > by_chance * best.level else state
+    # What compensated friction leaves is not Gaussian.
+    return state if first.cost - state.cost > LIMITS.drop * state.level else first
 
 
 def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
@@ -251,9 +252,9 @@ def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArr
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
-    """Return True if stiffness and rate of all springs have standard deviations below MOST_STD."""
+    """Return True if stiffness and rate of a spring have standard deviations below MOST_STD."""
     std = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
-    return all(std[name] < MOST_STD for s in springs for name in (s.names[0], relaxation(s.joint)))
+    return any(max(std[s.names[0]], std[relaxation(s.joint)]) < MOST_STD for s in springs)
 
 
 def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:
