@@ -2,11 +2,12 @@ r"""Friction at motors that was found, and its shapes: functions phi of angle an
 
 .. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D
 
-.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}
+.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}, \qquad damping: \phi = \dot s\, T / D
 
 Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
 gradually, as oil or noise in the velocity make it. The level of a stribeck shape is F_s - F_c, the torque by which slow
-motion has more friction than fast motion: 0 there.
+motion has more friction than fast motion: 0 there. Likewise of the damping of bristles, T being a sample: LuGre's
+sigma_1 is level T / D.
 
 The motion follows from a motor's angle and torque. Above the excited lines a motor moves as an inertia,
 
@@ -41,7 +42,7 @@ from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
 from elastid.record import Record
 
-Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle"]
+Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "damping"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Shape:
     @property
     def when_fast(self) -> float:
         """The shape in fast steady sliding: 1 if its level is a part of F_c, else 0."""
-        return float(self.kind != "stribeck")
+        return float(self.kind not in ("stribeck", "damping"))
 
     @property
     def is_memoryless(self) -> bool:
@@ -79,6 +80,8 @@ class Shape:
         """The shape (n,) in steady sliding at `velocity` (n,)."""
         if self.kind == "stribeck":
             return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
+        if self.kind == "damping":
+            return np.zeros(len(velocity))
         gradual = self.kind == "sign" and self.threshold > 0
         return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
 
@@ -140,7 +143,7 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
         if not shape.is_memoryless:
             path = path or path_of(record, motion)
             s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold / 2)
-            means += s[:-1] + s[1:]
+            means += 2 * CELLS * np.diff(s) if shape.kind == "damping" else s[:-1] + s[1:]
     return means
 
 

@@ -195,9 +195,10 @@ def _choices(
     equations: NormalEquations, candidates: Sequence[Shape], groups: Sequence[IntArray]
 ) -> list[tuple[IntArray, float]]:
     """Candidates of each motor's group that explain its torque, and the share of the power that they leave."""
-    # Of Stribeck curves a motor has one at most, and none alone: together they have no F_c.
+    # Of Stribeck curves a motor has one at most. They and the damping of bristles have no F_c: none of them is alone.
     rivals = np.flatnonzero([shape.kind == "stribeck" for shape in candidates])
-    return [choose_shapes(equations, i, members, rivals) for i, members in enumerate(groups)]
+    others = np.flatnonzero([not shape.when_fast for shape in candidates])
+    return [choose_shapes(equations, i, members, rivals, others) for i, members in enumerate(groups)]
 
 
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
@@ -294,7 +295,7 @@ _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 
 def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shape, ...]:
-    """Candidates of every motor: a sign, at once or gradual, a Stribeck curve and bristles."""
+    """Candidates of every motor: a sign, at once or gradual, a Stribeck curve, bristles and their damping."""
     shapes: list[Shape] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
@@ -306,7 +307,7 @@ def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shap
         swings = np.concatenate([motion.swings for motion in motions])
         swing = float(np.median(swings)) if swings.size else 0.0
         if swing > 0:
-            kinds: tuple[Kind, ...] = ("stop", "bristle")
+            kinds: tuple[Kind, ...] = ("stop", "bristle", "damping")
             shapes += [Shape(place, kind, part * swing) for kind in kinds for part in _BENDING]
     return tuple(shapes)
 
@@ -335,11 +336,11 @@ def greedy(
 
 
 def choose_shapes(
-    equations: NormalEquations, motor: int, candidates: IntArray, rivals: IntArray
+    equations: NormalEquations, motor: int, candidates: IntArray, rivals: IntArray, others: IntArray
 ) -> tuple[IntArray, float]:
     """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
 
-    rivals: those of which it has one at most, beside others.
+    rivals: those of which it has one at most.  others: those that it does not have alone.
     """
 
     def power(members: list[int]) -> float:
@@ -349,8 +350,7 @@ def choose_shapes(
         return after < (1 - SLIGHT) * before  # not where no line shows any power
 
     def larger(chosen: list[int]) -> list[list[int]]:
-        has_its_rival = not chosen or bool(np.isin(chosen, rivals).any())
-        barred = {*chosen, *(rivals.tolist() if has_its_rival else ())}
+        barred = {*chosen, *(rivals.tolist() if np.isin(chosen, rivals).any() else () if chosen else others.tolist())}
         return [[*chosen, i] for i in candidates.tolist() if i not in barred]
 
     total = power([])
