@@ -2,12 +2,12 @@ r"""Friction at motors that was found, and its shapes: functions phi of angle an
 
 .. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D
 
-.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}, \qquad damping: \phi = \dot s\, T / D
+.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}, \qquad damping: \phi = T \dot s / D
 
 Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
 gradually, as oil or noise in the velocity make it. The level of a stribeck shape is F_s - F_c, the torque by which slow
-motion has more friction than fast motion: 0 there. Likewise of the damping of bristles, T being a sample: LuGre's
-sigma_1 is level T / D.
+motion has more friction than fast motion: 0 there. So has damping, which acts on the rate of a stop or a bristle, as
+LuGre's sigma_1 = level T / D does; T is a sample.
 
 The motion follows from a motor's angle and torque. Above the excited lines a motor moves as an inertia,
 
@@ -42,7 +42,7 @@ from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
 from elastid.record import Record
 
-Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "damping"]
+Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop damping", "bristle damping"]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,12 @@ class Shape:
     @property
     def when_fast(self) -> float:
         """The shape in fast steady sliding: 1 if its level is a part of F_c, else 0."""
-        return float(self.kind not in ("stribeck", "damping"))
+        return float(self.kind != "stribeck" and not self.is_damping)
+
+    @property
+    def is_damping(self) -> bool:
+        """True if it is the rate of a stop or a bristle."""
+        return self.kind in ("stop damping", "bristle damping")
 
     @property
     def is_memoryless(self) -> bool:
@@ -80,7 +85,7 @@ class Shape:
         """The shape (n,) in steady sliding at `velocity` (n,)."""
         if self.kind == "stribeck":
             return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
-        if self.kind == "damping":
+        if self.is_damping:
             return np.zeros(len(velocity))
         gradual = self.kind == "sign" and self.threshold > 0
         return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
@@ -142,8 +147,9 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
     for shape, level in taken:
         if not shape.is_memoryless:
             path = path or path_of(record, motion)
-            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold / 2)
-            means += 2 * CELLS * np.diff(s) if shape.kind == "damping" else s[:-1] + s[1:]
+            operator = stop if shape.kind.startswith("stop") else bristle
+            s = operator(path, shape.threshold) * (level / shape.threshold / 2)
+            means += 2 * CELLS * np.diff(s) if shape.is_damping else s[:-1] + s[1:]
     return means
 
 

@@ -20,6 +20,7 @@ of that (`refined`).
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -160,6 +161,9 @@ DEPENDENCE_BY_CHANCE = 1e-5
 # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
 # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
 MIN_UNEXPLAINED = 10.0
+# Of the power that shapes leave, the share that others which begin with a damped element may leave to be preferred:
+# where damping is most of the friction, a sign comes first and no element after it.
+DAMPED_POWER = 0.7
 SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
 # Of a level, all of a motor as one factor: std of what its shape is not known by, levels within 1 %.  Calibrated, not
 # derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3 % on another.
@@ -195,10 +199,7 @@ def _choices(
     equations: NormalEquations, candidates: Sequence[Shape], groups: Sequence[IntArray]
 ) -> list[tuple[IntArray, float]]:
     """Candidates of each motor's group that explain its torque, and the share of the power that they leave."""
-    # Of Stribeck curves a motor has one at most. They and the damping of bristles have no F_c: none of them is alone.
-    rivals = np.flatnonzero([shape.kind == "stribeck" for shape in candidates])
-    others = np.flatnonzero([not shape.when_fast for shape in candidates])
-    return [choose_shapes(equations, i, members, rivals, others) for i, members in enumerate(groups)]
+    return [choose_shapes(equations, i, members, candidates) for i, members in enumerate(groups)]
 
 
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
@@ -307,7 +308,7 @@ def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shap
         swings = np.concatenate([motion.swings for motion in motions])
         swing = float(np.median(swings)) if swings.size else 0.0
         if swing > 0:
-            kinds: tuple[Kind, ...] = ("stop", "bristle", "damping")
+            kinds: tuple[Kind, ...] = ("stop", "bristle", "stop damping", "bristle damping")
             shapes += [Shape(place, kind, part * swing) for kind in kinds for part in _BENDING]
     return tuple(shapes)
 
@@ -335,12 +336,28 @@ def greedy(
     return chosen, left
 
 
+def may_join(shape: Shape, others: Sequence[Shape]) -> bool:
+    """Return True if a motor may have a shape besides others: one Stribeck curve, and damping of stops or bristles.
+
+    None of these is alone, since they have no F_c.
+    """
+    kinds = {other.kind for other in others}
+    if shape.kind == "stribeck":
+        return bool(kinds) and "stribeck" not in kinds
+    return not shape.is_damping or not kinds.isdisjoint(("stop", "bristle"))
+
+
+def is_damping_of(shape: Shape, element: Shape) -> bool:
+    """Return True if a shape damps a stop or a bristle, both of one threshold."""
+    return shape.kind == f"{element.kind} damping" and shape.threshold == element.threshold
+
+
 def choose_shapes(
-    equations: NormalEquations, motor: int, candidates: IntArray, rivals: IntArray, others: IntArray
+    equations: NormalEquations, motor: int, candidates: IntArray, shapes: Sequence[Shape]
 ) -> tuple[IntArray, float]:
     """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
 
-    rivals: those of which it has one at most.  others: those that it does not have alone.
+    candidates (n,): of all shapes.
     """
 
     def power(members: list[int]) -> float:
@@ -349,12 +366,18 @@ def choose_shapes(
     def pays(before: float, after: float, _: list[int]) -> bool:
         return after < (1 - SLIGHT) * before  # not where no line shows any power
 
-    def larger(chosen: list[int]) -> list[list[int]]:
-        barred = {*chosen, *(rivals.tolist() if np.isin(chosen, rivals).any() else () if chosen else others.tolist())}
-        return [[*chosen, i] for i in candidates.tolist() if i not in barred]
+    def larger(chosen: list[int], firsts: list[list[int]]) -> list[list[int]]:
+        others = [shapes[i] for i in chosen]
+        more = [i for i in candidates.tolist() if i not in chosen and may_join(shapes[i], others)]
+        return firsts if not chosen else [[*chosen, i] for i in more]
 
-    total = power([])
-    chosen, left = greedy(larger, power, pays)
+    total, every = power([]), candidates.tolist()
+    singles = [[i] for i in every if may_join(shapes[i], ())]
+    pairs = [[i, j] for i in every for j in every if is_damping_of(shapes[j], shapes[i])]
+    chosen, left = greedy(partial(larger, firsts=singles), power, pays)
+    if pairs:
+        damped, left_by_damped = greedy(partial(larger, firsts=pairs), power, pays)
+        chosen, left = (damped, left_by_damped) if left_by_damped < DAMPED_POWER * left else (chosen, left)
     share = left / total if total > 0 else 1.0
     return np.array(sorted(chosen), dtype=np.int64), share
 
