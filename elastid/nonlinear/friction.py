@@ -26,7 +26,7 @@ torque that is logged later than the motion by tau has its friction by tau later
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -225,6 +225,7 @@ class FrictionTakenOut:
     median of the lines, with friction in it and without: nonlinear distortion and noise.  residual_power_ratio (n_m,):
     residual over initial power in realisations that the levels were not fitted to, 1 without compensation.
     accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
+    swings (n_m,): median motion between two reversals, rad (m), link side.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -239,6 +240,7 @@ class FrictionTakenOut:
     residual_power_ratio: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
     notes: tuple[Note, ...] = field(default=())
+    swings: tuple[float, ...] = labelled("median motion between two reversals, link side", "rad", "places", default=())
 
     @property
     def std(self) -> FloatArray:
@@ -255,9 +257,26 @@ class FrictionTakenOut:
         return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
 
     def sliding_level(self, place: str) -> tuple[float, float]:
-        """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation."""
+        """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation.
+
+        Elements that do not slide between two reversals have a torque in sliding that the data do not show: what is
+        left of it to sliding is another standard deviation.
+        """
         row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
-        return float(row @ self.coulomb_torque), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+        swing = np.array([self.swing(place)])
+        left = np.array([(1 - float(shape.reversal(swing)[0])) / 2 for shape in self.shapes])
+        std = math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+        return float(row @ self.coulomb_torque), math.hypot(std, float((row * left) @ self.coulomb_torque))
+
+    def swing(self, place: str) -> float:
+        """Median motion of a motor between two reversals, rad (m), link side; infinite where it is not known."""
+        return dict(zip(self.places, self.swings, strict=False)).get(place, math.inf)
+
+    def swing_ratio(self, place: str) -> float:
+        """Motion of a motor between two reversals over its presliding distance, F_c over stiffness."""
+        taken = [(shape, level) for shape, level in self.taken_shapes(place) if shape.kind in ("stop", "bristle")]
+        stiffness = sum(level / shape.threshold for shape, level in taken)
+        return self.swing(place) * stiffness / sum(level for _, level in taken) if taken else math.inf
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.
@@ -296,13 +315,22 @@ class FrictionRow:
     interval: tuple[float, float] | None = None
 
 
-def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
-    """One row for each motor that was looked at, in their order."""
+# Torque of presliding over stiffness and swing of its spring: std of the Coulomb torque by elements that do not slide.
+UNSEEN = 3.0
+
+
+def friction_rows(friction: FrictionTakenOut, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
+    """One row for each motor that was looked at, in their order.
+
+    springs: stiffness of the presliding friction that a fit has found at motors.
+    """
     rows, taken = [], friction.taken_places()
     for place, unit, kept in zip(
         friction.places, friction.place_units, friction.residual_power_ratio.tolist(), strict=True
     ):
         level, std = friction.sliding_level(place)
+        if springs.get(place, 0.0) > 0 and friction.swings:
+            std = math.hypot(std, UNSEEN * springs[place] * friction.swing(place))
         interval = (max(level - QUANTILE_95 * std, 0.0), level + QUANTILE_95 * std)
         rows.append(FrictionRow(place, unit, kept, *((level, std, interval) if place in taken else ())))
     return tuple(rows)

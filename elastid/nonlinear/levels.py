@@ -27,7 +27,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import mean_of_neighbours
 from elastid.nonlinear.friction import Kind, Shape
-from elastid.nonlinear.motion import NEIGHBOURS, motion_of
+from elastid.nonlinear.motion import NEIGHBOURS, Motion, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, taken
 from elastid.record import Record
 
@@ -305,12 +305,16 @@ def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shap
         if signs_alone:
             continue
         shapes += [Shape(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
-        swings = np.concatenate([motion.swings for motion in motions])
-        swing = float(np.median(swings)) if swings.size else 0.0
-        if swing > 0:
+        if (swing := median_swing(motions)) > 0:
             kinds: tuple[Kind, ...] = ("stop", "bristle", "stop damping", "bristle damping")
             shapes += [Shape(place, kind, part * swing) for kind in kinds for part in _BENDING]
     return tuple(shapes)
+
+
+def median_swing(motions: Sequence[Motion]) -> float:
+    """Median distance between two reversals, rad (m); 0 without any."""
+    swings = np.concatenate([motion.swings for motion in motions])
+    return float(np.median(swings)) if swings.size else 0.0
 
 
 def kept_power(equations: NormalEquations, motor: int, chosen: IntArray) -> float:
