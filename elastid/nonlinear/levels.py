@@ -163,7 +163,7 @@ DEPENDENCE_BY_CHANCE = 1e-5
 MIN_UNEXPLAINED = 10.0
 # Of the power that shapes leave, the share that others which begin with a damped element may leave to be preferred:
 # where damping is most of the friction, a sign comes first and no element after it.
-DAMPED_POWER = 0.7
+DAMPED_POWER = 0.9
 SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
 # Of a level, all of a motor as one factor: std of what its shape is not known by, levels within 1 %.  Calibrated, not
 # derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3 % on another.
