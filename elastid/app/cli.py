@@ -462,7 +462,7 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
             return _ended(f"not enough memory for this study ({error}). Shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
-            advice = "Free disk space or correct the permissions, or give another folder with --run"
+            advice = "Close programs that use it, free disk space or correct permissions, or give another --run"
             return _ended(f"{where}{error.strerror or error}. {advice}", 1)
     raise error
 

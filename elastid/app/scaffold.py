@@ -95,7 +95,7 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
         f"the springs of gears, with a mode at {_HELD_HZ:g} Hz while the motor is locked{rotors};",
         "viscous friction that stops a motor's rotor within a second, where the file has none, or a placeholder that",
         f"stops a joint within {1e3 * _SOONEST_S:g} ms.",
-        "Constraints, tendons, and springs of driven joints are not read; dry friction is from MJCF files alone.",
+        "Constraints, tendons and springs of driven joints are not read, and Coulomb friction only from MJCF files.",
     )
     return inertia, driven, comments
 

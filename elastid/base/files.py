@@ -11,6 +11,7 @@ import csv
 import os
 import re
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import ELOOP
@@ -74,13 +75,27 @@ def replacing(path: Path | str) -> Iterator[Path]:
         yield temporary
         with temporary.open("r+b") as file:
             os.fsync(file.fileno())
-        temporary.replace(path)
+        _rename(temporary, path)
         _flush_folder(path.parent)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
         if isinstance(error, OSError) and error.filename in (None, str(temporary)):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
+
+
+RENAME_PAUSES_S = (0.1, 0.2, 0.4, 0.6, 0.7)  # between attempts, 2 s in total
+
+
+def _rename(temporary: Path, path: Path) -> None:
+    """Rename a file; again while another program, such as a virus scanner or a viewer, keeps either open (Windows)."""
+    for pause in RENAME_PAUSES_S:
+        try:
+            temporary.replace(path)
+            return
+        except PermissionError:
+            time.sleep(pause)
+    temporary.replace(path)
 
 
 def write_whole(path: Path, data: bytes) -> None:

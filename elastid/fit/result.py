@@ -133,7 +133,7 @@ MEANING: dict[Status, str] = {
     "residuals. To test the model, measure two periods or more, or give the covariance",
     "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
     "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "significant model error: the parameters may be biased: do not use them. Correct the likely cause, and "
+    "misfit": "significant model error: the parameters may be biased, do not use them. Correct the likely cause, and "
     "fit again",
     "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
     "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
@@ -141,7 +141,7 @@ MEANING: dict[Status, str] = {
     "configurations and robot model",
 }
 
-# Meaning of a misfit whose residuals are those of the noise.
+# Meaning of a misfit whose residuals are consistent with the noise.
 CONTRADICTED = "the data contradict a value of the robot model. Correct or estimate the value, and fit again"
 
 # Code of the note on errors of held numbers that no residual shows.
@@ -197,8 +197,8 @@ def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
 
 
 # Verdicts on a parameter; one on a biased parameter begins so, and its reason follows.
-GOOD, BY_PRIOR, UNCERTAIN, AT_BOUND = "good", "dominated by the prior", "uncertain: std above 50 %", "at its bound"
-BIASED = "biased"
+GOOD, BY_PRIOR, AT_BOUND, BIASED = "good", "dominated by the prior", "at its bound", "biased"
+UNCERTAIN = "weakly identifiable: std above 50 %"
 DISTORTED = f"{BIASED}: inconsistent records, gear hysteresis or a nonlinear spring"
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
@@ -335,7 +335,7 @@ class Result:
     @property
     def meaning(self) -> str:
         """The meaning of the status for the parameters, with the next action."""
-        if self.status == "misfit" and not self.exceeds_noise:
+        if self.status == "misfit" and self.cause[0].startswith(REQUIRED):
             return CONTRADICTED
         if self.status != "converged":
             return MEANING[self.status]
@@ -349,15 +349,15 @@ class Result:
     @property
     def coverage(self) -> str:
         """The errors that the intervals include, in a sentence without its full stop."""
-        errors = ["measured noise", "distortion"]
+        errors = ["measured noise"]
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
-            errors.append("the assumed model error")
-        systematic = 1 - self.averaging_fraction - self.persistent_fraction
-        if np.any(systematic > 0.01) and len(errors) == 2:
-            errors.append("small model errors (for example of the friction compensation)")
+            errors.append(f"the assumed model error of {percent(self.model_error)}")
+        elif np.any(1 - self.averaging_fraction - self.persistent_fraction > 0.01):
+            is_friction = not (self.has_tolerances or self.model_error or DISTORTED in self.verdicts)
+            errors.append("errors of the friction compensation" if is_friction else "small model errors")
         errors += ["the tolerances of the robot model"] * self.has_tolerances
         fixed = "" if self.has_tolerances else ". They assume that the fixed values of the robot model are exact"
-        return f"The intervals cover {', '.join(errors[:-1])} and {errors[-1]}{fixed}"
+        return f"The intervals cover {', '.join(errors[:-1])}{' and ' * (len(errors) > 1)}{errors[-1]}{fixed}"
 
     @property
     def residual_test(self) -> str:

@@ -259,11 +259,12 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     record = spectra.record
     kind = ("half period" if record.half_wave else "period") + "s" * (len(left_out) > 1)
     channels = [f"Output {name}" for name in record.outputs] + [f"Input {name}" for name in record.inputs]
-    worst = int(np.argmax((measured.D[left_out] / np.maximum(measured.limit, NEGLIGIBLE_DISTANCE)).max(axis=0)))
+    D, limit = measured.D[left_out].max(axis=0), np.maximum(measured.limit, NEGLIGIBLE_DISTANCE)
+    worst = int(np.argmax(D / limit))
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",
-        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. {channels[worst]} deviates from "
-        f"the other periods by {100 * measured.D[left_out, worst].max():.2g} %",
+        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. {channels[worst]} deviates there from "
+        f"the other periods by up to {100 * D[worst]:.2g} % (limit {100 * limit[worst]:.2g} %)",
         f"record {record.name}",
     )

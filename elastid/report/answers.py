@@ -92,9 +92,14 @@ def answer_of_move(tuned: TunedMove) -> Answer:
         f"{number(rigid.residual / max(last.residual, 1e-12), 3)} times smaller."
     )
     on_draws = (
-        f"{tuned.samples} posterior samples (lengths and zeros within tolerance): largest error "
-        f"{number(1e3 * float(last.high.max()), 3)} mm (95 %), torques up to "
-        f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
+        f"{tuned.samples} posterior samples: largest error by elasticity {number(1e3 * float(last.high.max()), 3)} mm "
+        f"(95 %), torques up to {100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
+        + (
+            f" Errors of lengths and zeros within their tolerances move the path by up to "
+            f"{number(1e3 * tuned.moved_m, 3)} mm (95 %)."
+            if tuned.moved_m > 1e-6
+            else ""
+        )
         if last.high is not None and drawn
         else ""
     )

@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import Note, NoteGroup, grouped
-from elastid.fit.result import HELD_AS_EXACT, Result
+from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
@@ -29,9 +29,6 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.validation.agreement import Agreement, Validation
     from elastid.validation.comparison import Comparison
     from elastid.validation.measured_modes import MeasuredModes
-
-
-ASSUMED = (HELD_AS_EXACT, "fit/assumed-rigid")  # codes of notes on values that the fit takes as exact
 
 
 @dataclass(frozen=True)
@@ -84,9 +81,7 @@ class ReportContent:
         """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
         notes = tuple(note for measured, _ in self.frf for note in measured.notes)
         notes = notes if self.gears is None else self.gears.left_open(notes)
-        # The fixed values and the base of a simulated robot are exact.
-        of_fit = (note for note in self.result.shown_notes if self.truth is None or note.code not in ASSUMED)
-        return grouped((*of_fit, *self.missing_modes, *notes))
+        return grouped((*self.result.shown_notes, *self.missing_modes, *notes))
 
     @property
     def missing_modes(self) -> tuple[Note, ...]:

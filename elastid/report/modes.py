@@ -182,7 +182,7 @@ def spring_names(robot: Robot) -> dict[str, str]:
     names = {}
     for body in robot.bodies:
         for joint in body.joints:
-            names[f"k_{joint.name}"] = f"{'gear' if joint.motor is not None else _kind(body, joint)} {joint.name}"
+            names[f"k_{joint.name}"] = f"{'joint' if joint.motor is not None else _kind(body, joint)} {joint.name}"
             names[f"km_{joint.name}"] = f"shaft of motor {joint.name}"
     for loop in robot.loops:
         names[f"k_{loop.name}"] = loop.name if "rod" in loop.name.lower() else f"rod {loop.name}"

@@ -135,15 +135,14 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
 def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
     names: dict[str, list[str]] = {}
     for row in rows:
-        names.setdefault(row.verdict, []).append(row.name)
+        size = f" (std {percent(row.std / row.estimate)})" if row.verdict == UNCERTAIN else ""
+        names.setdefault(row.verdict, []).append(f"{row.name}{size}")
     parts = []
     for verdict, of_verdict in names.items():
         word, _, reason = verdict.partition(": ")
         verb = "is" if len(of_verdict) == 1 else "are"
-        parts.append(
-            f"{', '.join(of_verdict)} {verb} {word}"
-            + (f" ({reason}{'; do not use' * (verdict == UNCERTAIN)})" if reason else "")
-        )
+        reason = "limit 50 %; do not use" if verdict == UNCERTAIN else reason
+        parts.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
     return ", and ".join(parts)
 
 

@@ -55,13 +55,14 @@ class Channel:
         "a sensor; `u` scales all inertias of that motor; `r` with delay for commands that act late.")]
     at: Annotated[str, Key("Location of the channel on the robot (default: all channels of the role).", "spell it as "
         "in the channels of the study.")] = ""
-    gain: Annotated[float, Key("Gain of the channel, a positive factor; start of a fit that names it, such as "
-        "gain_y_accelerometer_tool_z.", "from a calibration; 1 if the fit estimates it.", above=0)] = 1.0
-    delay: Annotated[Time, Key("Time delay of the logged signal relative to the true one, of either sign; start of a "
-        "fit that names it (delay_u_motor_1, or delay_u for all torques).", "one cycle if the log contains the torque "
+    gain: Annotated[float, Key("Ratio of the logged to the true signal; in fit.parameters gain_u_motor_1, for "
+        "example.", "from a calibration; 1 if the fit estimates it.", above=0)] = 1.0
+    delay: Annotated[Time, Key("Time delay of the logged signal relative to the true one, of either sign; in "
+        "fit.parameters delay_u_motor_1, or delay_u for all torques.", "one cycle if the log contains the torque "
         "of the previous cycle.")] = 0.0
     low_pass: Annotated[Time, Key("Time constant of a first-order low-pass filter between the true and the logged "
-        "signal (low_pass_u_motor_1).", "1 / (2 pi corner) of the filter of a logged current.")] = 0.0
+        "signal; in fit.parameters low_pass_u_motor_1, for example.", "1 / (2 pi corner) of the filter of a logged "
+        "current.")] = 0.0
     # fmt: on
 
 

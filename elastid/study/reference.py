@@ -301,7 +301,8 @@ _FAMILIES = dict(
         "k=spring.stiffness d=spring.damping k2=spring.quadratic k2s=spring.symmetric_quadratic k3=spring.cubic "
         "b=spring.backlash ki=spring.inner_stiffness e=spring.rounding f=joints.viscous Jm=motor.inertia "
         "fm=motor.viscous km=motor.spring.stiffness dm=motor.spring.damping zero=joints.zero pj=joints.point "
-        "m=bodies.mass gain=gains.gain c=bodies.center_of_mass I=bodies.inertia p=placement.xyz kc=coil.stiffness "
+        "m=bodies.mass gain=channels.gain delay=channels.delay low=channels.low_pass "
+        "c=bodies.center_of_mass I=bodies.inertia p=placement.xyz kc=coil.stiffness "
         "L0=coil.rest_length F0=gas.force h0=gas.column kappa=gas.kappa a=rod.center l=rod.length",
     )
 )
@@ -315,6 +316,7 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
     for key in list_keys() if path else ():
         if key.path.replace("[]", "").endswith(f".{path}"):
             side = " Motor side." if ".motor." in key.path else " Link side." if ".joints[]." in key.path else ""
+            side = "" if side.lower()[1:-1] in key.text else side
             item: Any = robot
             owners: list[str] = []
             for step in steps:

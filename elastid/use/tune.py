@@ -131,6 +131,7 @@ class TunedMove(References):
     target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
     with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: on the twin `judge`.
     draws: of the fit, geometry included, on which torques and velocities keep the limits as well; most (n_u,): torque.
+    The errors of a draw count from the path of its own rigid robot, which lengths and zeros move by up to `moved_m`.
     """
 
     name: str
@@ -147,6 +148,7 @@ class TunedMove(References):
     outcomes: tuple[Outcome, ...]
     samples: int
     most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
+    moved_m: float = labelled("error of the path by lengths and zeros, 95 % of draws", "m")
     advice: str = ""
 
     def __getitem__(self, name: str) -> Outcome:
@@ -212,8 +214,9 @@ class _Asked:
         """The best move with its outcomes."""
         given, limits, joints = self.given, self.limits, self.commanded.robot.driven
         planned, r, drawn, most = self._within_limits(progress)
-        ends = planned.q.t[[0, -1]]
         target = self._path(r.time_s)
+        moved = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in given.draws]
+        ends = planned.q.t[[0, -1]]
         at = self.commanded.poses(planned.q(np.clip(r.time_s, *ends))).position
         error = np.linalg.norm(at - target, axis=1)
         advice = ""
@@ -229,11 +232,12 @@ class _Asked:
             duration=self.move.duration, margin_s=self.margin_s, target=target, planned=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
             outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), most=most, advice=advice,
+            moved_m=float(np.quantile(moved, 0.95)) if moved else 0.0,
         )  # fmt: skip
 
-    def _path(self, time_s: FloatArray) -> FloatArray:
-        """Path (N, 3) of the frame."""
-        return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0]).position
+    def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
+        """Path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
+        return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0], robot).position
 
     def _within_limits(self, progress: Progress) -> tuple[Planned, References, FloatArray, FloatArray]:
         """A plan that keeps the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
@@ -258,12 +262,13 @@ class _Asked:
                     f"no motion within the limits makes the move in {self.move.duration:.4g} s; give it more time, as "
                     "--fastest finds, or ends that the motors hold against gravity",
                 )
-            target = self._path(references.time_s)
             used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
             errors, most = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(given.draws):
                 q, torque = loop.follow(references, robot)
-                errors.append(np.linalg.norm(commanded.poses(q, robot).position - target, axis=1))
+                errors.append(
+                    np.linalg.norm(commanded.poses(q, robot).position - self._path(references.time_s, robot), axis=1)
+                )
                 most = np.maximum(most, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies
 from plants.refusals import refused
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import clear_folder, own_path, read_table, unlinked
+from elastid.base.files import RENAME_PAUSES_S, clear_folder, own_path, read_table, unlinked, write_whole
 
 
 @pytest.fixture
@@ -84,3 +84,32 @@ def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[lis
         path.write_text("\n".join([*lines, "alone"]))
         with refused("files/table", place=f"{path}:{len(lines) + 1}:1"):
             list(read_table(path))
+
+
+@pytest.mark.parametrize("refusals", [0, 1, len(RENAME_PAUSES_S), len(RENAME_PAUSES_S) + 1])
+def test_a_refused_renaming_is_tried_again_for_two_seconds(
+    refusals: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Windows refuses it while a scanner reads; afterwards the file is new and whole, or as before."""
+    path, pauses, rename = tmp_path / "fit.h5", list[float](), Path.replace
+    path.write_bytes(b"before")
+
+    def refusing(source: Path, target: Path) -> Path:
+        if len(pauses) < refusals:
+            raise PermissionError(13, "in use", str(source))
+        return rename(source, target)
+
+    monkeypatch.setattr(Path, "replace", refusing)
+    monkeypatch.setattr("elastid.base.files.time.sleep", lambda pause: pauses.append(pause))
+    if refusals <= len(RENAME_PAUSES_S):
+        write_whole(path, b"after")
+        assert path.read_bytes() == b"after"
+    else:
+        with pytest.raises(OSError, match="in use") as error:
+            write_whole(path, b"after")
+        assert error.value.filename == str(path)
+        assert path.read_bytes() == b"before"
+    assert [child.name for child in tmp_path.iterdir()] == ["fit.h5"]
+    assert pauses == list(RENAME_PAUSES_S[:refusals])
+    assert RENAME_PAUSES_S[0] == 0.1
+    assert sum(RENAME_PAUSES_S) == pytest.approx(2.0)

@@ -24,7 +24,7 @@ def test_springs_are_called_what_they_are() -> None:
     """Gears, shafts, what bends or twists amid a link, other joints, rods, and the weight."""
     names = spring_names(ARM)
     assert (names["k_2"], names["km_2"], names["k_b"], names["k_t"]) == (
-        "gear 2",
+        "joint 2",
         "shaft of motor 2",
         "bending b",
         "torsion t",
@@ -81,11 +81,11 @@ def test_energies_follow_the_numbers_of_a_configuration() -> None:
         for name in ("cold", "warm")
     ]
     cold, warm = modes_of(FittedRobot.of(result, ARM, responses))
-    assert cold.stores == ("gear 1", "gear 2", "bending b", "torsion t", "gear 3", "weight")
+    assert cold.stores == ("joint 1", "joint 2", "bending b", "torsion t", "joint 3", "weight")
     for row in (cold, warm):
         np.testing.assert_allclose(row.energy.sum(axis=0), 1.0)
         assert row.drawing is not None
     soft = swinging(ARM.with_parameters({"k_2": 2e5}))[1][1:]
     np.testing.assert_allclose(warm.frequency_hz, soft, rtol=1e-9)
-    gear = cold.stores.index("gear 2")
+    gear = cold.stores.index("joint 2")
     assert warm.energy[gear, 1] != pytest.approx(cold.energy[gear, 1], rel=0.05)

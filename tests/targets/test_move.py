@@ -37,7 +37,7 @@ def tuned() -> TunedMove:
     return TunedMove(
         t, q, v * inside, a * inside, 0 * a, 100 * a * inside, "a */ move", "tool", ("1", "axis: 2"), ("rad", "m"),
         "twin", 4.0, 1.0, 0.2, np.zeros((len(t), 3)), zero, np.full((4, 2), np.inf), (outcome,), 0,
-        np.zeros(2),
+        np.zeros(2), 0.0,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.result import Result
+from elastid.fit.result import HELD_AS_EXACT, Result
 from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
@@ -62,7 +62,10 @@ def fit(study: Study, work: Work) -> Artefacts:
             result, effects = identified(fitted, robot, spec, study.model, execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
-    result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
+    # The fixed values and the base of a simulated robot are exact.
+    exact = () if study.experiment.simulated is None else (HELD_AS_EXACT, "fit/assumed-rigid")
+    noted = [note for note in result.notes if note.code not in exact]
+    result = replace(result, notes=(*noted, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
@@ -124,7 +127,7 @@ def conclude(run: Run) -> None:
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction, opened)
     run.console.table(result_table(result.display, rows))
-    for line in _legend(result, rows):
+    for line in _legend(result, rows, friction):
         run.console.say(line)
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
@@ -155,12 +158,12 @@ SYMBOLS = {
     "the outputs relative to the inputs": {"delay": "time delay"},
 }  # fmt: skip
 STD_PARTS = {
-    "std_noise": "noise", "std_prior": "tolerances of the robot model, which more data do not reduce",
-    "std_systematic": "assumed model error, friction compensation, and tolerances that more data reduce",
-}  # fmt: skip
+    "std_noise": "noise",
+    "std_prior": "tolerances of the robot model that more data do not reduce; typical tolerances if it states none",
+}
 
 
-def _legend(result: Result, rows: Sequence[ParameterRow]) -> Iterator[str]:
+def _legend(result: Result, rows: Sequence[ParameterRow], friction: FrictionTakenOut | None) -> Iterator[str]:
     first = {row.name.partition("_")[0]: row.name for row in reversed(rows)}
     groups = []
     for owner, families in SYMBOLS.items():
@@ -169,8 +172,11 @@ def _legend(result: Result, rows: Sequence[ParameterRow]) -> Iterator[str]:
         groups += [f"{names} of {owner.format(first[of_owner[0]].partition('_')[2])}"] if of_owner else []
     if groups:
         yield f"Names: {'; '.join(groups)}"
-    if parts := [name for name in result.display.headings if name in STD_PARTS]:
-        yield f"std^2 = {' + '.join(f'{name}^2 ({STD_PARTS[name]})' for name in parts)}"
+    examples = ["the assumed model error"] * (result.model_error > 0)
+    examples += ["of the friction compensation"] * bool(friction and friction.shapes)
+    meanings = {**STD_PARTS, "std_systematic": ", for example ".join(["other errors", *examples[:1]])}
+    if parts := [name for name in result.display.headings if name in meanings]:
+        yield f"std^2 = {' + '.join(f'{name}^2 ({meanings[name]})' for name in parts)}"
     elif result.exceeds_noise:
         yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 
@@ -190,5 +196,7 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
         step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
-    command = f"elastid run {run.loaded.path} {step.text}" if step.text.startswith("--") else step.text
+    command = step.text
+    if command.startswith("--"):
+        command = f"elastid run {run.loaded.path} --run {run.folder} {command}"
     yield " ".join(filter(None, ("What next?", step.what, step.gain, command and f"`{command}`")))

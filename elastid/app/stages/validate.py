@@ -14,6 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
+from elastid.fit.result import REQUIRED
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.friction import FrictionTakenOut
@@ -61,7 +62,11 @@ def validate(study: Study, work: Work) -> Artefacts:
         predict_response(result, G, is_fitted=counted and G.configuration.name not in left_out)
         for G in tool_responses(study.tool, study, work.base)
     ]
-    judged = replace(judged, predictions=tuple(predictions))
+    verdict = judged.verdict
+    if result.cause[0].startswith(REQUIRED):  # of a value other than the nominal one
+        value = result.cause[0].removeprefix(REQUIRED).partition(";")[0].strip()
+        verdict = verdict.replace("The model", f"With {value}, the model")
+    judged = replace(judged, predictions=tuple(predictions), verdict=verdict)
 
     def report(console: Console) -> None:
         verdict = judged.verdict.removeprefix("Validation ")

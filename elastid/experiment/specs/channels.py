@@ -93,7 +93,7 @@ class ChannelSpec:
         if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):
             raise ValueError(
                 f"role {self.role} contradicts quantity {self.quantity}: r, u, d are torques, y a motion, t a "
-                "temperature, reference a position"
+                "temperature, reference a position. A torque sensor behind the gear has role u"
             )
         if self.role == "t" and self.side == "motor":
             raise ValueError("a temperature has no side. Omit side with role t")

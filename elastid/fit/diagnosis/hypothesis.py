@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.display import capital
+from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
@@ -43,7 +43,8 @@ SCALE = "scale"  # family of channels in another unit, whose readings follow fro
 # Remedies; a command to copy is at the end, after a colon.
 FREE_MOTORS = "Free the viscous friction of all motors, which the robot model lacks: `--set 'fit.parameters.fm_*={}'`"
 CHECK_OR_PRIOR = (
-    "Correct {name} in the robot model, or estimate it: `--set 'fit.parameters.{name}={{prior: {{std: {usual:g}}}}}'`"
+    "Correct {name} in the robot model, or estimate it with the nominal value and a std of {size} as prior: "
+    "`--set 'fit.parameters.{name}={{prior: {{std: {usual:g}}}}}'`"
 )
 
 
@@ -277,7 +278,8 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
     if name == "low_pass":  # of all motions, its inverse of all torques
         name = "low_pass_y" if index.steps[0] > 0 else "low_pass_u"
-    return capital(advice.format(name=name, where=index.name.partition("_")[2], usual=usual))
+    size = percent(usual) if index.log and index.log[0] else f"{usual:g} {index.units[0] if index.units else ''}"
+    return capital(advice.format(name=name, where=index.name.partition("_")[2], usual=usual, size=size))
 
 
 def _is_motor_friction(index: ModificationIndex) -> bool:

@@ -25,10 +25,9 @@ class Limits:
     effect: float = 0.005  # of a parameter, below which a change is a note and no misfit, and has no words
     effect_on_damping: float = 0.05  # likewise of a damping or a friction
     # An estimate.
-    interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
     residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
     factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
-    stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
+    stiffness_std: float = 0.5  # the largest, of ln p: beyond it a parameter is weakly identifiable
     suspect_explained_share: float = 0.9  # below which, where the noise is unknown, responses may have been misread
     # Shares of the excess of V that a cause explains.
     further_share: float = 0.05  # that each in a sequence explains

@@ -30,7 +30,6 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
-from elastid.base.statistics import QUANTILE_95
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, fault, phrase
 from elastid.fit.diagnosis.limits import LIMITS
@@ -109,7 +108,7 @@ def with_status(evidence: Evidence) -> Result:
         return ended("ill_conditioned", f"not identifiable: a combination of {listed(free, unreached)}")
     logarithmic = [p.name for p in result.parameters.asked if p.log]
     if logarithmic and all(_is_weak(result, name) for name in logarithmic):
-        text = f"the upper end of every interval is more than {LIMITS.interval_factor:g} times the lower end"
+        text = f"the std of every parameter is above {percent(LIMITS.stiffness_std)} of its estimate"
         return ended("ill_conditioned", f"{text}. Check the channels of each file, and the noise of the responses")
     result = replace(result, verdicts=_verdicts(evidence))
     by_blocks, cause = _by_blocks(evidence), evidence.cause
@@ -146,7 +145,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
             verdicts.append(DISTORTED)
         elif by_blocks[i] > LIMITS.shift:
             verdicts.append(f"{BIASED}: configurations and bands differ in it by {by_blocks[i]:.1f} std")
-        elif parameter.log and std[parameter.name] > LIMITS.stiffness_std * result.values[parameter.name]:
+        elif parameter.log and _is_weak(result, parameter.name):
             verdicts.append(UNCERTAIN)
         else:
             verdicts.append(BY_PRIOR if 2 * prior[parameter.name] ** 2 > std[parameter.name] ** 2 else GOOD)
@@ -328,17 +327,15 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     wanted = result.parameters.asked
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         if _is_weak(result, parameter.name):
-            # Without the interval: that of the table may be found later, by profile likelihood.
-            limit = percent(math.log(LIMITS.interval_factor) / (2 * QUANTILE_95))
-            text = f"weakly identifiable (std above {limit} of the estimate). Do not use such an estimate"
+            limit = percent(LIMITS.stiffness_std)
+            text = f"weakly identifiable (std above {limit} of the estimate). Do not use the estimate"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
     yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
 
 
 def _is_weak(result: Result, name: str) -> bool:
-    low, high = result.interval(name)
-    return not high < LIMITS.interval_factor * low
+    return not result.std[name] <= LIMITS.stiffness_std * result.values[name]
 
 
 def _search(result: Result) -> Iterator[Note]:

@@ -88,11 +88,11 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     if not named:
         return ()
     free = result.parameters.free_names
-    moves = "; ".join(f"{error.amount(error.per_std)} changes {free[error.parameter]}" for error in named)
+    moves = ", ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
     text = (
-        f"the intervals assume exact fixed values of the robot model. By one std, an error of {moves}. The residuals "
-        f"do not show an error of {named[0].amount(named[0].error)}. State the tolerances of these values in "
-        "robot.tolerances, so that the intervals include them"
+        "the intervals assume that the fixed values of the robot model are exact. Errors that change an estimate by "
+        f"one std: {moves}. The residuals do not show an error of {named[0].amount(named[0].error)}. State the "
+        "tolerances of these values in robot.tolerances, so that the intervals include them"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 

@@ -1,14 +1,15 @@
 r"""The noise of a measured response as it weighs: its sample covariance smoothed over lines, in the form it came in.
 
 A full covariance is smoothed around a model of the noise: the sum of noise on the outputs of a response and of torques
-at its inputs that pass through it.
+at its inputs that pass through it. Levels of both kinds are estimated by likelihood.
 
 .. math:: C(k) = \sum_i a_i(\omega)\, e_i e_i^T + \sum_j b_j(\omega)\, g_j(k) g_j(k)^H, \qquad a_i, b_j \ge 0
 
 g_j are the columns of the measured response: noise of the torque, friction and disturbances at a motor move all outputs
-together, strongest at the resonances. a_i is a sum of white noise in position, velocity and acceleration; b_j of white
-torque, torque that falls with frequency, and torque that grows with the excitation. These few levels are found over all
-lines by maximum likelihood of Wishart matrices with a majorising step,
+together, strongest at the resonances. a_i is a sum of white noise in position, velocity and acceleration, and of errors
+in proportion to the gain \|g_i\| of its output and to its root (friction, drifting gains); b_j of white torque, torque
+that falls with frequency, and torque that grows with the excitation. These few levels are estimated over all lines by
+maximum likelihood of Wishart matrices with a majorising step,
 
 .. math:: \theta \leftarrow \theta\, \frac{\sum_k w_k\, \mathrm{tr}(Q C^{-1} S C^{-1})}
                                           {\sum_k w_k\, \mathrm{tr}(Q C^{-1})}, \qquad C = \sum \theta Q
@@ -41,12 +42,13 @@ from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
+MIN_GAIN = 1e-300  # divisor of an output that no input moves
 MIN_VARIANCE_SHARE = 1e-9  # of an output, in the mean, added to the diagonal: a model of exact data is regular
 
 
 @dataclass(frozen=True)
 class NoiseShapes:
-    """The shapes along frequency of a response's noise: own (p, F) of its outputs, torque (q, F) of its inputs.
+    """The shapes along frequency of a response's noise: own (p, F, n_y) of its outputs, torque (q, F) of its inputs.
 
     G (F, n_y, n_u): how torque reaches the outputs.
     """
@@ -60,10 +62,13 @@ class NoiseShapes:
         """weakness (F,): the inverse of the excitation's power, where it is known."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
         motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - power) for power in (0.0, 2.0, 4.0)])
+        gain = np.linalg.norm(G, axis=2)
+        gain = gain / np.maximum(gain.max(axis=0), MIN_GAIN)
+        own = np.concatenate([np.repeat(motion[:, :, None], gain.shape[1], axis=2), np.stack([gain, gain**2])])
         torque = [np.ones_like(f), f**-2.0]
         if weakness is not None and np.all(weakness > 0):
             torque.append(weakness.mean() / weakness)
-        return cls(motion, np.stack(torque), G)
+        return cls(own, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> "NoiseShapes":
         """Shapes on some of the lines."""
@@ -94,7 +99,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     scale = np.sqrt(level)
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
     floor = MIN_VARIANCE_SHARE * np.eye(n_y)
-    a = np.tile(1 / shapes.own.mean(axis=1)[:, None], n_y) / (2 * len(shapes.own))
+    a = 1 / np.maximum(shapes.own.mean(axis=1), MIN_GAIN) / (2 * len(shapes.own))
     reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
     b = np.divide(F * n_y / (2 * n_u * len(shapes.torque)), reached, out=np.zeros_like(reached), where=reached > 0)
     for _ in range(30):
@@ -113,13 +118,13 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
     """sum theta Q (F, n_y, n_y); a (p, n_y), b (q, n_u)."""
     C = (g * (shapes.torque.T @ b)[:, None, :]) @ g.mT.conj()
     diagonal = np.arange(g.shape[1])
-    C[:, diagonal, diagonal] += shapes.own.T @ a
+    C[:, diagonal, diagonal] += np.einsum("pfa,pa->fa", shapes.own, a)
     return np.asarray(C)
 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """sum_k w_k tr(Q W) of the noise on the outputs (p, n_y), and of torques (q, n_u)."""
-    motion = (shapes.own * w) @ np.einsum("faa->fa", W).real
+    motion = np.einsum("pfa,f,faa->pa", shapes.own, w, W).real
     return motion, (shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real
 
 

@@ -5,6 +5,7 @@ work in a process of their own with a limit on its memory, started for the first
 """
 
 import atexit
+import logging
 import os
 import pickle
 import signal
@@ -30,6 +31,7 @@ from elastid.recorded.files.log import ArrayLog, StoredArray
 # The reader of each process (workers begin as copies of another) and path of imports.
 _readers: dict[tuple[int, str], subprocess.Popen[bytes]] = {}
 _one_request = RLock()
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,8 @@ def _reader(where: str) -> subprocess.Popen[bytes]:
         # -P: nothing is imported from the folder that the user happens to be in.
         command = [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"]
         pipe, env = subprocess.PIPE, os.environ | {"PYTHONPATH": where}
+        if not _readers and not limits_memory():
+            _log.warning("this system does not limit the memory of a process: read only files that you trust")
         # Words of the libraries go nowhere.
         _readers[key] = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=env)
         atexit.register(_end, _readers[key])
@@ -159,9 +163,14 @@ def serve() -> None:
         replies.flush()
 
 
+def limits_memory() -> bool:
+    """True if the system limits the memory of a process: not on Windows, and not on macOS, which ignores the limit."""
+    return hasattr(os, "sysconf") and sys.platform != "darwin"
+
+
 def limit_memory() -> int:
     """Limit the memory of this process; return the limit in bytes, 0 if the system does not support it."""
-    if not hasattr(os, "sysconf"):
+    if not limits_memory() or not hasattr(os, "sysconf"):
         return 0
     import resource
 

@@ -277,10 +277,10 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     if is_one_of_several and N <= n < MIN_PERIODS * repeat:
         return
     if n < MIN_PERIODS * repeat:
-        needed = "one period is" if half_wave else "two periods are"
+        needed = "one is" if half_wave else "two are"
         raise DataError(
             "records/period-mismatch",
-            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} are needed. {NO_LINES}",
+            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}",
             path,
         )
     result = repetition(excitation, repeat, sign)

@@ -61,10 +61,10 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("gears", "gears", caption, partial(fit.hysteresis, content.gears, content.robot))
     yield from _configurations(content)
     if len(rows) > 1:
-        caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
+        caption = "Red: 1, blue: −1. Near these values, the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, partial(fit.identifiability, content.result))
     if content.forecast is not None:
-        caption = "Expected information: by configuration and frequency, and by configuration and parameter."
+        caption = "Fisher information expected for the nominal robot, by configuration and octave, in % of the total."
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
     if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():
         caption = "Largest peak in each configuration, in % of the limits of the motor."

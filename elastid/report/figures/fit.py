@@ -100,21 +100,15 @@ def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
 
 
 def identifiability(result: Result) -> Figure:
-    """Correlations of the estimates, numbers where |r| > 0.9; singular values of the scaled Jacobian."""
+    """Correlations of the estimates, numbers where |r| > 0.9."""
     n = len(result.parameters.asked)
-    r, s, names = result.correlation[:n, :n], result.singular_values, result.parameters.free_names[:n]
+    r, names = result.correlation[:n, :n], result.parameters.free_names[:n]
     cells = Cells(r, names, names, (-1.0, 1.0), lambda v: f"{v:.2f}" if 0.9 < abs(v) < 1 else "", "RdBu_r")
-    condition = s[0] / s[-1] if s[-1] > 0 else math.inf
-    values = Panel(
-        [Curve(np.arange(1, len(s) + 1), s, dots=True)], "number",
-        title=f"singular values, condition {condition:.3g}", scale="log" if np.all(s > 0) else "linear",
-    )  # fmt: skip
-    rows = [[Panel(title="correlation of the estimates", cells=cells), values]]
-    return style.matrix("How well the data determine the parameters", rows)
+    return style.matrix("Correlation of the estimates", [[Panel(cells=cells)]])
 
 
 def information(forecast: Forecast) -> Figure:
-    """Shares of the expected information in percent: by configuration and octave, by configuration and parameter."""
+    """Fractions of the expected information in percent, by configuration and octave."""
     names, f = forecast.configurations, forecast.freq_hz
     octave = np.floor(np.log2(f / f[0]) + 1e-9).astype(int)
     by_octave, edges = np.zeros((len(names), octave[-1] + 1)), f[0] * 2.0 ** np.arange(octave[-1] + 1)
@@ -125,12 +119,8 @@ def information(forecast: Forecast) -> Figure:
 
     octaves = [f"{edge:.3g}" for edge in edges]
     all_of = Cells(by_octave, names, octaves, (0.0, max(float(by_octave.max()), 1.0)), text)
-    cells = Cells(100 * forecast.information_fraction.sum(axis=1), (), forecast.parameters, text=text)
-    panels = [
-        Panel(x="start of the octave in Hz", title="share of all information in %", cells=all_of),
-        Panel(title="share of the information on a parameter in %", cells=cells),
-    ]
-    return style.matrix("Expected information by configuration", [panels])
+    panel = Panel(x="start of the octave in Hz", cells=all_of)
+    return style.matrix("Expected information in %", [[panel]])
 
 
 def limit_use(use: LimitUse) -> Figure:
@@ -139,11 +129,11 @@ def limit_use(use: LimitUse) -> Figure:
     motors = [name.removeprefix("motor ") for name in use.inputs]
     percent = 100 * np.where(np.isfinite(use.limit), use.used, np.nan)
     panels = [
-        Panel(x="motor", title=f"{QUANTITIES[kind]} in % of its limit",
+        Panel(x="motor", title=QUANTITIES[kind],
               cells=Cells(percent[:, kind], () if i else use.configurations, motors, (0.0, 130.0)))
         for i, kind in enumerate(kinds)
     ]  # fmt: skip
-    return style.matrix(f"Peaks against limits ({use.margin:.0%} of each kept free)", [panels])
+    return style.matrix(f"Peaks in % of the limits ({use.margin:.0%} margin)", [panels])
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
@@ -299,8 +289,8 @@ COLORS = {
     ELASTICITY: style.TRUTH,
 }  # fmt: skip
 TORQUE_CAPTION = (
-    "torque of the log and of the model for the measured motion; the model's parts; by octave what the model leaves of "
-    "the mean square, with friction and without, and the share of the torque's power that lies there."
+    "torque of the log and of the model for the measured motion; terms of the model; by octave, the unexplained "
+    "fraction of the mean square, with and without friction, and the fraction of the torque's power."
 )
 
 
@@ -321,14 +311,14 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
         Curve(np.arange(len(balance.bands)), [100 * max(getattr(band, key), 1e-7) for band in balance.bands], text, ink,
               looks={"marker": "o", "ls": ":"})
         for key, ink, text in (
-            ("unexplained_fraction", style.RESIDUAL, "left"),
-            ("unexplained_without_friction", style.WEAK, "left without friction"),
-            ("power", style.MEASURED, "share of the torque's power"),
+            ("unexplained_fraction", style.RESIDUAL, "unexplained"),
+            ("unexplained_without_friction", style.WEAK, "unexplained without friction"),
+            ("power", style.MEASURED, "fraction of the torque's power"),
         )
     ]  # fmt: skip
     unit, time = style.pretty_unit(balance.unit), "time in s" if balance.rate_is_known else "time in samples"
     below = Panel(shares, style.frequency_label(balance.rate_is_known), "%", scale="log")
-    title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square is left"
+    title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square unexplained"
     figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
     return figure
@@ -343,8 +333,8 @@ def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
         for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
             left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.unexplained_fraction)
     names, columns = [f"{row.place}, {row.log}" for row in balances], [f"{edge:.3g}" for edge in edges]
-    panel = Panel(x=label, title="torque left, % of its rms", cells=Cells(left, names, columns))
-    return style.matrix("Torque left by octave", [[panel]])
+    panel = Panel(x=label, title="unexplained torque, % of its rms", cells=Cells(left, names, columns))
+    return style.matrix("Unexplained torque by octave", [[panel]])
 
 
 def command_errors_figure(joints: Sequence[JointError]) -> Figure:

@@ -156,9 +156,9 @@ def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -
     taken = friction.taken_places()
     curves = [_taken_out(friction, i, known.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
     levels = [_unexplained(friction, i) for i in range(len(friction.places))]
-    figure = style.matrix("Friction taken out of the responses", style.in_columns(curves, levels))
+    figure = style.matrix("Friction compensation", style.in_columns(curves, levels))
     for axes in figure.axes:
-        if axes.get_title().endswith("torque not explained"):
+        if axes.get_title().endswith("distortion"):
             style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
     return figure
 
@@ -189,7 +189,7 @@ def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel
     curves = [Curve(1e3 * x, torque, "friction", style.FITTED, band=band, band_label="95 % interval")]
     for level in () if known is None else (known, -known):
         ends, looks = 1e3 * x[[0, -1]], {"ls": "--"}
-        curves.append(Curve(ends, [level, level], "F_c of the robot's file", style.TRUTH, looks=looks))
+        curves.append(Curve(ends, [level, level], "F_c of the robot model", style.TRUTH, looks=looks))
     F_c, of_own = friction.sliding_level(place)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
     words = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
@@ -201,10 +201,10 @@ def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel
 def _unexplained(friction: FrictionTakenOut, i: int) -> Panel:
     x = np.arange(len(friction.configurations))
     kinds = (
-        (friction.before[:, i], "none", "unexplained, with friction"),
-        (friction.after[:, i], style.MEASURED, "unexplained, friction taken out"),
+        (friction.before[:, i], "none", "before compensation"),
+        (friction.after[:, i], style.MEASURED, "after compensation"),
     )
     curves = [Curve(x, y, text, dots=True, looks={"mew": 1, "mfc": face}) for y, face, text in kinds]
     unit = style.pretty_unit(friction.place_units[i])
-    title = f"{friction.places[i]}: torque not explained"
+    title = f"{friction.places[i]}: noise and distortion"
     return Panel(curves, "", f"amplitude in {unit}", title, y_ends=(0.0, None))

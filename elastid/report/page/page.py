@@ -25,7 +25,6 @@ from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import grouped
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_whole
-from elastid.fit.result import Result
 from elastid.nonlinear.friction import friction_rows
 from elastid.report import overview
 from elastid.report.content import (
@@ -76,7 +75,7 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
         parts.append(_joint(points[point], names, by_name))
     width, height = (float(np.ptp(points[:, axis])) + 2 * MARGIN for axis in (0, 1))
     box = f'viewBox="0 0 {width + 30:.0f} {height:.0f}" width="{width + 30:.0f}" height="{height:.0f}"'
-    words = "The robot, its joints coloured by the width of their intervals"
+    words = "The robot; colours of the points: widths of the intervals of their joints"
     # Every text within is escaped.
     return Markup(f'<svg class="robot" role="img" aria-label="{words}" {box}>{"".join(parts)}</svg>')
 
@@ -122,7 +121,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     sketched = content.robot if drawing is not None else None
     classes: list[int | None] = [overview.width_class(row) for row in rows]
     if sketched is not None:
-        classes = [level for names in joint_groups(sketched) for level in [_level(names, rows)] * len(names)]
+        classes = [_level(names, rows) for names in joint_groups(sketched)]
     return {
         "sentence": overview.verdict_sentence(content.result, rows, content.agreements),
         "numbers_answer": overview.numbers_answer(content.result, rows, content.gears),
@@ -132,24 +131,13 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "half_width": overview.half_width,
         "width_class": overview.width_class,
         "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
-        "counted": "joints" if sketched else "parameters",
+        "counted": "point" if sketched else "parameter",
         "strip": overview.strip(content.validation.configurations),
         "residuals": overview.residual_sentence(content.result, content.agreements),
         "actions": overview.next_steps(content.result, rows),
         "commands": overview.COMMANDS,
         "meanings": meanings(content),
-        "correlated": correlated(content.result),
     }
-
-
-def correlated(result: Result) -> dict[str, tuple[str, float]]:
-    """Return the most correlated parameter of each free one, with the correlation; "" below 0.5."""
-    names, partners = result.parameters.free_names, {}
-    correlation = np.nan_to_num(result.correlation, nan=0.0) - np.eye(len(names))
-    for i, name in enumerate(names):
-        j = int(np.argmax(np.abs(correlation[i])))
-        partners[name] = (names[j], float(correlation[i, j])) if abs(correlation[i, j]) >= 0.5 else ("", 0.0)
-    return partners
 
 
 def meanings(content: ReportContent) -> dict[str, str]:

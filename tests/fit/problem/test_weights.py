@@ -104,6 +104,7 @@ G_SMOOTHED_NOISE = frequency_response(MODEL, MODEL.theta_ref, FREQ_SMOOTHED_NOIS
 LEVEL = np.median(np.abs(G_SMOOTHED_NOISE)) ** 2
 # Half on the outputs, half from torques at the inputs; and a disturbance at a place that is no input.
 OUTPUTS = LEVEL * np.eye(2) * np.ones((len(FREQ_SMOOTHED_NOISE), 1, 1)) + 0j
+FOLLOWING = np.linalg.norm(G_SMOOTHED_NOISE, axis=2)[:, :, None] ** 2 * np.eye(2) + 0j
 TORQUE = 0.3 * G_SMOOTHED_NOISE @ G_SMOOTHED_NOISE.conj().transpose(0, 2, 1)
 
 
@@ -128,7 +129,7 @@ def loss(found, C):
     return float(np.mean(np.sum(values - np.log(values) - 1, axis=1)))
 
 
-@pytest.mark.parametrize("C", [OUTPUTS, OUTPUTS + TORQUE, 0.01 * OUTPUTS + TORQUE])
+@pytest.mark.parametrize("C", [OUTPUTS, OUTPUTS + TORQUE, 0.01 * OUTPUTS + TORQUE, FOLLOWING])
 @pytest.mark.parametrize("dof", [2, 6])
 def test_noise_of_outputs_and_torques_is_known_from_two_degrees_of_freedom_a_line(C, dof):
     """The loss is that of 60 and more degrees of freedom of each line (n^2 / (2 dof) each), weights are unbiased."""
@@ -137,6 +138,30 @@ def test_noise_of_outputs_and_torques_is_known_from_two_degrees_of_freedom_a_lin
     assert np.mean([loss(one, C) for one in found]) < 4 / (2 * 60) + 0.02
     power = np.mean([np.einsum("fab,fba->f", np.linalg.inv(one), C).real.mean() / 2 for one in found])
     assert power == pytest.approx(1.0, abs=0.03)
+
+
+def scatter(C, weighed):
+    """Variances (4,) of k_g, d_g, k_a, d_a under noise C of each input's column, of weights weighed^-1."""
+    slopes = [
+        frequency_response(MODEL, MODEL.theta_ref * (1 + 1e-6 * row), FREQ_SMOOTHED_NOISE) for row in np.eye(5)[:4]
+    ]
+    J = (np.moveaxis(slopes, 0, -1) - G_SMOOTHED_NOISE[..., None]) / 1e-6
+    J = J.swapaxes(1, 2).reshape(-1, 4, 4)
+    WJ = np.linalg.solve(weighed, J)
+    true = np.einsum("ab,fcd->facbd", np.eye(2), C).reshape(-1, 4, 4)
+    A = np.linalg.inv(np.einsum("fap,faq->pq", J.conj(), WJ).real)
+    return np.diag(A @ np.einsum("fap,fab,fbq->pq", WJ.conj(), true, WJ).real @ A)
+
+
+WHITE_ANGLE = OUTPUTS * (FREQ_SMOOTHED_NOISE / np.median(FREQ_SMOOTHED_NOISE))[:, None, None] ** 2
+
+
+@pytest.mark.parametrize("C", [WHITE_ANGLE + TORQUE, FOLLOWING, np.sqrt(FOLLOWING)])
+def test_estimates_from_two_realisations_scatter_by_at_most_1_1_of_the_cramer_rao_bound(C):
+    """Torque noise through G and white angle noise; errors in proportion to the gain and to its root."""
+    rng, bound = np.random.default_rng(5), scatter(C, np.kron(np.ones((2, 2)), C) * np.kron(np.eye(2), np.ones((2, 2))))
+    weighed = (smooth_noise(response_smoothed_noise(rng, C, 1)).covariance for _ in range(8))
+    assert np.all(np.sqrt(np.mean([scatter(C, one) / bound for one in weighed], axis=0)) < 1.1)
 
 
 def test_a_line_that_is_really_noisier_keeps_its_own_level():

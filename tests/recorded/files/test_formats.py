@@ -21,7 +21,7 @@ from scipy.io import savemat
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files import foreign, formats, ros_bag
+from elastid.recorded.files import foreign, formats, reader_process, ros_bag
 from elastid.recorded.files.formats import Format, contents, opened_log, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
@@ -374,3 +374,16 @@ def test_time_histories_of_a_universal_file_are_a_log(tmp_path: Path) -> None:
         }
         values = log.values([ChannelSpec("y", "any", name, quantity="position") for name in signals], slice(None))
     np.testing.assert_allclose(values, np.stack([x for x, _, _ in signals.values()], axis=1), rtol=1e-5, atol=1e-6)
+
+
+def test_a_system_without_memory_limits_is_stated_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """At the first file that a guarded process reads."""
+    monkeypatch.setattr(reader_process, "limits_memory", lambda: False)
+    monkeypatch.setattr(reader_process, "_readers", {})
+    for name in ("one.mat", "two.mat"):
+        savemat(tmp_path / name, {"q": np.arange(10.0)})
+        with opened_log(tmp_path / name, TextFormatSpec()) as log:
+            assert len(log.arrays) == 1
+    assert [record.name for record in caplog.records] == [reader_process.__name__]

@@ -15,7 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 from plants import friction_study as study
 from plants.arm_modes import ARM, mode_row
-from plants.report_values import TRUTH, balance, fit_result, pair, report_content, write_report
+from plants.report_values import TRUTH, balance, pair, report_content, write_report
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.base.display import number
@@ -25,7 +25,7 @@ from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.report.answer import Answer
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
-from elastid.report.page.page import correlated, first_screen, html, html_of_responses
+from elastid.report.page.page import first_screen, html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import write_page_of_answer
 from elastid.store.friction_study import read_simulation, write_friction_result
@@ -187,12 +187,6 @@ def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path:
     text = html_of_friction(replace(study.friction_content(), twin=twin), ())
     assert text.count("fast") == text.count('<td class="text">link motion</td>') == 1
     assert "link motion" not in html_of_friction(study.friction_content(), ())
-
-
-def test_a_number_is_named_beside_the_one_it_is_most_correlated_with() -> None:
-    assert correlated(fit_result()) == {
-        "k_1": ("k_2", pytest.approx(-0.97)), "k_2": ("k_1", pytest.approx(-0.97)), "d_1": ("", 0.0), "x_c": ("", 0.0),
-    }  # fmt: skip
 
 
 def test_the_page_of_an_answer_has_its_figure_as_a_file_and_on_it(tmp_path: Any) -> None:

@@ -42,7 +42,7 @@ def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
     assert tuned.planned.max() > 1e-3
 
 
-def test_the_band_of_draws_holds_the_geometry_of_the_file() -> None:
+def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity() -> None:
     """A zero that is 1 mrad off turns a tool of 1.2 m by 1.2 mm, which the loop of the motor does not see."""
     asked = given(draws=1)
     robot = asked.draws[0].with_parameters({"zero_1": 1e-3})
@@ -53,7 +53,8 @@ def test_the_band_of_draws_holds_the_geometry_of_the_file() -> None:
     high = tuned.outcomes[-1].high
     assert high is not None
     reach = np.linalg.norm(tuned.target, axis=1).max()
-    assert high.max() == pytest.approx(1e-3 * reach, rel=0.05)
+    assert tuned.moved_m == pytest.approx(1e-3 * reach, rel=0.01)
+    assert high.max() < 0.1 * tuned.moved_m
 
 
 def test_a_draw_that_no_loop_moves_is_refused() -> None:
