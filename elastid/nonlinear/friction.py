@@ -315,8 +315,8 @@ class FrictionRow:
     interval: tuple[float, float] | None = None
 
 
-# Torque of presliding over stiffness and swing of its spring: std of the Coulomb torque by elements that do not slide.
-UNSEEN = 3.0
+# Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring. Calibrated on GMS.
+UNSEEN = 6.0
 
 
 def friction_rows(friction: FrictionTakenOut, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
