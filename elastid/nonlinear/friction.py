@@ -315,7 +315,7 @@ class FrictionRow:
     interval: tuple[float, float] | None = None
 
 
-# Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring. Calibrated on GMS.
+# Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring (GMS).
 UNSEEN = 6.0
 
 
