@@ -108,7 +108,7 @@ def summary(
         ),
         "parameters": _parameters(result, rows),
         "nuisance_parameters": _nuisance_parameters(result),
-        "friction": _friction_section(robot, friction),
+        "friction": _friction_section(robot, friction, result.presliding_stiffness),
         "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
             section(index, "name group place explained_fraction drop members alike effects")
@@ -297,7 +297,9 @@ def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
     }
 
 
-def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[dict[str, Any]] | None:
+def _friction_section(
+    robot: Robot, friction: FrictionTakenOut | None, springs: Mapping[str, float]
+) -> list[dict[str, Any]] | None:
     """Return the section `friction` of summary.json, one entry per motor; None without compensation.
 
     Torques in the motor's unit on the link side, thresholds in rad (m) there, of a sign in rad/s (m/s).  before, after:
@@ -323,5 +325,5 @@ def _friction_section(robot: Robot, friction: FrictionTakenOut | None) -> list[d
             "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
             "residual_power_ratio": row.residual_power_ratio,
         }
-        for i, row in enumerate(friction_rows(friction))
+        for i, row in enumerate(friction_rows(friction, springs))
     ]

@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -40,10 +39,11 @@ RESIDUALS = 6_000  # real ones of the search
 # Std of the logarithms of a stiffness and of a relaxation time about their starts.
 STIFFNESS_STD, TIME_STD = 3.0, 1.5
 # Bounds of a rate over the lowest and the highest angular frequency, and where between these rates start.
-RATE_BOUNDS, STARTS = (1 / 30, 2.4), (0.25, 0.75)
-FIRST_SHARE = 0.1  # of the median of torque over angle of a motor, at which its stiffness starts
+RATE_BOUNDS, STARTS = (1e-3, 2.4), (0.0, 1 / 3, 2 / 3, 1.0)
+# Of the median of torque over angle of a motor, at which its stiffness starts, at least or where no linear step is.
+FIRST_SHARES = (1e-3, 0.1)
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
-MOST_STD = 0.8  # of the logarithms of stiffness and rate of a spring that is identified
+MOST_STD = 0.8  # of the logarithm of the stiffness of a spring that is identified
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
 # Motion between two reversals over the presliding distance, between which no linear model without springs is right.
 AMPLITUDES = (0.2, 4.0)
@@ -127,34 +127,51 @@ class _State:
 
     def predicted(self, joint: str) -> float:
         """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
-        if any(f"motor {joint}" not in part.kernel.model.outputs for part in self.fit.parts):
+        if not self._sees(joint):
             return math.inf
         J, of_springs, r = self._rows
-        C = np.concatenate([each[joint] for each in of_springs], axis=1)
-        C = np.pad(C, ((0, 0), (0, len(r) - C.shape[1])))  # priors have none
-        both, free = (np.linalg.qr(rows.T)[0] for rows in (np.vstack([J, C]), J))
+        both, free = (np.linalg.qr(rows.T)[0] for rows in (np.vstack([J, of_springs[joint]]), J))
         return float(np.sum((both.T @ r) ** 2) - np.sum((free.T @ r) ** 2))
 
+    def starts(self, joint: str) -> list[tuple[RelaxingSpring, float, float]]:
+        """A spring with s and a for each starting rate: s by a linear step, both signs where the motion is not seen."""
+        rates = _rates(self.base.responses)
+        usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_SHARES
+        if not self._sees(joint):
+            return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in (1, -1) for a in rates[1:-1].tolist()]
+        J, of_springs, r = self._rows
+        Q, C = np.linalg.qr(J.T)[0], of_springs[joint]
+        C = C - (C @ Q) @ Q.T
+        steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
+        return [
+            (RelaxingSpring(joint, 1 if s > 0 else -1), float(np.clip(abs(s), least * usual, usual)), a)
+            for s, a in zip(steps.tolist(), rates.tolist(), strict=True)
+        ]
+
+    def _sees(self, joint: str) -> bool:
+        return all(f"motor {joint}" in part.kernel.model.outputs for part in self.fit.parts)
+
     @cached_property
-    def _rows(self) -> tuple[FloatArray, list[dict[str, FloatArray]], FloatArray]:
-        """dr/dx (n_x, N) with priors, dr/ds (n_a, N_q) of each configuration by joint, and r (N,)."""
-        rows, columns, residuals = [], [], []
+    def _rows(self) -> tuple[FloatArray, dict[str, FloatArray], FloatArray]:
+        """dr/dx (n_x, N) with priors, dr/ds (n_a, N) at the starting rates by joint, and r (N,)."""
+        rows, columns, residuals, rates = [], [], [], _rates(self.base.responses)
         for part in self.fit.parts:
             mixing = part.mixing
             r, J = self.fit.block(part, self.x, mixing)
             rows.append(as_real(J).reshape(len(J), -1))
             residuals.append(as_real(r).ravel())
-            columns.append(dict(_columns(part, part.kernel.response(part.theta(self.parameters, self.x)), mixing)))
+            G = part.kernel.response(part.theta(self.parameters, self.x))
+            columns.append(dict(_columns(part, G, mixing, rates)))
         distance, slope = self.fit.priors(self.x)
-        return np.hstack([*rows, np.diag(slope)]), columns, np.concatenate([*residuals, distance])
+        none = np.zeros((len(rates), len(distance)))  # priors have none
+        seen = [joint for joint in columns[0] if all(joint in each for each in columns)]
+        of_springs = {joint: np.hstack([*(each[joint] for each in columns), none]) for joint in seen}
+        return np.hstack([*rows, np.diag(slope)]), of_springs, np.concatenate([*residuals, distance])
 
     def trials(self, joint: str) -> "Iterator[_State]":
         """States with a spring of another motor, from all starts."""
-        low, high = rate_band(self.base.responses)
-        stiffness = FIRST_SHARE * _torque_per_angle(self.base.responses, f"motor {joint}")
-        for sign, where in product((1, -1), STARTS):
-            spring = RelaxingSpring(joint, sign)
-            every = {**self.springs, spring: (stiffness, low * (high / low) ** where)}
+        for spring, stiffness, a in self.starts(joint):
+            every = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, every)
             start = _start(assembly.parameters, self.parameters, self.x)
             fit, _ = _thinned(assembly, start)
@@ -171,16 +188,17 @@ class _State:
 
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
     """Add springs motor by motor, by the largest predicted drop, if V falls by more than chance."""
-    by_chance, left = chi_square_limit(2, LIMITS.false_alarm_rate / (2 * len(STARTS) * len(joints))), list(joints)
-    limit = max(by_chance, LIMITS.drop)  # what compensated friction leaves is not Gaussian
+    by_chance, left = chi_square_limit(2, LIMITS.false_alarm_rate), list(joints)
+    first = state
     while left:
         predicted = [state.predicted(joint) for joint in left]
-        if not max(predicted) > PREDICTED * limit * state.level:
+        if not max(predicted) > PREDICTED * by_chance * state.level:
             break
         joint = left.pop(int(np.argmax(predicted)))
         best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
-        state = best if state.cost - best.cost > limit * best.level else state
-    return state
+        state = best if state.cost - best.cost > by_chance * best.level else state
+    # What compensated friction leaves is not Gaussian.
+    return state if first.cost - state.cost > LIMITS.drop * state.level else first
 
 
 def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
@@ -191,14 +209,14 @@ def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
-def _columns(part: Part, G: ComplexArray, mixing: ComplexArray | None) -> Iterator[tuple[str, FloatArray]]:
+def _columns(
+    part: Part, G: ComplexArray, mixing: ComplexArray | None, rates: FloatArray
+) -> Iterator[tuple[str, FloatArray]]:
     """dr/ds (n_a, N) of the springs of each motor whose motion is in a response G (F, n_y, n_u), by its joint."""
     model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
-    low, high = np.abs(s).min(), np.abs(s).max()
     for j, place in enumerate(model.inputs):
         if place in model.outputs:
             by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
-            rates = low * (high / low) ** np.array([0.0, 0.5, 1.0])
             dG = np.stack([-by_angle * s / (s + a) for a in rates])
             yield place.removeprefix("motor "), as_real(part.slopes(G, dG, mixing)).reshape(len(rates), -1)
 
@@ -211,6 +229,12 @@ def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
         i = G.outputs.index(place) if place in G.outputs else int(np.argmax(motions.mean(axis=0)))
         found.append((2 * np.pi * G.freq_hz) ** MOTION_ORDER[G.quantity] / np.maximum(motions[:, i], 1e-300))
     return float(np.median(np.concatenate(found)))
+
+
+def _rates(responses: Sequence[Response]) -> FloatArray:
+    """Rates (n_a,) of the starts, 1/s."""
+    low, high = rate_band(responses)
+    return np.asarray(low * (high / low) ** np.array(STARTS))
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
@@ -251,9 +275,12 @@ def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArr
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
-    """Return True if stiffness and rate of all springs have standard deviations below MOST_STD."""
+    """Return True if the stiffness of a spring has a standard deviation below MOST_STD.
+
+    A spring that hardly relaxes has no rate, a damper neither.
+    """
     std = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
-    return all(std[name] < MOST_STD for s in springs for name in (s.names[0], relaxation(s.joint)))
+    return any(std[s.names[0]] < MOST_STD for s in springs)
 
 
 def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:

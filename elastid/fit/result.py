@@ -312,6 +312,11 @@ class Result:
     __repr__, _repr_html_ = as_text, as_html
 
     @property
+    def presliding_stiffness(self) -> dict[str, float]:
+        """Stiffness of the presliding friction of each motor that has any, N m/rad (N/m)."""
+        return {friction.place: friction.stiffness for friction in self.presliding}
+
+    @property
     def display(self) -> Display:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std

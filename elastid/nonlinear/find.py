@@ -25,6 +25,7 @@ from elastid.nonlinear.levels import (
     covariance,
     delayed,
     find_levels,
+    median_swing,
     normal_equations,
     refined,
     shares,
@@ -37,6 +38,9 @@ from elastid.record import MOTION_ORDER, Record
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24
+# Motion between two reversals over the presliding distance, below which the data do not show F_c, and the std over F_c
+# from which on a note says so.
+FULL_SWING, MIN_UNCERTAIN = 4.0, 0.05
 
 
 class _Unsuited(ValueError):
@@ -91,7 +95,8 @@ def _found(
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
             data, shapes, choice, picked = late, late_shapes, late_choice, late_picked
     of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
-    first, friction = _Found(records[0], spec, of_picked, choice), None
+    swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
+    first, friction = _Found(records[0], spec, of_picked, choice, swings), None
     if choice.shapes:
         near = refined(choice, first.levels, places, first.velocity_noise)
         between = replace(first, choice=near, data=gathered(measured[:few], near.shapes, first.result))
@@ -141,6 +146,7 @@ class _Found:
     spec: EstimatorSpec
     data: Sequence[ConfigurationSpectra]
     choice: Choice
+    swings: tuple[float, ...] = ()
 
     @cached_property
     def sums(self) -> tuple[FloatArray, NormalEquations]:
@@ -174,6 +180,7 @@ class _Found:
             after=equations.level,
             residual_power_ratio=np.where(is_compensated, left, choice.residual_power_ratio),
             accelerance=self._accelerance(),
+            swings=self.swings,
         )
         return replace(result, notes=_notes(result))
 
@@ -236,6 +243,13 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
                 f"of noise and distortion decreases to {share:.2g} % of its value without compensation"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
+            ratio = result.swing_ratio(place)
+            if std > MIN_UNCERTAIN * level and ratio < FULL_SWING:
+                text = (
+                    f"{place}: the Coulomb torque is {level:.3g} {unit} (std {std:.2g}). The motion between two "
+                    f"reversals is {ratio:.2g} of the presliding distance (limit {FULL_SWING:g}). Raise the amplitude"
+                )
+                notes.append(Note("nonlinear/presliding", text, severity="information"))
         else:
             text = (
                 f"{place}: Coulomb friction is not significant and not compensated. In cross-validation, "

@@ -2,11 +2,12 @@ r"""Friction at motors that was found, and its shapes: functions phi of angle an
 
 .. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D
 
-.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}
+.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}, \qquad damping: \phi = T \dot s / D
 
 Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
 gradually, as oil or noise in the velocity make it. The level of a stribeck shape is F_s - F_c, the torque by which slow
-motion has more friction than fast motion: 0 there.
+motion has more friction than fast motion: 0 there. So has damping, which acts on the rate of a stop or a bristle, as
+LuGre's sigma_1 = level T / D does; T is a sample.
 
 The motion follows from a motor's angle and torque. Above the excited lines a motor moves as an inertia,
 
@@ -25,7 +26,7 @@ torque that is logged later than the motion by tau has its friction by tau later
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -41,7 +42,7 @@ from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
 from elastid.record import Record
 
-Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle"]
+Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop damping", "bristle damping"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,12 @@ class Shape:
     @property
     def when_fast(self) -> float:
         """The shape in fast steady sliding: 1 if its level is a part of F_c, else 0."""
-        return float(self.kind != "stribeck")
+        return float(self.kind != "stribeck" and not self.is_damping)
+
+    @property
+    def is_damping(self) -> bool:
+        """True if it is the rate of a stop or a bristle."""
+        return self.kind in ("stop damping", "bristle damping")
 
     @property
     def is_memoryless(self) -> bool:
@@ -79,6 +85,8 @@ class Shape:
         """The shape (n,) in steady sliding at `velocity` (n,)."""
         if self.kind == "stribeck":
             return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
+        if self.is_damping:
+            return np.zeros(len(velocity))
         gradual = self.kind == "sign" and self.threshold > 0
         return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
 
@@ -139,8 +147,9 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
     for shape, level in taken:
         if not shape.is_memoryless:
             path = path or path_of(record, motion)
-            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold / 2)
-            means += s[:-1] + s[1:]
+            operator = stop if shape.kind.startswith("stop") else bristle
+            s = operator(path, shape.threshold) * (level / shape.threshold / 2)
+            means += 2 * CELLS * np.diff(s) if shape.is_damping else s[:-1] + s[1:]
     return means
 
 
@@ -216,6 +225,7 @@ class FrictionTakenOut:
     median of the lines, with friction in it and without: nonlinear distortion and noise.  residual_power_ratio (n_m,):
     residual over initial power in realisations that the levels were not fitted to, 1 without compensation.
     accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
+    swings (n_m,): median motion between two reversals, rad (m), link side.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -230,6 +240,7 @@ class FrictionTakenOut:
     residual_power_ratio: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
     notes: tuple[Note, ...] = field(default=())
+    swings: tuple[float, ...] = labelled("median motion between two reversals, link side", "rad", "places", default=())
 
     @property
     def std(self) -> FloatArray:
@@ -246,9 +257,26 @@ class FrictionTakenOut:
         return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
 
     def sliding_level(self, place: str) -> tuple[float, float]:
-        """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation."""
+        """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation.
+
+        Elements that do not slide between two reversals have a torque in sliding that the data do not show: what is
+        left of it to sliding is another standard deviation.
+        """
         row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
-        return float(row @ self.coulomb_torque), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+        swing = np.array([self.swing(place)])
+        left = np.array([(1 - float(shape.reversal(swing)[0])) / 2 for shape in self.shapes])
+        std = math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+        return float(row @ self.coulomb_torque), math.hypot(std, float((row * left) @ self.coulomb_torque))
+
+    def swing(self, place: str) -> float:
+        """Median motion of a motor between two reversals, rad (m), link side; infinite where it is not known."""
+        return dict(zip(self.places, self.swings, strict=False)).get(place, math.inf)
+
+    def swing_ratio(self, place: str) -> float:
+        """Motion of a motor between two reversals over its presliding distance, F_c over stiffness."""
+        taken = [(shape, level) for shape, level in self.taken_shapes(place) if shape.kind in ("stop", "bristle")]
+        stiffness = sum(level / shape.threshold for shape, level in taken)
+        return self.swing(place) * stiffness / sum(level for _, level in taken) if taken else math.inf
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.
@@ -287,13 +315,22 @@ class FrictionRow:
     interval: tuple[float, float] | None = None
 
 
-def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
-    """One row for each motor that was looked at, in their order."""
+# Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring (GMS).
+UNSEEN = 6.0
+
+
+def friction_rows(friction: FrictionTakenOut, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
+    """One row for each motor that was looked at, in their order.
+
+    springs: stiffness of the presliding friction that a fit has found at motors.
+    """
     rows, taken = [], friction.taken_places()
     for place, unit, kept in zip(
         friction.places, friction.place_units, friction.residual_power_ratio.tolist(), strict=True
     ):
         level, std = friction.sliding_level(place)
+        if springs.get(place, 0.0) > 0 and friction.swings:
+            std = math.hypot(std, UNSEEN * springs[place] * friction.swing(place))
         interval = (max(level - QUANTILE_95 * std, 0.0), level + QUANTILE_95 * std)
         rows.append(FrictionRow(place, unit, kept, *((level, std, interval) if place in taken else ())))
     return tuple(rows)

@@ -20,13 +20,14 @@ of that (`refined`).
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import mean_of_neighbours
 from elastid.nonlinear.friction import Kind, Shape
-from elastid.nonlinear.motion import NEIGHBOURS, motion_of
+from elastid.nonlinear.motion import NEIGHBOURS, Motion, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, taken
 from elastid.record import Record
 
@@ -160,6 +161,9 @@ DEPENDENCE_BY_CHANCE = 1e-5
 # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
 # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
 MIN_UNEXPLAINED = 10.0
+# Of the power that shapes leave, the share that others which begin with a damped element may leave to be preferred:
+# where damping is most of the friction, a sign comes first and no element after it.
+DAMPED_POWER = 0.9
 SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
 # Of a level, all of a motor as one factor: std of what its shape is not known by, levels within 1 %.  Calibrated, not
 # derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3 % on another.
@@ -195,9 +199,7 @@ def _choices(
     equations: NormalEquations, candidates: Sequence[Shape], groups: Sequence[IntArray]
 ) -> list[tuple[IntArray, float]]:
     """Candidates of each motor's group that explain its torque, and the share of the power that they leave."""
-    # Of Stribeck curves a motor has one at most, and none alone: together they have no F_c.
-    rivals = np.flatnonzero([shape.kind == "stribeck" for shape in candidates])
-    return [choose_shapes(equations, i, members, rivals) for i, members in enumerate(groups)]
+    return [choose_shapes(equations, i, members, candidates) for i, members in enumerate(groups)]
 
 
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
@@ -294,7 +296,7 @@ _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 
 def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shape, ...]:
-    """Candidates of every motor: a sign, at once or gradual, a Stribeck curve and bristles."""
+    """Candidates of every motor: a sign, at once or gradual, a Stribeck curve, bristles and their damping."""
     shapes: list[Shape] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
@@ -303,12 +305,16 @@ def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shap
         if signs_alone:
             continue
         shapes += [Shape(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
-        swings = np.concatenate([motion.swings for motion in motions])
-        swing = float(np.median(swings)) if swings.size else 0.0
-        if swing > 0:
-            kinds: tuple[Kind, ...] = ("stop", "bristle")
+        if (swing := median_swing(motions)) > 0:
+            kinds: tuple[Kind, ...] = ("stop", "bristle", "stop damping", "bristle damping")
             shapes += [Shape(place, kind, part * swing) for kind in kinds for part in _BENDING]
     return tuple(shapes)
+
+
+def median_swing(motions: Sequence[Motion]) -> float:
+    """Median distance between two reversals, rad (m); 0 without any."""
+    swings = np.concatenate([motion.swings for motion in motions])
+    return float(np.median(swings)) if swings.size else 0.0
 
 
 def kept_power(equations: NormalEquations, motor: int, chosen: IntArray) -> float:
@@ -334,12 +340,28 @@ def greedy(
     return chosen, left
 
 
+def may_join(shape: Shape, others: Sequence[Shape]) -> bool:
+    """Return True if a motor may have a shape besides others: one Stribeck curve, and damping of stops or bristles.
+
+    None of these is alone, since they have no F_c.
+    """
+    kinds = {other.kind for other in others}
+    if shape.kind == "stribeck":
+        return bool(kinds) and "stribeck" not in kinds
+    return not shape.is_damping or not kinds.isdisjoint(("stop", "bristle"))
+
+
+def is_damping_of(shape: Shape, element: Shape) -> bool:
+    """Return True if a shape damps a stop or a bristle, both of one threshold."""
+    return shape.kind == f"{element.kind} damping" and shape.threshold == element.threshold
+
+
 def choose_shapes(
-    equations: NormalEquations, motor: int, candidates: IntArray, rivals: IntArray
+    equations: NormalEquations, motor: int, candidates: IntArray, shapes: Sequence[Shape]
 ) -> tuple[IntArray, float]:
     """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
 
-    rivals: those of which it has one at most, beside others.
+    candidates (n,): of all shapes.
     """
 
     def power(members: list[int]) -> float:
@@ -348,13 +370,18 @@ def choose_shapes(
     def pays(before: float, after: float, _: list[int]) -> bool:
         return after < (1 - SLIGHT) * before  # not where no line shows any power
 
-    def larger(chosen: list[int]) -> list[list[int]]:
-        has_its_rival = not chosen or bool(np.isin(chosen, rivals).any())
-        barred = {*chosen, *(rivals.tolist() if has_its_rival else ())}
-        return [[*chosen, i] for i in candidates.tolist() if i not in barred]
+    def larger(chosen: list[int], firsts: list[list[int]]) -> list[list[int]]:
+        others = [shapes[i] for i in chosen]
+        more = [i for i in candidates.tolist() if i not in chosen and may_join(shapes[i], others)]
+        return firsts if not chosen else [[*chosen, i] for i in more]
 
-    total = power([])
-    chosen, left = greedy(larger, power, pays)
+    total, every = power([]), candidates.tolist()
+    singles = [[i] for i in every if may_join(shapes[i], ())]
+    pairs = [[i, j] for i in every for j in every if is_damping_of(shapes[j], shapes[i])]
+    chosen, left = greedy(partial(larger, firsts=singles), power, pays)
+    if pairs:
+        damped, left_by_damped = greedy(partial(larger, firsts=pairs), power, pays)
+        chosen, left = (damped, left_by_damped) if left_by_damped < DAMPED_POWER * left else (chosen, left)
     share = left / total if total > 0 else 1.0
     return np.array(sorted(chosen), dtype=np.int64), share
 

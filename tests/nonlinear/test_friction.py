@@ -1,12 +1,13 @@
 """Motion between samples and spectra of shapes are those of the motor's motion; levels and curves of a result."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from elastid.friction.operators import Path, stop
-from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes, sliding_means, spectrum
+from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes, friction_rows, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.nonlinear.motion import Motion as KnownMotion
 from elastid.record import Configuration, Motion, Record
@@ -129,6 +130,26 @@ def test_the_level_in_sliding_is_the_sum_of_signs_and_bristles_without_stribeck(
     assert FRICTION.sliding_level("motor 1") == pytest.approx((5.0, np.sqrt(0.15)))
     assert FRICTION.sliding_level("motor 2") == (0.0, 0.0)
     assert FRICTION.taken_places() == ("motor 1",)
+
+
+def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide() -> None:
+    """A stop of 3 Nm is half-way to sliding after a motion of its threshold; a spring of 10 Nm/rad has no bound."""
+    short = replace(FRICTION, swings=(0.1, 0.1))
+    assert short.sliding_level("motor 1") == pytest.approx((5.0, np.hypot(np.sqrt(0.15), 1.5)))
+    assert short.swing_ratio("motor 1") == pytest.approx(1.0)
+    (plain, _), (with_spring, _) = friction_rows(short), friction_rows(short, {"motor 1": 10.0})
+    assert with_spring.std == pytest.approx(np.hypot(plain.std or 0.0, 6.0))
+
+
+@pytest.mark.parametrize("element", ["stop", "bristle"])
+def test_damping_acts_on_the_rate_of_its_element(element: Literal["stop", "bristle"]) -> None:
+    """Its lines are those of the element times j omega over the sampling rate."""
+    record, lines = swinging(7, 0.2), [7, 21]
+    of_element, of_damping = (
+        amplitudes_of(record, Shape("motor 1", kind, 0.05), lines)  # type: ignore[arg-type]
+        for kind in (element, f"{element} damping")
+    )
+    np.testing.assert_allclose(of_damping, 2j * np.pi * np.array(lines) / N * of_element, rtol=2e-2)
 
 
 def test_a_reversal_runs_from_minus_to_plus_the_level_in_sliding() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.nonlinear.friction import Shape
+from elastid.nonlinear.friction import Kind, Shape
 from elastid.nonlinear.levels import (
     SHAPE_ERROR,
     SIGN_ERROR,
@@ -20,7 +20,7 @@ from elastid.nonlinear.levels import (
 )
 from elastid.nonlinear.spectra import ConfigurationSpectra
 
-EVERY, NONE = np.arange(3), np.arange(0)
+EVERY = np.arange(3)
 F_C = 9.0
 
 
@@ -49,22 +49,34 @@ def folded(equations: NormalEquations) -> NormalEquations:
     return replace(equations, **{name: np.repeat(getattr(equations, name), 2, axis=0) for name in "Abc"})
 
 
+def kinds(*names: Kind) -> list[Shape]:
+    return [Shape("motor 1", kind, 1.0) for kind in names]
+
+
 def test_of_rivals_one_is_chosen() -> None:
     """Friction of a shape and of two rivals: the rival that explains more, also where another came first."""
-    folds, rivals = folded(regression(1.0, 0, (F_C, 2.0, 3.0))), np.array([1, 2])
-    free, _ = choose_shapes(folds, 0, EVERY, NONE)
+    folds = folded(regression(1.0, 0, (F_C, 2.0, 3.0)))
+    free, _ = choose_shapes(folds, 0, EVERY, kinds("sign", "sign", "sign"))
     np.testing.assert_array_equal(free, EVERY)
-    chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
+    chosen, _ = choose_shapes(folds, 0, EVERY, kinds("sign", "stribeck", "stribeck"))
     np.testing.assert_array_equal(chosen, [0, 2])
 
 
 def test_a_stribeck_curve_is_not_chosen_alone() -> None:
     """A nearly flat Stribeck curve fits the friction alone but has no F_c: Coulomb friction is chosen with it."""
-    folds, rivals = folded(regression(0.25, 0, (0.0, F_C, 0.0))), np.array([1])
-    chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
+    folds, shapes = folded(regression(0.25, 0, (0.0, F_C, 0.0))), kinds("sign", "stribeck", "sign")
+    chosen, _ = choose_shapes(folds, 0, EVERY, shapes)
     assert {0, 1} <= {*chosen.tolist()}
-    alone, _ = choose_shapes(folds, 0, np.array([1]), rivals)
+    alone, _ = choose_shapes(folds, 0, np.array([1]), shapes)
     assert alone.tolist() == []
+
+
+@pytest.mark.parametrize(("element", "is_chosen"), [("stop", True), ("bristle", True), ("sign", False)])
+def test_damping_is_chosen_beside_the_element_that_it_damps(element: Kind, is_chosen: bool) -> None:
+    """The rate at which a sign turns is no damping of an element: a sign jumps."""
+    folds = folded(regression(1.0, 0, (F_C, 3.0, 0.0)))
+    chosen, _ = choose_shapes(folds, 0, np.arange(2), kinds(element, "bristle damping", "sign"))
+    assert (1 in chosen) is is_chosen
 
 
 def on_a_carrier(power: float) -> ConfigurationSpectra:
