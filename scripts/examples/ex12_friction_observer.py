@@ -23,7 +23,7 @@ angle = np.round(np.cumsum(v) / rate_hz / count) * count
 
 joint = FollowedJoint(motor_inertia=inertia, coulomb=0.9, viscous=0.025, bristle_stiffness=250.0, bristle_damping=0.8)
 noise = FilterNoise(count / np.sqrt(12), 0.03, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})
-found = follow("1", False, joint, [JointSamples(torque, 0 * t, angle)], rate_hz, noise, 5.0, find_noise=False)
+found = follow("1", False, [joint], [JointSamples(torque, 0 * t, angle)], rate_hz, noise, 5.0, find_noise=False)
 end = dict(zip(found.names, found.values[-1], strict=True))
 
 if __name__ == "__main__":
