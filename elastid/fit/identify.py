@@ -134,7 +134,8 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
         both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
     except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence
-    return both if both.result.status in ("converged", "at_bound", "misfit") else evidence
+    # A spring that drives another parameter to its bound takes the place of it.
+    return both if both.result.status in ("converged", "misfit", evidence.result.status) else evidence
 
 
 def fit_parameters(

@@ -351,7 +351,7 @@ class Result:
         """The errors that the intervals include, in a sentence without its full stop."""
         errors = ["measured noise"]
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
-            errors.append(f"the assumed model error of {percent(self.model_error)}")
+            errors.append(f"the assumed model error of {percent(self.model_error)} of each FRF")
         elif np.any(1 - self.averaging_fraction - self.persistent_fraction > 0.01):
             is_friction = not (self.has_tolerances or self.model_error or DISTORTED in self.verdicts)
             errors.append("errors of the friction compensation" if is_friction else "small model errors")

@@ -265,6 +265,6 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
     return Note(
         "frf/periods-discarded",
         f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. {channels[worst]} deviates there from "
-        f"the other periods by up to {100 * D[worst]:.2g} % (limit {100 * limit[worst]:.2g} %)",
+        f"the other periods by up to {100 * D[worst]:.2g} % of its rms (limit {100 * limit[worst]:.2g} %)",
         f"record {record.name}",
     )

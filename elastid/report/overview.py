@@ -16,7 +16,17 @@ import numpy as np
 
 from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import BIASED, DISTORTED, HELD_AS_EXACT, NO_CAUSE, OTHER_AMPLITUDE, REQUIRED, UNCERTAIN, Result
+from elastid.fit.result import (
+    BIASED,
+    CONTRADICTED,
+    DISTORTED,
+    HELD_AS_EXACT,
+    NO_CAUSE,
+    OTHER_AMPLITUDE,
+    REQUIRED,
+    UNCERTAIN,
+    Result,
+)
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
@@ -109,6 +119,8 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
     most = widest(rows)
     if result.status != "converged":
+        if result.meaning == CONTRADICTED:
+            return "Only if the value that the data require is correct. The robot model states another one."
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
     if most is None:
         return "No parameter was identified."

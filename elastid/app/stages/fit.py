@@ -159,7 +159,7 @@ SYMBOLS = {
 }  # fmt: skip
 STD_PARTS = {
     "std_noise": "noise",
-    "std_prior": "tolerances of the robot model that more data do not reduce; typical tolerances if it states none",
+    "std_prior": "tolerances of the robot model, with default values if it states none",
 }
 
 
@@ -176,7 +176,11 @@ def _legend(result: Result, rows: Sequence[ParameterRow], friction: FrictionTake
     examples += ["of the friction compensation"] * bool(friction and friction.shapes)
     meanings = {**STD_PARTS, "std_systematic": ", for example ".join(["other errors", *examples[:1]])}
     if parts := [name for name in result.display.headings if name in meanings]:
-        yield f"std^2 = {' + '.join(f'{name}^2 ({meanings[name]})' for name in parts)}"
+        total, of_parts = (
+            " + ".join(f"{name}^2" for name in parts),
+            "; ".join(f"{name}: {meanings[name]}" for name in parts),
+        )
+        yield f"std^2 = {total}. {of_parts}"
     elif result.exceeds_noise:
         yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 

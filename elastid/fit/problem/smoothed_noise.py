@@ -30,7 +30,7 @@ where the noise is as smooth as supposed. A line that is noisier than chance all
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
+MOTIONS = 3  # white position, velocity and acceleration
 MIN_GAIN = 1e-300  # divisor of an output that no input moves
 MIN_VARIANCE_SHARE = 1e-9  # of an output, in the mean, added to the diagonal: a model of exact data is regular
 
@@ -61,7 +62,7 @@ class NoiseShapes:
     def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> "NoiseShapes":
         """weakness (F,): the inverse of the excitation's power, where it is known."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
-        motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - power) for power in (0.0, 2.0, 4.0)])
+        motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - 2.0 * order) for order in range(MOTIONS)])
         gain = np.linalg.norm(G, axis=2)
         gain = gain / np.maximum(gain.max(axis=0), MIN_GAIN)
         own = np.concatenate([np.repeat(motion[:, :, None], gain.shape[1], axis=2), np.stack([gain, gain**2])])
@@ -78,9 +79,21 @@ class NoiseShapes:
 def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     """C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
 
+    With errors in proportion to gains if lines are more likely then: the sum of -ln det C - tr(C^-1 S) is larger.
     The levels of every other line are those of the lines between them, so that C knows nothing of a line's own S;
     fewer than 16 lines are not divided.
     """
+    models = [_across_lines(S, each) for each in (replace(shapes, own=shapes.own[:MOTIONS]), shapes)]
+    return max(models, key=lambda C: float(np.sum(-np.linalg.slogdet(C)[1] - _traces(np.linalg.inv(C), S))))
+
+
+def _traces(W: Any, S: ComplexArray) -> FloatArray:
+    """tr(W S) (F,)."""
+    return np.asarray(np.einsum("fab,fba->f", W, S).real)
+
+
+def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
+    """C of the levels of the other half of the lines."""
     lines = np.arange(len(S))
     C = np.empty(S.shape, np.complex128)
     for half in (lines % 2 == 0, lines % 2 == 1):
@@ -105,7 +118,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     for _ in range(30):
         W = np.asarray(np.linalg.inv(_sum(a, b, shapes, g) + floor), np.complex128)
         WSW = np.asarray(W @ S @ W)
-        t = np.einsum("fab,fba->f", W, S).real / n_y
+        t = _traces(W, S) / n_y
         w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
         (motion, torque), (motion_expected, torque_expected) = _powers(WSW, w, shapes, g), _powers(W, w, shapes, g)
         a, b = a * _ratio(motion, motion_expected), b * _ratio(torque, torque_expected)

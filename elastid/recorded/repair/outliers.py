@@ -93,9 +93,9 @@ def _masked(
     for c, at in enumerate(spikes):
         if at.size == 0:
             continue
-        text = f"{log.names[c]}: {at.size} of {len(signals)} samples differ from {reference}"
+        text = f"{log.names[c]}: {at.size} of {len(signals)} samples are spikes against {reference}"
         if at.size >= MAX_FRACTION * len(signals):
-            log.report("spikes left", at.size, f"{text}: too many for spikes, left unchanged")
+            log.report("spikes left", at.size, f"{text}: too many, left unchanged")
             continue
         result[at, c] = np.nan
         log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")
