@@ -101,7 +101,7 @@ def identified(
             assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
         except StudyError as error:  # the robot finds no rest on the way
             raise NoRestError(error) from None
-        if not (result.has_tolerances and evidence.result.status == "model_error"):
+        if robot.tolerances is None or not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
             contradicted = (*contradicted_priors(result), *contradicted_tolerances(result))
@@ -135,7 +135,8 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
     except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence
     # A spring that drives another parameter to its bound takes the place of it.
-    return both if both.result.status in ("converged", "misfit", evidence.result.status) else evidence
+    is_new_bound = both.result.status == "at_bound" != evidence.result.status
+    return both if both.result.status in ("converged", "at_bound", "misfit") and not is_new_bound else evidence
 
 
 def fit_parameters(
