@@ -176,11 +176,8 @@ def _legend(result: Result, rows: Sequence[ParameterRow], friction: FrictionTake
     examples += ["of the friction compensation"] * bool(friction and friction.shapes)
     meanings = {**STD_PARTS, "std_systematic": ", for example ".join(["other errors", *examples[:1]])}
     if parts := [name for name in result.display.headings if name in meanings]:
-        total, of_parts = (
-            " + ".join(f"{name}^2" for name in parts),
-            "; ".join(f"{name}: {meanings[name]}" for name in parts),
-        )
-        yield f"std^2 = {total}. {of_parts}"
+        squares = " + ".join(f"{name}^2" for name in parts)
+        yield f"std^2 = {squares}. {'; '.join(f'{name}: {meanings[name]}' for name in parts)}"
     elif result.exceeds_noise:
         yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 
