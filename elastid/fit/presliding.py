@@ -275,7 +275,7 @@ def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArr
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
-    """Return True if the stiffness of a spring has a standard deviation below MOST_STD.
+    """Return True if the stiffness of at least one spring has a standard deviation below MOST_STD.
 
     A spring that hardly relaxes has no rate, a damper neither.
     """

@@ -298,7 +298,8 @@ class KalmanFilter:
         parts, times, (x, P) = list[tuple[FloatArray, ...]](), np.zeros(1), first_estimate(joint, 0.0)
         for motion in motions:
             before, P_before = x, P
-            half, later = np.diff(motion.angle[[0, FIRST_SAMPLES, 2 * FIRST_SAMPLES]]) * self.rate_hz / FIRST_SAMPLES
+            first = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
+            half, later = np.diff(first) * self.rate_hz / FIRST_SAMPLES
             x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
             if parts:
                 x[own], P[own] = before[own], P_before[own]
