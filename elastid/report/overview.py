@@ -147,7 +147,8 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
 def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
     names: dict[str, list[str]] = {}
     for row in rows:
-        size = f" (std {percent(row.std / row.estimate)})" if row.verdict == UNCERTAIN else ""
+        has_size = row.verdict == UNCERTAIN and row.estimate != 0
+        size = f" (std {percent(row.std / abs(row.estimate))})" if has_size else ""
         names.setdefault(row.verdict, []).append(f"{row.name}{size}")
     parts = []
     for verdict, of_verdict in names.items():
