@@ -14,8 +14,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
-from elastid.recorded.channel_names import ChannelGuess, guess_by_name
-from elastid.recorded.clocks import is_clock
+from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_name
+from elastid.recorded.clocks import is_clock, slowest_ms
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
 from elastid.recorded.motion_relations import MIN_CORRELATION, TorqueRelation, motion_relations, torque_relation, travel
@@ -26,9 +26,10 @@ from elastid.recorded.repair.outliers import without_lone
 DRIVES = ("torque", "force", "current", "voltage")
 _MIN_SAMPLES = 100  # of a log
 _MIN_KNOWN_FRACTION = 2 / 3  # of a signal's samples, the others missing
+_GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
-Values = Mapping[tuple[str, int | None], FloatArray]
+Values = Mapping[ChannelKey, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,11 @@ class LogGuess:
     references: tuple[ChannelGuess, ...] = ()
 
     @property
+    def is_hit(self) -> bool:
+        """True for the force of a hammer or shaker, and accelerations."""
+        return (self.joints[0].torque.quantity, self.joints[0].motion.quantity) == ("force", "acceleration")
+
+    @property
     def motions(self) -> tuple[ChannelGuess, ...]:
         """Motions of the joints, then further ones."""
         return (*(joint.motion for joint in self.joints), *self.further)
@@ -68,6 +74,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
 
     with_constant: also signals that do not change.
     """
+    if isinstance(log, TextLog) and log.sample_ms:
+        return _signals_at_one_rate(log, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
@@ -88,7 +96,40 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                     _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
                 )
                 result.append((replace(guess_by_name(heading, number, unit), name=name), whole))
-    return _with_commands(result)
+    return _with_gravity(_with_commands(result))
+
+
+def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Three axes of an accelerometer without a unit, whose mean is gravity, in g or mm/s^2 by its size."""
+    axes = [
+        (g, float(np.mean(x)))
+        for g, x in signals
+        if g.quantity == "acceleration" and not (g.unit or g.why.startswith("?"))
+    ]
+    gravity = float(np.linalg.norm([mean for _, mean in axes]))
+    is_one = len(axes) == 3 and len({g.parts[0] for g, _ in axes}) == 1
+    units = {"g": ("m/s^2", _GRAVITY, 1.0), "mm/s^2": ("mm/s^2", 1.0, 1e3 * _GRAVITY)}
+    unit = next((name for name, row in units.items() if is_one and abs(gravity / row[2] - 1) < _MAX_GRAVITY_ERROR), "")
+    if not unit:
+        return signals
+    members, (si, scale, _) = {g.key for g, _ in axes}, units[unit]
+    why = f"{unit}, since gravity is {gravity:.4g}"
+    return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
+
+
+def _signals_at_one_rate(log: TextLog, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Signals that have a quantity, interpolated at the times of the slowest one; DataError if these begin later."""
+    slowest, result = slowest_ms(log), []
+    for name, unit, ms in zip(log.headings, log.units or [""] * log.n_columns, log.sample_ms, strict=True):
+        guess = guess_by_name(name, None, unit)
+        if guess.quantity and ms <= slowest:
+            x = log.values([ChannelSpec("y", "any", name, quantity="position")], slice(0, int(most * slowest / ms)))
+            whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
+            at = np.arange(int(len(whole) * ms / slowest)) * slowest / ms
+            rate_hz = None if ms == slowest else float(f"{1e3 / ms:.6g}")
+            result.append((replace(guess, rate_hz=rate_hz), np.interp(at, np.arange(len(whole)), whole)))
+    n = min((len(x) for _, x in result), default=0)
+    return _with_commands([(guess, x[:n]) for guess, x in result if np.ptp(x[:n]) > 0])
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
