@@ -186,7 +186,7 @@ def _unlike(
     form = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, form) as log:
         rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)
-    if [g.key for pair in guess_commands(signals, rate_hz) for g in pair] != [g.key for pair in pairs for g in pair]:
+    if {g.key for pair in guess_commands(signals, rate_hz) for g in pair} != {g.key for pair in pairs for g in pair}:
         return f"its commands and positions are other channels than in {first}"
     if not abs(rate_hz / (clock.rate_hz or math.nan) - 1) < _SAME_RATE:
         return f"its rate is {rate_hz:.6g} Hz, but {clock.rate_hz:.6g} Hz in {first}; a study has one rate"

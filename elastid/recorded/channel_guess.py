@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -29,6 +30,7 @@ _MIN_KNOWN_FRACTION = 2 / 3  # of a signal's samples, the others missing
 _GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
+T = TypeVar("T")
 Values = Mapping[ChannelKey, FloatArray]
 
 
@@ -169,6 +171,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     by_label = {m.parts[1]: m for m in motions}
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
+    joints = _by_number(joints, [drive.parts[1] for drive in drives])
     taken = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
     alike = MOTIONS if slides and len(drives) < len(measured) else (given,)  # of a structure all of them
@@ -181,6 +184,14 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
 
 
+def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
+    """Joints in the order of the numbers in their labels, if these differ; else in the order of the log."""
+    numbers = [tuple(map(int, re.findall(r"\d+", label))) for label in labels]
+    is_numbered = all(numbers) and len(set(numbers)) == len(numbers)
+    order = sorted(range(len(items)), key=numbers.__getitem__) if is_numbered else range(len(items))
+    return [items[i] for i in order]
+
+
 def guess_commands(
     signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 ) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
@@ -190,6 +201,7 @@ def guess_commands(
     measured = _in_one_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
     commanded = _commanded_positions(guesses)
     pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
+    pairs = _by_number(pairs, [g.parts[1] for g, _ in pairs])
     return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
 
 
@@ -228,7 +240,7 @@ def _completed(
     quantity = "torque" if motions else "acceleration" if is_structure else "position"
     members = unknown if is_structure else max(alike, key=lambda family: family[0].rank)
     why = f"its name identifies nothing; a {quantity} according to the channels next to it"
-    guess = [replace(g, quantity=quantity, why=why) for g in members]
+    guess = [replace(g, quantity=quantity, why=g.why if g.why.startswith("?") else why) for g in members]
     return (drives, guess) if drives else (guess, motions)
 
 

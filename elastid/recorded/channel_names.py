@@ -61,6 +61,7 @@ class ChannelGuess:
     def parts(self) -> tuple[str, str]:
         """Split a name into the common part and the joint's identifier: numbers, else the last other word."""
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
+        bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
         numbers = [*re.findall(r"\d+", bare), *([str(self.column)] if self.column else [])]
         if numbers:
             return re.sub(r"\d+", "#", bare), " ".join(numbers)
