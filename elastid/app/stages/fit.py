@@ -9,6 +9,7 @@ from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
 from elastid.base.errors import FitError, MisfitError
+from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
@@ -27,6 +28,7 @@ from elastid.report.overview import (
     residual_sentence,
 )
 from elastid.response import Response
+from elastid.simulation.controller import loop_of
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
@@ -42,6 +44,9 @@ def fit(study: Study, work: Work) -> Artefacts:
     """
     robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
+    recorded, loop = study.experiment.recorded, None
+    if recorded is not None and recorded.has_commands_alone and recorded.controller is not None:
+        loop = loop_of(recorded.controller, len(robot.driven))
     tests: Sequence[PlacedTest] = ()
     tapped: list[Response] = []
     if study.loads is not None:
@@ -66,6 +71,8 @@ def fit(study: Study, work: Work) -> Artefacts:
     exact = () if study.experiment.simulated is None else (HELD_AS_EXACT, "fit/assumed-rigid")
     noted = [note for note in result.notes if note.code not in exact]
     result = replace(result, notes=(*noted, *(note for response in tapped for note in response.notes)))
+    loop_notes = () if loop is None else loop_note(result, robot, loop)
+    result = replace(result, notes=(*result.notes, *loop_notes, *combination_notes(result)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
@@ -133,6 +140,9 @@ def conclude(run: Run) -> None:
         run.console.table(gear_table(opened))
     if opened is not None:
         run.console.say(f"gears: {gear_line(opened)}")
+    for note in result.notes:
+        if note.code == COMBINATION:
+            run.console.say(note.text)
     if estimated and (mixed := ", ".join(row.name for row in rows if row.contains == WITH_COULOMB)):
         run.console.say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
