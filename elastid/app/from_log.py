@@ -19,7 +19,7 @@ from elastid.app.from_responses import texts_from_responses, texts_from_universa
 from elastid.app.measurements import Run, Signals, headings_of, hit_place, hit_runs, in_two_files, runs_by_name
 from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quoted, relative_paths
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
@@ -70,7 +70,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     """
     first = logs[0]
     if lost := [path for path in logs if not path.exists()]:
-        raise DataError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
+        raise StudyError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
