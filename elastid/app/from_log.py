@@ -262,7 +262,7 @@ def _unused(
     """The columns of a log that its study does not use, a line for each reason."""
     used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
-    used |= {channel.key for channel in guess.references}
+    used |= {channel.key for channel in (*guess.references, *guess.sensors)}
     known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
     if other := [one_line(name) for name in shapes if name not in known]:
         reasons["times, or no numbers that change"] = other
@@ -338,9 +338,14 @@ def _study(
             place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
             yield channel_line(role, place, named)
         return
+    by_torque = dict(zip((joint.torque.name for joint in guess.joints), guess.sensors, strict=False))
     for name, joint in zip(names, guess.joints, strict=True):
         yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield channel_line("y", f"motor {name}", joint.motion)
+        if sensor := by_torque.get(joint.torque.name):
+            line = channel_line("d", f"motor {name}", sensor)
+            comment = "    # for k and d without friction, role u without sign, and no motor torque:"
+            yield from (line,) if guess.is_motion else (comment, line.replace("- ", "# ", 1))
         for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):
             as_motion = replace(reference, unit=joint.motion.unit, ratio=joint.motion.ratio)
             yield channel_line("reference", f"motor {name}", as_motion)
