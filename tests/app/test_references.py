@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 import yaml
 from plants.referenced_joint import ReferencedJoint
 
+from elastid import choose, identify
 from elastid.app import cli
 from elastid.fit.result import Result
+from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
+from elastid.study import load_robot
 
 JOINT = ReferencedJoint(delay_s=0.0073)
 GAINS = {f"gain_{gain}_motor_1": {"prior": {"std": 0.2}} for gain in ("kp", "kd")}
@@ -105,6 +109,31 @@ def test_sum_of_damping_gain_and_friction_is_stated_for_free_gains(
     value, half = combination(result)
     assert abs(value - JOINT.fm - JOINT.kd) < 2 * half
     assert half < 1.96 * result.std["fm_1"] / 4
+
+
+@pytest.mark.slow
+def test_torques_and_references_in_one_fit_identify_gains_and_friction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gains that are 20 % off: references alone know k_d + f, with torques of other records each is known to 1 %."""
+    stated = JOINT.kp / 1.2, JOINT.kd / 1.2
+    responses = []
+    for name, options in (("a", {"torque": True, "seed": 5}), ("b", {"stated": stated})):
+        study = JOINT.write(tmp_path / name, **options)
+        monkeypatch.chdir(study.parent)
+        for stage in ("measure", "estimate"):
+            cli.run_command(["run", study.name, stage])
+        (response,) = read_responses(study.parent / "runs" / "referenced" / "frf.h5")
+        responses.append(replace(response, configuration=replace(response.configuration, name=name)))
+    robot = load_robot(tmp_path / "a" / "robot.yml")
+    parameters = choose(robot, "k_1", "d_1", "fm_1", "delay_r", *GAINS)
+    result = identify(responses, robot, parameters, starts=2, profile=[])
+    assert result.status == "converged"
+    truth = {"k_1": JOINT.k, "d_1": JOINT.d, "fm_1": JOINT.fm, "delay_r": JOINT.delay_s} | dict.fromkeys(GAINS, 1.2)
+    assert max(map(abs, distances(result, **truth).values())) < 4
+    assert max(result.std[name] for name in GAINS) < 0.01
+    alone = identify(responses, robot, choose(robot, "k_1", "d_1", "fm_1"), starts=2, profile=[])
+    assert alone.status in ("misfit", "model_error")
 
 
 def combination(result: Result) -> tuple[float, float]:
