@@ -74,16 +74,16 @@ def fit(study: Study, work: Work) -> Artefacts:
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
-        every = notes_before_gears(result.shown_notes, study.gears is not None)
+        every = notes_before_gears(result.shown_notes, work.has_gears)
         # The end of the run has the first cause.
-        is_last = console.verbosity >= 0 and study.gears is None and bool(result.cause[0])
+        is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""
         console.notes((note for note in every if str(note) != first), on_page=True)
         seconds = (second.words for second in (result.static, result.tool) if second is not None)
         reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
         status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")
         for words in (f"{status}; {result.converged_starts}", *seconds):
-            console.say(f"fit: {'linear model: ' * (study.gears is not None)}{words}")
+            console.say(f"fit: {'linear model: ' * work.has_gears}{words}")
 
     files = robot_files(study.name, robot, result, friction, responses.names)
     robots = {file: text(robot_file) for file, robot_file in files}
@@ -131,7 +131,6 @@ def conclude(run: Run) -> None:
         run.console.say(line)
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
-    if opened is not None:
         run.console.say(f"gears: {gear_line(opened)}")
     if estimated and (mixed := ", ".join(row.name for row in rows if row.contains == WITH_COULOMB)):
         run.console.say(f"{mixed}: {WITH_COULOMB}")

@@ -13,6 +13,8 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 from ruamel.yaml import YAML
 
 from elastid.app import cli
+from elastid.app.console import Console
+from elastid.app.run import Run
 from elastid.app.stages.gears import on_straight_springs, with_gear_section
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
@@ -28,7 +30,7 @@ from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot
 from elastid.robot.simplified import with_joints
 from elastid.store.results import read_gears
-from elastid.study import load_robot
+from elastid.study import load, load_robot
 from tests.consistency.test_readme import numbers
 from tests.report.test_content import sheets
 
@@ -47,6 +49,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def summary(folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return content
+
+
+@pytest.mark.parametrize(("options", "has_gears"), [((), True), (("gears=null",), False)])
+def test_stages_before_the_gears_know_whether_they_follow(
+    options: tuple[str, ...], has_gears: bool, tmp_path: Path
+) -> None:
+    """Notes that ask for the section `gears` are not for a study that has it."""
+    run = Run(load(STUDY, options), tmp_path, 1, Console(-1))
+    assert {run.work(stage).has_gears for stage in ("estimate", "fit")} == {has_gears}
 
 
 @pytest.mark.slow
