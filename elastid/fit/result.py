@@ -339,12 +339,21 @@ class Result:
             return CONTRADICTED
         if self.status != "converged":
             return MEANING[self.status]
-        n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
-        meaning = (
-            f"{n - weak} of {n} parameters identified, {weak} weakly" if weak else f"all {n} parameters identified"
-        )
         but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
-        return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or self.coverage}"
+        test = self.residual_test.partition(":")[0]
+        return f"{self._counts}{but}; {test}. {capital(self.cause[0]) or self.coverage}"
+
+    @property
+    def _counts(self) -> str:
+        """Numbers of the parameters that data, and prior alone, identify, and of the weakly identifiable, in words."""
+        n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
+        by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
+        good = n - weak - len(by_prior)
+        if good == n:
+            return f"all {n} parameters identified"
+        parts = [f"{good} of {n} parameters identified"]
+        parts += [f"{len(by_prior)} limited by tolerances of the robot model ({', '.join(by_prior)})"] * bool(by_prior)
+        return ", ".join([*parts, *[f"{weak} weakly identifiable"] * bool(weak)])
 
     @property
     def coverage(self) -> str:

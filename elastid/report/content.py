@@ -171,6 +171,10 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]
     return tuple(models)
 
 
+# Content of a viscous coefficient: the best linear approximation of sgn(v) is 2 p_v(0) v, p_v the density of v.
+WITH_COULOMB = "viscous friction. Coulomb friction of the motor, if any, was not compensated and increases the estimate"
+
+
 @dataclass(frozen=True)
 class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
@@ -194,6 +198,11 @@ class ParameterRow:
     std_parts: Mapping[str, float] = field(default_factory=dict)
     verdict: str = ""
     base: str = ""
+
+    @property
+    def has_coulomb(self) -> bool:
+        """True for viscous friction that may include Coulomb friction."""
+        return self.contains.startswith(WITH_COULOMB)
 
     @property
     def reference(self) -> float:

@@ -137,11 +137,13 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {named}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
+    mixed = ", ".join(row.name for row in rows if row.has_coulomb)
+    but = f", except {mixed} (may include Coulomb friction, which is not compensated)" if mixed else ""
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
-        return "Yes."
+        return f"Yes{but}."
     base = next((f" {capital(row.base)}." for row in rows if row.base), "")
     is_exact = any(note.code == HELD_AS_EXACT for note in result.notes)
-    return f"Yes{', if the fixed values of the robot model are exact' * is_exact}.{base}"
+    return f"Yes{but}{', if the fixed values of the robot model are exact' * is_exact}.{base}"
 
 
 def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
@@ -198,7 +200,7 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
     if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in judged):
         return ""  # the verdicts say more
-    others = [row for row in rows if row not in judged]
+    others = [row for row in rows if row not in judged and not row.has_coulomb]
     all_others = max(map(half_width, others), default=math.inf)
     last = f", all {len(others)} other parameters to ±{percent(all_others)}" if all_others <= WIDTH_CLASSES[-1] else ""
     first = _of_width(judged, kind)

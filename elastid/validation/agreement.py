@@ -101,7 +101,7 @@ class Agreement:
     """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
 
     lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
-    Ghat / G.  rms_sigma: of E over the noise, all lines, 1 for a correct model; power_ratio is of all elements together.
+    Ghat / G.  rms_sigma: of E over the noise, on all lines, 1 for a correct model.
     power_ratio, power_dof: as `power_over_noise`.  white_p: as `white_by_chance`.  NaN without an uncertainty or lines.
     """
 

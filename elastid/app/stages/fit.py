@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from elastid.app.console import Console, result_table
-from elastid.app.identified_robot import WITH_COULOMB, contents, robot_files, truth
+from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
@@ -17,7 +17,7 @@ from elastid.fit.result import HELD_AS_EXACT, Result
 from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
+from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import (
     OPEN_GEARS,
     accuracy,
@@ -132,7 +132,7 @@ def conclude(run: Run) -> None:
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
         run.console.say(f"gears: {gear_line(opened)}")
-    if estimated and (mixed := ", ".join(row.name for row in rows if row.contains == WITH_COULOMB)):
+    if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
         run.console.say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
