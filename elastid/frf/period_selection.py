@@ -250,7 +250,7 @@ def _leading(
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
     if not leading.any():
         return leading, ()
-    halves_later = f"the second {'half of the log' if len(logs) == 1 else 'halves of the logs'}"
+    halves_later = f"the periods in the second half of {'the log' if len(logs) == 1 else 'each log'}"
     note = _note(spectra, np.flatnonzero(leading), measured, halves_later, " as the transient")
     note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
     return leading, (note,)
@@ -267,7 +267,7 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, other
     return Note(
         "frf/periods-discarded",
         f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. The {channels[worst]} deviates there "
-        f"from {others} by up to {100 * D[worst]:.2g} % of its rms ({others} among themselves: "
-        f"{100 * measured.typical[worst]:.2g} %, limit {100 * limit[worst]:.2g} %)",
+        f"from {others} by up to {100 * D[worst]:.2g} % of its rms. Deviation of these periods from each other: median "
+        f"{100 * measured.typical[worst]:.2g} %, limit by their scatter {100 * limit[worst]:.2g} %",
         f"record {record.name}",
     )

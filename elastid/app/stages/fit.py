@@ -9,6 +9,7 @@ from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
 from elastid.base.errors import FitError, MisfitError
+from elastid.base.names import SEPARATOR
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
@@ -27,6 +28,7 @@ from elastid.report.overview import (
     residual_sentence,
 )
 from elastid.response import Response
+from elastid.robot import Robot
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
@@ -127,7 +129,7 @@ def conclude(run: Run) -> None:
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction, opened)
     run.console.table(result_table(result.display, rows))
-    for line in _legend(result, rows, friction):
+    for line in _legend(run.study.as_robot(), result, rows, friction):
         run.console.say(line)
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
@@ -148,35 +150,47 @@ def conclude(run: Run) -> None:
     run.console.say(f"{status}: {result.message if explained else meaning}")
 
 
-SYMBOLS = {
-    "joint {} (link side)": {"k": "stiffness", "d": "damping", "f": "viscous friction"},
-    "motor {} (motor side)": {
-        "fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft",
-    },
-    "body {}": {"m": "mass", "I": "inertia"},
-    "the outputs relative to the inputs": {"delay": "time delay"},
-}  # fmt: skip
+OF_JOINTS = {"k": "stiffness", "d": "damping", "f": "viscous friction"}
+# Owner, whether it is a joint with a motor, and families of parameters.
+SYMBOLS = (
+    ("joint {} between motor and link (link side)", True, OF_JOINTS),
+    ("joint {}, a bearing or link without a motor", False, OF_JOINTS),
+    (
+        "motor {} (motor side)", None,
+        {"fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft"},
+    ),
+    ("body {}", None, {"m": "mass", "I": "inertia"}),
+    ("the outputs relative to the inputs", None, {"delay": "time delay"}),
+)  # fmt: skip
 STD_PARTS = {
-    "std_noise": "noise",
-    "std_prior": "tolerances of the robot model, with default values if it states none",
+    "std_noise": "measurement noise",
+    "std_prior": "tolerances of the robot model",
 }
 
 
-def _legend(result: Result, rows: Sequence[ParameterRow], friction: FrictionTakenOut | None) -> Iterator[str]:
-    first = {row.name.partition("_")[0]: row.name for row in reversed(rows)}
+def _legend(
+    robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: FrictionTakenOut | None
+) -> Iterator[str]:
+    named = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []
-    for owner, families in SYMBOLS.items():
-        of_owner = [family for family in families if family in first]
-        names = ", ".join(f"{first[family]} ({families[family]})" for family in of_owner)
-        groups += [f"{names} of {owner.format(first[of_owner[0]].partition('_')[2])}"] if of_owner else []
+    for owner, has_motor, families in SYMBOLS:
+        of_owner = {
+            family: (name, place)
+            for name, family, place in named
+            if family in families and has_motor in (None, place.partition(SEPARATOR)[0] in robot.driven_names)
+        }
+        names = ", ".join(f"{of_owner[family][0]} ({families[family]})" for family in families if family in of_owner)
+        groups += [f"{names} of {owner.format(next(iter(of_owner.values()))[1])}"] if of_owner else []
     if groups:
         yield f"Names: {'; '.join(groups)}"
-    examples = ["the assumed model error"] * (result.model_error > 0)
-    examples += ["of the friction compensation"] * bool(friction and friction.shapes)
-    meanings = {**STD_PARTS, "std_systematic": ", for example ".join(["other errors", *examples[:1]])}
-    if parts := [name for name in result.display.headings if name in meanings]:
-        squares = " + ".join(f"{name}^2" for name in parts)
-        yield f"std^2 = {squares}. {'; '.join(f'{name}: {meanings[name]}' for name in parts)}"
+    errors = ["the assumed model error"] * (result.model_error > 0)
+    errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
+    meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "other systematic errors"])}
+    if stds := [name for name in result.display.headings if name in meanings]:
+        n, squares = len(result.parameters.free) - len(rows), " + ".join(f"{name}^2" for name in stds)
+        more = f"{n} value{'s' * (n > 1)} of the robot model within {'their' if n > 1 else 'its'} tolerances"
+        yield f"The fit also varied {more} (default tolerances, if the robot model states none)"
+        yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
     elif result.exceeds_noise:
         yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 
