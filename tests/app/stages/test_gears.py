@@ -1,6 +1,7 @@
 """The stage gears, from a study to its files: on a simulated arm whose gears do everything at once."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,16 +91,25 @@ def test_every_effect_of_the_robot_is_found_and_no_other(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
-    """Each number of the last column, and of the linear fit, to within two of its last digit."""
+    """Each number of the last column and of the linear fit, and their std, to within two of its last digit."""
     content = summary(folder)
-    gears = {name: n.get("in_maker_unit", n["value"]) for name, n in content["gears"]["numbers"].items()}
-    p = {name: (q["linear"]["value"], q["value"]) for name, q in content["parameters"].items() if "linear" in q}
-    springs, dampers = (np.transpose([p[f"{kind}_{axis}"] for axis in (1, 2)]).ravel() for kind in "kd")
-    effects = [gears[name] for name in ["Fc_m1", "Fc_m2", "Fb_1", "Fb_2", "Fcl_m1", "h_1", "e1_1", "e2_2", "H_2"]]
-    expected = np.concatenate([springs / 1e3, dampers, [content["friction"][0]["F_c"]], effects])
-    rows = [line.split("|")[3:5] for line in README.splitlines() if line.count("|") == 5 and "**" in line]
-    for (value, digit), of_run in zip(numbers(" ".join(map(" ".join, rows))), expected, strict=True):
-        assert abs(value - of_run) < 2 * digit
+    names, number = (
+        ["Fc_m1", "Fc_m2", "Fb_1", "Fb_2", "Fcl_m1", "h_1", "e1_1", "e2_2", "H_2"],
+        content["gears"]["numbers"],
+    )
+    gears = {name: n.get("in_maker_unit", n["value"]) for name, n in number.items()}
+    std_of = {name: number[name]["std"] / number[name]["value"] * gears[name] for name in ("e1_1", "e2_2")}
+    rows = " ".join(line.split("|", 3)[3] for line in README.splitlines() if line.count("|") == 5 and "**" in line)
+    motor = content["friction"][0]
+    for field, more, said in (
+        ("value", [motor["F_c"], *(gears[name] for name in names)], re.sub(r"± [\d.]+", "", rows)),
+        ("std", [motor["std"], *std_of.values()], " ".join(re.findall(r"± [\d.]+", rows))),
+    ):
+        p = {name: (q["linear"][field], q[field]) for name, q in content["parameters"].items() if "linear" in q}
+        springs, dampers = (np.transpose([p[f"{kind}_{axis}"] for axis in (1, 2)]).ravel() for kind in "kd")
+        expected = np.concatenate([springs / 1e3, dampers, more])
+        for (value, digit), of_run in zip(numbers(said), expected, strict=True):
+            assert abs(value - of_run) < 2 * digit
 
 
 @pytest.mark.slow
