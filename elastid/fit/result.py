@@ -376,10 +376,10 @@ class Result:
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
             verdict = "passed" if self.is_within_declared else "failed"
-            error = f"{self.error_ratio:.3g} times noise and assumed model error together"
-            return f"residual test {verdict}: residuals {error} (rms; limit {LARGE:g})"
+            error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
+            return f"residual test {verdict}: residuals {error} (rms; fixed limit {LARGE:g})"
         verdict = "failed" if self.exceeds_noise else "passed"
-        words = f"residuals {ratio:.3g} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
+        words = f"residuals {number(ratio, 3)} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
         return f"residual test {verdict}: {words}"
 
     @property

@@ -242,8 +242,8 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     """
     chosen = gears.numbers if numbers is None else numbers
     rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
-    headings = ["number", "of the gear", "unit", "estimate", "std", "95 % interval"]
-    table = [[*headings, *["of rated"] * rated, "linear fit"]]
+    headings = ["parameter", "meaning", "unit", "estimate", "std", "95 % interval"]
+    table = [[*headings, *["of rated torque"] * rated, "linear fit"]]
     for row in chosen:
         share = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
         before = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
@@ -256,7 +256,7 @@ def _cells(row: GearNumber) -> list[str]:
     if not row.is_seen:
         return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not significant"]
     value, std = factor * row.value, factor * row.std
-    meaning = f"{row.meaning}, at {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
+    meaning = f"{row.meaning}, phase {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
     n, (low, high) = digits(value, std), row.interval
     relative = f"{number(100 * std / abs(value), 2)} %" if value else number(std, 2)
     ends = " to ".join(interval_of((factor * low, factor * high), n))

@@ -120,14 +120,18 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     most = widest(rows)
     if result.status != "converged":
         if result.meaning == CONTRADICTED:
-            return "Only if the value that the data require is correct. The robot model states another one."
+            return "Only if the value that the data require is correct. The robot model states a different value."
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
     if most is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
     named = _with_verdicts(poor)
     if result.exceeds_noise:
-        error = f"assumed model error of {percent(result.model_error)}" if result.is_within_declared else "model error"
+        error = (
+            f"assumed model error of {percent(result.model_error)} of each FRF"
+            if result.is_within_declared
+            else "model error"
+        )
         return f"With caution{named and f': {named}'}. The intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."

@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
@@ -154,7 +156,7 @@ OF_JOINTS = {"k": "stiffness", "d": "damping", "f": "viscous friction"}
 # Owner, whether it is a joint with a motor, and families of parameters.
 SYMBOLS = (
     ("joint {} between motor and link (link side)", True, OF_JOINTS),
-    ("joint {}, a bearing or link without a motor", False, OF_JOINTS),
+    ("elastic joint {} (bearing or link, no motor)", False, OF_JOINTS),
     (
         "motor {} (motor side)", None,
         {"fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft"},
@@ -191,7 +193,10 @@ def _legend(
         more = f"{n} value{'s' * (n > 1)} of the robot model within {'their' if n > 1 else 'its'} tolerances"
         yield f"The fit also varied {more} (default tolerances, if the robot model states none)"
         yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
-    elif result.exceeds_noise:
+    profiles = zip(rows, result.profile95, strict=False)
+    if by_profile := ", ".join(row.name for row, ends in profiles if not np.isnan(ends).any()):
+        yield f"95 % intervals of {by_profile}: by profile likelihood, not symmetric to the estimate"
+    if not stds and result.exceeds_noise:
         yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 
 
