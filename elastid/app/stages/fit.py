@@ -164,6 +164,7 @@ SYMBOLS = (
     ("body {}", None, {"m": "mass", "I": "inertia"}),
     ("the outputs relative to the inputs", None, {"delay": "time delay"}),
 )  # fmt: skip
+NAMED = 4  # values that the fit varied within their tolerances, from which on their number stands for their names
 STD_PARTS = {
     "std_noise": "measurement noise",
     "std_prior": "tolerances of the robot model",
@@ -189,9 +190,9 @@ def _legend(
     errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
     meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "other systematic errors"])}
     if stds := [name for name in result.display.headings if name in meanings]:
-        n, squares = len(result.parameters.free) - len(rows), " + ".join(f"{name}^2" for name in stds)
-        more = f"{n} value{'s' * (n > 1)} of the robot model within {'their' if n > 1 else 'its'} tolerances"
-        yield f"The fit also varied {more} (default tolerances, if the robot model states none)"
+        varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
+        more = ", ".join(varied) if len(varied) < NAMED else f"{len(varied)} values of the robot model"
+        yield f"The fit also varied {more} within the tolerances (default tolerances, if the robot model states none)"
         yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
     profiles = zip(rows, result.profile95, strict=False)
     if by_profile := ", ".join(row.name for row, ends in profiles if not np.isnan(ends).any()):
