@@ -1,5 +1,6 @@
 """fit: responses -> fit.h5 and summary.json, and the table of parameters at the end of a run."""
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -218,5 +219,6 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
         step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
     command = step.text
     if command.startswith("--"):
-        command = f"elastid run {run.loaded.path} --run {run.folder} {command}"
+        overrides = "".join(f"--set {shlex.quote(override)} " for override in run.loaded.overrides)
+        command = f"elastid run {run.loaded.path} --run {run.folder} {overrides}{command}"
     yield " ".join(filter(None, ("What next?", step.what, step.gain, command and f"`{command}`")))
