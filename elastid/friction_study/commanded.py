@@ -21,7 +21,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.special import fdtri
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, named
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
 from elastid.friction_study.laws import friction_of
@@ -146,7 +146,7 @@ class CommandedJoint:
 
     def to_friction(self) -> Friction:
         """Friction law for a robot model."""
-        numbers = dict(zip(self.names, self.values.tolist(), strict=True))
+        numbers = named(self.names, self.values)
         if self["viscous"] < LEAST_VISCOUS * float(np.sqrt(self.covariance[1, 1])):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
         return friction_of(numbers, 20.0, MeasuredRange(self.speeds, None, None))
@@ -215,10 +215,10 @@ class _Problem:
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
     """Positions (n, m) of the joints of a log from its commands and loads, by the numbers of each."""
     problem = _Problem.of([log])
-    values = [dict(zip(joints[name].names, joints[name].values.tolist(), strict=True)) for name in log.joints]
+    values = [named(joints[name].names, joints[name].values) for name in log.joints]
     numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
     late = np.array([values[0][DELAY]])
-    return np.asarray(problem.commanded.simulate(numbers[None], late)[:, 0])
+    return problem.commanded.simulate(numbers[None], late)[:, 0]
 
 
 def _upper_end(log: CommandedLog) -> float:
@@ -408,4 +408,4 @@ def _covariance(
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
         beyond = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
         wider = np.where(beyond, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
-    return np.asarray(covariance * np.outer(wider, wider))
+    return covariance * np.outer(wider, wider)

@@ -21,7 +21,7 @@ from scipy.signal import savgol_filter
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.statistics import QUANTILE_95, known_combinations
 from elastid.friction_study.commanded import (
     DELAY,
@@ -78,7 +78,7 @@ GAINS_EXACT = (
 
 
 def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
-    notes = tuple(note for record in measured.of(joint.name, "commands") for note in record.notes)
+    notes = notes_of(measured.of(joint.name, "commands"))
     gains = Note("friction/gains", GAINS_EXACT, f"joint {joint.name}", severity="information")
     return JointLevels(joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit)
 
@@ -226,7 +226,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "Jo
     runs = measured.of(joint.name, "constant_velocity")
     planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
     of_joint, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
-    notes, levels = [*(note for record in of_joint for note in record.notes), *motion.notes], None
+    notes, levels = [*notes_of(of_joint), *motion.notes], None
     if records := [*planned, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None

@@ -22,7 +22,7 @@ import numpy as np
 
 from elastid.base import arrays
 from elastid.base.arrays import FloatArray, LargeArray
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.planned_run import mean_period
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
@@ -331,7 +331,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
         y=np.concatenate([part.y for part in every]),
         r=np.concatenate(r) if len(r) == len(every) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(note for part in every for note in part.notes), note),
+        notes=(*dict.fromkeys(notes_of(every)), note),
         repairs=dict(repairs),
         left_out=tuple(start + p for start, part in zip(starts, every, strict=False) for p in part.left_out),
     )

@@ -169,9 +169,9 @@ def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
     if period != N and len(x) > period + 2 * HALF_WIDTH:
         return at_times(x, times, N)
     nearest = np.round(times).astype(np.int64)
-    return np.asarray(
-        x[np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, len(x) - N + (nearest - len(x)) % N))]
-    )
+    return x[
+        np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, len(x) - N + (nearest - len(x)) % N))
+    ]
 
 
 @dataclass(frozen=True)
