@@ -66,6 +66,11 @@ def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> Fl
     return np.asarray(np.divide(a, b, out=out, where=b > 0))
 
 
+def folded(x: FloatArray, N: int) -> FloatArray:
+    """X (P, N, ...): whole pieces of N rows each of x (n, ...), without the rest at the end."""
+    return x[: len(x) // N * N].reshape(-1, N, *x.shape[1:])
+
+
 def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
     """Numbers (n,) by their names."""
     return dict(zip(names, values.tolist(), strict=True))

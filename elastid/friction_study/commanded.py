@@ -21,7 +21,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.special import fdtri
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value, named
+from elastid.base.arrays import BoolArray, FloatArray, folded, frozen_value, named
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
 from elastid.friction_study.laws import friction_of
@@ -196,11 +196,7 @@ class _Problem:
     @property
     def measured(self) -> list[FloatArray]:
         """Means (n_k, m_k) of the positions of each log."""
-        w = self.window
-        return [
-            log.position[: len(log.position) // w * w].reshape(-1, w, len(log.joints)).mean(axis=1)[self._settled(log)]
-            for log in self.logs
-        ]
+        return [folded(log.position, self.window).mean(axis=1)[self._settled(log)] for log in self.logs]
 
     def _settled(self, log: CommandedLog) -> slice:
         first = min(float(np.max(SETTLE * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
@@ -342,14 +338,17 @@ def _start(problem: _Problem, measured: Sequence[FloatArray]) -> tuple[FloatArra
     return candidates[best], float(START_DELAYS[best])
 
 
+def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
+    """Positions (n, m), their velocities and accelerations by cubics over so many samples, an odd number."""
+    width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
+    return [savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)], width
+
+
 def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
     """Start values (m, 6) by regression of the torque that gains and encoder give, the commands late by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
-        n, width = len(log.position), 2 * max(2, round(SMOOTH_S * log.rate_hz / 2)) + 1
-        q, v, a = (
-            savgol_filter(log.position, width, 3, deriv=order, delta=1 / log.rate_hz, axis=0) for order in range(3)
-        )
+        n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)
         late = np.arange(n) - delay_s * log.rate_hz - 0.5  # held for a sample
         for i, joint in enumerate(log.joints):
             torque = np.interp(late, np.arange(n), log.command[:, i]) - log.kp[i] * q[:, i] - log.kd[i] * v[:, i]

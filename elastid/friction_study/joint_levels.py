@@ -17,7 +17,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
@@ -25,11 +24,11 @@ from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.statistics import QUANTILE_95, known_combinations
 from elastid.friction_study.commanded import (
     DELAY,
-    SMOOTH_S,
     CommandedJoint,
     CommandedLog,
     fit_commanded,
     simulate_commanded,
+    smoothed_motion,
 )
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
@@ -171,8 +170,7 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
     """
     places = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     (n, m), rate_hz = position.shape, records[0].rate_hz
-    width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
-    q, v, a = (savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3))
+    q, v, a = smoothed_motion(position, rate_hz)[0]
     whole = np.zeros((3, len(robot.joints), n))
     whole[0, list(robot.driven_indices)] = records[0].angles(len(robot.driven))[:, None]
     for signals, values in zip(whole, (q, v, a), strict=True):
