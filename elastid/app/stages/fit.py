@@ -11,7 +11,7 @@ from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
-from elastid.base.errors import FitError, MisfitError
+from elastid.base.errors import FitError, MisfitError, notes_of
 from elastid.base.names import SEPARATOR
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
@@ -70,11 +70,11 @@ def fit(study: Study, work: Work) -> Artefacts:
     # The fixed values and the base of a simulated robot are exact.
     exact = () if study.experiment.simulated is None else (HELD_AS_EXACT, "fit/assumed-rigid")
     noted = [note for note in result.notes if note.code not in exact]
-    result = replace(result, notes=(*noted, *(note for response in tapped for note in response.notes)))
+    result = replace(result, notes=(*noted, *notes_of(tapped)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
-    notes = [note for response in responses for note in response.notes]
+    notes = notes_of(responses)
     rows = fitted_rows(study, result, friction)
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
