@@ -1,15 +1,13 @@
 """Entry of elastid: `elastid run` on a study for each robot, its options by the route of the records alone.
 
-    uv run --all-groups python scripts/benchmarks/open/by_elastid.py FOLDER [--seed 0] [--robots ...]
+uv run --all-groups python scripts/benchmarks/open/by_elastid.py FOLDER [--seed 0] [--robots ...]
 """
 
 import json
-import time
-from pathlib import Path
 from typing import Any
 
 import yaml
-from entry import Estimates, enter
+from entry import Task, enter
 
 from elastid.app.cli import run_command
 
@@ -28,8 +26,9 @@ def robot_file(robot: dict[str, Any], is_sensed: bool) -> dict[str, Any]:
             if j["k"]:
                 row["spring"] = {"stiffness": j["k"], "damping": j["d"]}
             joints.append(row)
-        bodies.append({"name": body["name"], "parent": body["parent"], "placement": {"xyz": body["xyz"]}, "joints": joints,
-                       "mass": body["mass"], "center_of_mass": body["com"], "inertia": body["inertia"]})  # fmt: skip
+        place = {"parent": body["parent"], "placement": {"xyz": body["xyz"]}}
+        inertia = {"mass": body["mass"], "center_of_mass": body["com"], "inertia": body["inertia"]}
+        bodies.append({"name": body["name"], **place, "joints": joints, **inertia})
     file = {"name": robot["name"], "bodies": bodies}
     if rod := robot["rod"]:
         ends = [{"body": name, "point": point} for name, point in zip(rod["bodies"], rod["points"], strict=True)]
@@ -39,8 +38,9 @@ def robot_file(robot: dict[str, Any], is_sensed: bool) -> dict[str, Any]:
     return file if robot["tolerances"] else file | {"tolerances": "exact"}
 
 
-def study(robot: dict[str, Any], experiment: dict[str, Any]) -> dict[str, Any]:
+def study(task: Task) -> dict[str, Any]:
     """Study of the records: all springs, viscous friction, and the delay of references or of the torque's log."""
+    experiment = task.experiment
     route, is_sensed = experiment["route"], "sensor" in experiment["channels"]
     roles = {"r": "r", "u": "u", "q": "y"} if route == "torque" else {"r": "reference", "u": "u", "q": "y"}
     roles = {"sensor": "u", "q": "y", "joint": "y"} if is_sensed else roles
@@ -53,13 +53,18 @@ def study(robot: dict[str, Any], experiment: dict[str, Any]) -> dict[str, Any]:
     ]  # fmt: skip
     if is_sensed:
         channels = [c | ({"side": "link"} if c["at"].startswith("motor") else {}) for c in channels]
-        ratios = [j["motor"]["ratio"] for b in robot["bodies"] for j in b["joints"] if j["motor"]]
+        ratios = [motor.ratio for motor in task.sheet.motors]
         channels = [
             c | {"scale": 1 / ratios[int(c["at"][-1]) - 1]} if c["channel"].startswith("q") else c for c in channels
         ]
     record: dict[str, Any] = {"rate_hz": experiment["rate_hz"], "period": experiment["period_s"], "channels": channels}
     record["files"] = [
-        {"path": f"logs/{f['file']}", "configuration": f["posture"], "realisation": f["realisation"], "experiment": f["experiment"]}
+        {
+            "path": f"logs/{f['file']}",
+            "configuration": f["posture"],
+            "realisation": f["realisation"],
+            "experiment": f["experiment"],
+        }
         for f in experiment["files"]
     ]
     free: dict[str, Any] = {"k_*": {}, "d_*": {}} | ({} if is_sensed else {"fm_*": {}})
@@ -72,26 +77,25 @@ def study(robot: dict[str, Any], experiment: dict[str, Any]) -> dict[str, Any]:
         record["controller"] = gains | path
         free["delay_r" if route == "command" else "delay_u"] = {}
     file = {
-        "name": robot["name"], "robot": "robot.yml",
+        "name": task.robot["name"], "robot": "robot.yml",
         "experiment": {"configurations": experiment["postures"], "recorded": record}, "fit": {"parameters": free},
     }  # fmt: skip
     # A slow motion over turns of the motor is there to separate transmission errors and hysteresis.
     return file | {"gears": {}} if route == "torque" and experiment["carrier_rad"] else file
 
 
-def identify(folder: Path) -> tuple[Estimates, dict[str, Any]]:
+def identify(task: Task) -> dict[str, Any]:
     """Write both files beside the records and run them."""
-    robot, experiment = (json.loads((folder / name).read_text()) for name in ("robot.json", "experiment.json"))
-    (folder / "robot.yml").write_text(yaml.safe_dump(robot_file(robot, "sensor" in experiment["channels"]), sort_keys=False))
-    (folder / "study.yml").write_text(yaml.safe_dump(study(robot, experiment), sort_keys=False))
-    begin = time.process_time()
-    code = run_command(["run", str(folder / "study.yml"), "-q", "--jobs", "1", "--run", str(folder / "run")])
-    cpu_s, path = time.process_time() - begin, folder / "run" / "summary.json"
-    if not path.exists():
-        return {}, {"cpu_s": cpu_s, "exit": code}
-    summary = json.loads(path.read_text())
+    files = {"robot": robot_file(task.robot, "sensor" in task.experiment["channels"]), "study": study(task)}
+    for name, content in files.items():
+        (task.folder / f"{name}.yml").write_text(yaml.safe_dump(content, sort_keys=False))
+    run = task.folder / "run"
+    code = run_command(["run", str(task.folder / "study.yml"), "-q", "--jobs", "1", "--run", str(run)])
+    if not (run / "summary.json").exists():
+        return {"parameters": {}, "exit": code}
+    summary = json.loads((run / "summary.json").read_text())
     values = {name: (p["value"], p["std"]) for name, p in summary["parameters"].items()}
-    return values, {"cpu_s": cpu_s, "exit": code, "status": summary["status"]}
+    return {"parameters": values, "exit": code, "status": summary["status"]}
 
 
 if __name__ == "__main__":

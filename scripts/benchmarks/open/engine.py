@@ -5,14 +5,13 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import mujoco
 import numpy as np
-from robots import Robot, Row, mjcf
+from robots import Array, Robot, Row, mjcf
 from scipy.optimize import root
 
-Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 PERIOD_S, PERIODS, COUNTS = 2.0, 3, 2**17  # of a period; logged behind one that settles; of the encoder, per turn
 RATES_HZ = {"torque": 500, "position": 250, "command": 500}  # of the logs
 STEPS_HZ = 4000  # of the engine, and of the drives that follow position references
@@ -118,7 +117,7 @@ def push(plant: Plant, data: Any, force: Array) -> None:
 
 @dataclass(frozen=True)
 class Controller:
-    """u = hold + r + k_p (q_r - q) - k_d q', q' from two encoder positions, sampled; delay of references and logs in s."""
+    """u = hold + r + k_p (q_r - q) - k_d q', q' from two encoder positions; delays of references and logs in s."""
 
     kp: list[float]
     kd: list[float]
@@ -161,7 +160,7 @@ def simulate(
     @functools.cache
     def target(tick: int) -> Array:
         """Reference position: the posture, a slow motion, and the multisine unless that is a torque."""
-        carrier = row.carrier * (np.sin(slow * max(tick, 0) / law.hz + phase) - np.sin(phase))
+        carrier = row.carrier * np.sin(slow * max(tick, 0) / law.hz + phase)
         return posture + carrier + (0 if row.route == "torque" else wave(tick))
 
     def interpolated(tick: int) -> Array:
@@ -173,7 +172,7 @@ def simulate(
     late, lag = round(law.reference_delay * law.hz), round(law.torque_delay * law.hz)
     logs, torques = [], []
     with physics(plant):
-        hold, before = equilibrium(plant, posture, data), posture
+        hold, before = equilibrium(plant, target(0), data), target(0)
         for tick in range(ticks):
             q = np.round(data.qpos[motors] / count) * count
             u = hold + kp * (interpolated(tick - late) - q) - kd * (q - before) * law.hz

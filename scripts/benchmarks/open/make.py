@@ -10,8 +10,8 @@ Below FOLDER/seed-<seed>/<robot>:
   of files. Each log begins at rest; its first period settles.
 - logs/*.csv: a column a channel; logs.h5: the same numbers, one group a log.
 
-FOLDER/truth/seed-<seed>/<robot>.json has what is scored and all other true numbers. Public seeds are 0 to 9. A judge who
-wants records that nobody has seen gives a secret word: it is mixed into the seed and appears in no file.
+FOLDER/truth/seed-<seed>/<robot>.json has what is scored and all other true numbers. Public seeds are 0 to 9. A judge
+who wants records that nobody has seen gives a secret word: it changes all seeds and appears in no file.
 """
 
 import argparse

@@ -5,10 +5,12 @@ the motor's angle and the twist of its gear; a bearing has a twist alone; a pass
 """
 
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
 
+Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 # One standard deviation of a data sheet: relative, and in m.
 TOLERANCES = {"mass": 0.03, "inertia": 0.10, "motor_inertia": 0.05, "center_of_mass": 0.010}
 
@@ -112,8 +114,8 @@ ROWS = (
     Row("three_axes", "zyy", 1.3, (9.0, 11.0, 17.0), sheet="sheet", postures=3, effect="bearing"),
     Row("six_axes", "zyyxyx", 1.0, (9.0, 11.0, 15.0, 20.0, 22.0, 27.0), sheet="sheet"),
     Row("linkage", "yy", 1.0, (10.0, 14.0), 0.03, postures=4, effect="linkage"),
-    Row("hysteresis", "yy", hz=(10.0, 15.0), effect="hysteresis", carrier=0.1),
-    Row("transmission_error", "yy", hz=(10.0, 15.0), effect="error", carrier=0.1),
+    Row("hysteresis", "yy", hz=(10.0, 15.0), effect="hysteresis", carrier=0.04),
+    Row("transmission_error", "yy", hz=(10.0, 15.0), effect="error", carrier=0.04),
     Row("presliding", "yy", effect="presliding"),
     Row("late_torque", "zyy", 1.0, (8.0, 10.0, 14.0), sheet="sheet", route="position", carrier=0.02),
     Row("commands_alone", "yy", 0.5, (10.0, 15.0), 0.0, route="command"),
@@ -130,23 +132,26 @@ ARM = {
     "xy": ("pitch", (0.36, 0.0, 0.0), 4.6, (0.05, 0.01, 0.0), (0.014, 0.028, 0.028)),
     "xyx": ("flange", (0.09, 0.0, 0.0), 6.5, (0.1, 0.05, 0.02), (0.04, 0.05, 0.06)),
 }
-CHAINS = {"yy": ("y", "yy"), "zy": ("z", "yy"), "zyy": ("z", "y", "yy"), "zyyxyx": ("z", "y", "upper", "x", "xy", "xyx")}
+CHAINS = {
+    "yy": ("y", "yy"),
+    "zy": ("z", "yy"),
+    "zyy": ("z", "y", "yy"),
+    "zyyxyx": ("z", "y", "upper", "x", "xy", "xyx"),
+}
 POSTURES = np.array(
-    [[0.0, 0.4, 0.5, 0.4, 0.7, 0.2], [0.5, -0.5, 1.2, -0.8, -0.8, 1.0], [-0.6, 0.9, -0.7, 1.1, 0.4, -0.9], [0.9, 0.1, -1.3, 0.2, 1.2, 0.5]]
-)  # fmt: skip
+    [[0.0, 0.4, 0.5, 0.4, 0.7, 0.2], [0.5, -0.5, 1.2, -0.8, -0.8, 1.0], [-0.6, 0.9, -0.7, 1.1, 0.4, -0.9]]
+)
+LINKAGE_POSTURES = np.array([[0.0, 0.0], [0.5, -0.1], [-0.4, 0.4], [0.2, 0.8]])
 ACCELERATION = 2.5  # rad/s^2, rms of the torque over the inertia
 
 
 def postures(row: Row) -> dict[str, list[float]]:
     """Motor angles in rad by the name of the posture."""
-    columns = [0, 1, 2, 3, 4, 5] if row.axes[0] == "z" else [1, 2]
-    angles = POSTURES[: row.postures, columns[: len(row.axes)]]
-    if row.effect == "linkage":
-        angles = np.array([[0.0, 0.0], [0.5, -0.1], [-0.4, 0.4], [0.2, 0.8]])[: row.postures]
-    return {f"p{i + 1}": q.tolist() for i, q in enumerate(angles)}
+    angles = POSTURES[:, 0 if row.axes[0] == "z" else 1 :] if row.effect != "linkage" else LINKAGE_POSTURES
+    return {f"p{i + 1}": q[: len(row.axes)].tolist() for i, q in enumerate(angles[: row.postures])}
 
 
-def draw(row: Row, seed: int) -> tuple[Robot, Robot, np.ndarray]:
+def draw(row: Row, seed: int) -> tuple[Robot, Robot, Array]:
     """Draw the true robot, its data sheet and the rms torques of the excitation (n,)."""
     rng = np.random.default_rng([seed, ROWS.index(row)])
     shape = _linkage(row, rng) if row.effect == "linkage" else _serial(row, rng)
@@ -171,51 +176,49 @@ def _serial(row: Row, rng: np.random.Generator) -> Robot:
 
 def _linkage(row: Row, rng: np.random.Generator) -> Robot:
     """A lower arm, a crank about the same axis, and a fore arm that the crank moves by a rod."""
-    factor = np.exp(0.1 * rng.standard_normal(3))
-    motors = [Motor(float(rng.choice([80, 100, 121])), 1, 0, 0) for _ in range(2)]
-    lower = Body("lower", "base", (0.0, 0.0, 0.0), (Joint("1", "y", motor=motors[0]),), 30.0 * factor[0],
-                 (0.05, 0.05, 0.35), (1.6, 1.6, 0.2))  # fmt: skip
-    crank = Body("crank", "base", (0.0, 0.0, 0.0), (Joint("2", "y", motor=motors[1]),), 18.0 * factor[1],
-                 (-0.3, -0.05, 0.02), (0.2, 0.6, 0.6))  # fmt: skip
-    fore = Body("fore", "lower", (0.0, 0.0, 0.8), (Joint("elbow", "y"),), 40.0 * factor[2],
-                (0.33, 0.1, 0.1), (0.8, 4.0, 4.0))  # fmt: skip
+    (a, b, c), (n_1, n_2) = np.exp(0.1 * rng.standard_normal(3)), rng.choice([80.0, 100.0, 121.0], 2)
+    joints = Joint("1", "y", motor=Motor(n_1, 1, 0, 0)), Joint("2", "y", motor=Motor(n_2, 1, 0, 0)), Joint("elbow", "y")
+    lower = Body("lower", "base", (0.0, 0.0, 0.0), joints[:1], 30.0 * a, (0.05, 0.05, 0.35), (1.6, 1.6, 0.2))
+    crank = Body("crank", "base", (0.0, 0.0, 0.0), joints[1:2], 18.0 * b, (-0.3, -0.05, 0.02), (0.2, 0.6, 0.6))
+    fore = Body("fore", "lower", (0.0, 0.0, 0.8), joints[2:], 40.0 * c, (0.33, 0.1, 0.1), (0.8, 4.0, 4.0))
     ends = (-0.3, 0.0, 0.0), (-0.3, 0.0, 0.0)
     rod = Rod(("crank", "fore"), ends, 0.8, 0.6, float(8e6 * np.exp(0.2 * rng.standard_normal())), 3000.0)
     return Robot(row.name, (lower, crank, fore), rod)
 
 
-def _elastic(row: Row, robot: Robot, rng: np.random.Generator) -> tuple[Robot, np.ndarray]:
+def _elastic(row: Row, robot: Robot, rng: np.random.Generator) -> tuple[Robot, Array]:
     """Give each joint the stiffness of its frequency with locked motors, and motors that fit their links."""
     inertia, hz = composite_inertia(robot, postures(row)["p1"]), iter(row.hz)
     joints, torque = {}, []
     for joint in robot.joints:
         if joint.name == "elbow":
             continue
-        I = inertia[joint.name]
+        load = inertia[joint.name]
         omega = 2 * np.pi * (next(hz) if joint.motor else 24.0) * rng.uniform(0.85, 1.15)
-        k, zeta = I * omega**2, rng.uniform(0.02, 0.05)
+        k, zeta = load * omega**2, rng.uniform(0.02, 0.05)
         joint = replace(joint, k=k, d=2 * zeta * k / omega)
         if joint.motor:
-            J = I * rng.uniform(0.3, 1.0)
-            rms = ACCELERATION * (I + J)
+            J = load * rng.uniform(0.3, 1.0)
+            rms = ACCELERATION * (load + J)
             torque.append(rms)
             motor = replace(joint.motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
-            joint = replace(joint, motor=motor, **_effect(row, rms, k, rng))
-            if row.effect == "presliding":
-                z = 1e-3 * rng.uniform(0.4, 2.0)
-                stiffness = motor.F / z
-                joint = replace(joint, motor=replace(motor, z=z, damping=rng.uniform(0.1, 0.6) * 2 * np.sqrt(stiffness * J)))
+            joint = _with_effect(row, replace(joint, motor=motor), rms, rng)
         joints[joint.name] = joint
     bodies = [replace(b, joints=tuple(joints.get(j.name, j) for j in b.joints)) for b in robot.bodies]
     return replace(robot, bodies=tuple(bodies)), np.array(torque)
 
 
-def _effect(row: Row, rms: float, k: float, rng: np.random.Generator) -> dict[str, float]:
+def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -> Joint:
+    motor = joint.motor
     if row.effect == "hysteresis":
-        return {"hysteresis": 0.05 * rms * rng.uniform(0.7, 1.3), "knee": rms / k * rng.uniform(0.1, 0.3)}
+        return replace(joint, hysteresis=0.05 * rms * rng.uniform(0.7, 1.3), knee=rms / joint.k * rng.uniform(0.1, 0.3))
     if row.effect == "error":
-        return {"error": rng.uniform(2e-5, 5e-5), "order": int(rng.integers(1, 3)), "phase": rng.uniform(0, 6.28)}
-    return {}
+        return replace(joint, error=rng.uniform(2e-5, 5e-5), order=int(rng.integers(1, 3)), phase=rng.uniform(0, 6.28))
+    if row.effect == "presliding" and motor:
+        z = 1e-3 * rng.uniform(0.4, 2.0)
+        damping = rng.uniform(0.1, 0.6) * 2 * np.sqrt(motor.F / z * motor.J)  # of critical
+        return replace(joint, motor=replace(motor, z=z, damping=damping))
+    return joint
 
 
 def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
@@ -243,55 +246,69 @@ def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
     return Robot(robot.name, tuple(bodies), rod)
 
 
+def tag(kind: str, *inside: str, **attributes: Any) -> str:
+    """Write an element of a MuJoCo file."""
+    values = {
+        k: v if isinstance(v, str) else " ".join(f"{x:.17g}" for x in np.atleast_1d(v)) for k, v in attributes.items()
+    }
+    return f"<{kind} {' '.join(f'{name}={value!r}' for name, value in values.items())}>{''.join(inside)}</{kind}>\n"
+
+
 def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
-    """Write the robot as MuJoCo has it; joints `m...` are motors, `s...` twists; the rod is a tendon."""
-    vectors = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+    """Write the robot for MuJoCo: joints `m...` are motors, `s...` twists; the rod is a tendon."""
     ends = dict(zip(robot.rod.bodies, robot.rod.points, strict=True)) if robot.rod else {}
+    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
-    def numbers(values: tuple[float, ...]) -> str:
-        return " ".join(f"{value:.17g}" for value in values)
+    def joint(j: Joint) -> str:
+        motor = (
+            tag("joint", name=f"m{j.name}", axis=axes[j.axis], armature=j.motor.J, damping=j.motor.f) if j.motor else ""
+        )
+        return motor + tag("joint", name=f"s{j.name}", axis=axes[j.axis], stiffness=j.k, damping=j.d)
 
-    def write(body: Body) -> str:
-        lines = [f'<body name="{body.name}" pos="{numbers(body.xyz)}">']
-        for j in body.joints:
-            if j.motor:
-                lines.append(f'<joint name="m{j.name}" axis="{vectors[j.axis]}" armature="{j.motor.J:.17g}" damping="{j.motor.f:.17g}"/>')
-            lines.append(f'<joint name="s{j.name}" axis="{vectors[j.axis]}" stiffness="{j.k:.17g}" damping="{j.d:.17g}"/>')
-        lines.append(f'<inertial pos="{numbers(body.com)}" mass="{body.mass:.17g}" diaginertia="{numbers(body.inertia)}"/>')
-        if body.name in ends:
-            mass = robot.rod.mass / 2
-            lines.append(f'<site name="{body.name}" pos="{numbers(ends[body.name])}"/><body pos="{numbers(ends[body.name])}">'
-                         f'<inertial pos="0 0 0" mass="{mass}" diaginertia="1e-9 1e-9 1e-9"/></body>')  # fmt: skip
-        lines += [write(child) for child in robot.bodies if child.parent == body.name]
-        if body is robot.bodies[-1]:
-            lines.append(f'<site name="tool" pos="{numbers(tuple(2 * x for x in body.com))}"/>')
-        return "\n".join([*lines, "</body>"])
+    def body(b: Body) -> str:
+        inside = [joint(j) for j in b.joints] + [tag("inertial", pos=b.com, mass=b.mass, diaginertia=b.inertia)]
+        if robot.rod and b.name in ends:
+            point = tag("inertial", pos=(0, 0, 0), mass=robot.rod.mass / 2, diaginertia=(1e-9, 1e-9, 1e-9))
+            inside += [tag("site", name=b.name, pos=ends[b.name]), tag("body", point, pos=ends[b.name])]
+        inside += [body(child) for child in robot.bodies if child.parent == b.name]
+        if b is robot.bodies[-1]:
+            inside.append(tag("site", name="tool", pos=2 * np.array(b.com)))
+        return tag("body", *inside, name=b.name, pos=b.xyz)
 
-    tree = "\n".join(write(body) for body in robot.bodies if body.parent == "base")
-    rod, tendon = robot.rod, ""
+    rod, tendon, state = robot.rod, "", {"dyntype": "user", "actdim": 1, "gainprm": 0, "biastype": "none"}
     if rod:
-        sites = "".join(f'<site site="{name}"/>' for name in rod.bodies)
-        tendon = f'<tendon><spatial stiffness="{rod.k:.17g}" damping="{rod.d:.17g}" springlength="{rod.length}">{sites}</spatial></tendon>'
-    # A state for each element of dry friction: bristles of motors, then hysteresis of gears.
+        sites = [tag("site", site=name) for name in rod.bodies]
+        tendon = tag("tendon", tag("spatial", *sites, stiffness=rod.k, damping=rod.d, springlength=rod.length))
     rubbing = [f"m{j.name}" for j in robot.joints if j.motor and j.motor.z]
-    rubbing += [f"s{j.name}" for j in robot.joints if j.hysteresis]
-    states = "".join(f'<general joint="{name}" dyntype="user" actdim="1" gainprm="0" biastype="none"/>' for name in rubbing)
-    return (
-        f'<mujoco model="{robot.name}"><compiler angle="radian" inertiafromgeom="false" balanceinertia="true"/>'
-        f'<option gravity="0 0 -9.81" timestep="{step:.17g}" integrator="RK4"><flag contact="disable"/></option>'
-        f"<worldbody>\n{tree}\n</worldbody>{tendon}<actuator>{states}</actuator></mujoco>"
+    rubbing += [f"s{j.name}" for j in robot.joints if j.hysteresis]  # bristles of motors, then gears, as in the engine
+    return tag(
+        "mujoco",
+        tag("compiler", angle="radian", inertiafromgeom="false", balanceinertia="true"),
+        tag("option", tag("flag", contact="disable"), gravity=(0, 0, -9.81), timestep=step, integrator="RK4"),
+        tag("worldbody", *(body(b) for b in robot.bodies if b.parent == "base")),
+        tendon,
+        tag("actuator", *(tag("general", joint=name, **state) for name in rubbing)),
+        model=robot.name,
     )
 
 
 def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:
     """Compute the inertia of all that is behind each joint, motors excluded, in a posture."""
     model = mujoco.MjModel.from_xml_string(mjcf(robot))
-    data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data = mujoco.MjData(model)
     for joint, angle in zip([j for j in robot.joints if j.motor], posture, strict=True):
         data.joint(f"m{joint.name}").qpos = angle
     if robot.rod:
         data.joint("selbow").qpos = posture[1] - posture[0]
     mujoco.mj_forward(model, data)
-    mujoco.mj_fullM(model, M, data.qM) if mujoco.__version__ < "3.3" else mujoco.mj_fullM(model, data, M)
+    M = mass_matrix(model, data)
     loads = {j.name: float(M[(i := model.joint(f"s{j.name}").dofadr[0]), i]) for j in robot.joints}
     return {**loads, "2": loads["2"] + loads["elbow"]} if robot.rod else loads
+
+
+def mass_matrix(model: Any, data: Any) -> Array:
+    """M (n, n) at the present state."""
+    columns = np.eye(model.nv)
+    for row, unit in zip(columns, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    return columns.T

@@ -2,11 +2,11 @@
 
     uv run --all-groups python scripts/benchmarks/open/score.py FOLDER [RESULT.json ...]
 
-For each robot: the largest errors of stiffnesses and dampings in %, how many of the intervals value +- 1.96 std hold the
-truth, the rms of error over std, the tool error and the CPU seconds. Tool error: in 50 postures that no record has, the
-motors are locked and a force pushes the tool for 20 ms; the deviation of the tool in the following 0.5 s of the engine
-with the estimated instead of the true springs, rms over rms. Without files, all of FOLDER/results, and the data sheet's guesses
-as an entry `start`. The last line is one JSON object.
+For each robot: the largest errors of stiffnesses and dampings in %, how many of the intervals value +- 1.96 std contain
+the truth, the rms of error over std, the tool error and the CPU seconds. Tool error: in 50 postures that no record has,
+the motors are locked and a force pushes the tool for 20 ms; the tool's deviation in 0.5 s of the engine with estimated
+instead of true springs, rms over rms. Without files: all of FOLDER/results, and the guesses of the data sheet as an
+entry `start`. The last line is one JSON object.
 """
 
 import argparse
@@ -19,18 +19,10 @@ from typing import Any
 import mujoco
 import numpy as np
 from engine import Array, build, equilibrium, physics, push
-from robots import Body, Joint, Motor, Robot, Rod
+from entry import read_robot
+from robots import Joint, Robot
 
 PULSE_S, TIME_S, POSTURES = 0.02, 0.5, 50
-
-
-def read_robot(row: Mapping[str, Any]) -> Robot:
-    """Read a robot as it is written in the files."""
-    bodies = []
-    for b in row["bodies"]:
-        joints = tuple(Joint(**(j | {"motor": j["motor"] and Motor(**j["motor"])})) for j in b["joints"])
-        bodies.append(Body(**(b | {"joints": joints})))
-    return Robot(row["name"], tuple(bodies), row["rod"] and Rod(**row["rod"]))
 
 
 def with_springs(robot: Robot, values: Mapping[str, float]) -> Robot:
@@ -77,26 +69,31 @@ def tool_error(truth: Robot, values: Mapping[str, float], seed: int) -> float:
 
 
 def score(truth: Mapping[str, Any], estimates: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """Compare the estimates of one robot with its truth; a value without std counts as an interval that does not hold."""
+    """Compare the estimates of one robot with its truth; a value without std has no interval."""
     wanted = truth["scored"]
     values = {name: estimates["parameters"][name] for name in wanted if name in estimates["parameters"]}
-    error = {name: value / wanted[name] - 1 for name, (value, _) in values.items()}
+    off = {name: 100 * abs(value / wanted[name] - 1) for name, (value, _) in values.items()}
     z = np.array([(value - wanted[name]) / std for name, (value, std) in values.items() if std])
-    worst = {letter: max((100 * abs(e) for name, e in error.items() if name[0] == letter), default=None) for letter in "kd"}
+    k_percent, d_percent = (max((e for name, e in off.items() if name[0] == c), default=None) for c in "kd")
+    numbers = {name: value for name, (value, _) in values.items()}
     return {
-        "k_percent": worst["k"], "d_percent": worst["d"], "missing": len(wanted) - len(values),
-        "hold": int(np.sum(np.abs(z) < 1.96)), "of": len(wanted), "error_over_std": float(np.sqrt(np.mean(z**2))) if z.size else None,
-        "tool_percent": None if len(values) < len(wanted) else tool_error(
-            read_robot(truth["robot"]), {name: value for name, (value, _) in values.items()}, seed),
-        "cpu_s": estimates.get("cpu_s"), "status": estimates.get("status"),
-    }  # fmt: skip
+        "k_percent": k_percent,
+        "d_percent": d_percent,
+        "inside": int(np.sum(np.abs(z) < 1.96)),
+        "of": len(wanted),
+        "error_over_std": float(np.sqrt(np.mean(z**2))) if z.size else None,
+        "tool_percent": tool_error(read_robot(truth["robot"]), numbers, seed) if len(values) == len(wanted) else None,
+        "cpu_s": estimates.get("cpu_s"),
+        "status": estimates.get("status"),
+    }
 
 
 def guesses(folder: Path, seed: int) -> dict[str, Any]:
     """The entry of one who believes the data sheet."""
-    files = sorted((folder / f"seed-{seed}").glob("*/robot.json"))
-    robots = {f.parent.name: read_robot({k: v for k, v in json.loads(f.read_text()).items() if k != "tolerances"}) for f in files}
-    rows = {name: {"parameters": {k: (v, 0.0) for k, v in robot.truth().items()}} for name, robot in robots.items()}
+    rows = {}
+    for file in sorted((folder / f"seed-{seed}").glob("*/robot.json")):
+        robot = read_robot({key: value for key, value in json.loads(file.read_text()).items() if key != "tolerances"})
+        rows[file.parent.name] = {"parameters": {name: (value, 0.0) for name, value in robot.truth().items()}}
     return {"entry": "start", "seed": seed, "robots": rows}
 
 
@@ -111,13 +108,13 @@ def main() -> None:
         results += [guesses(given.folder, seed) for seed in sorted({r["seed"] for r in results})]
     rows = []
     for result in results:
+        entry, seed = result["entry"], result["seed"]
         for name, estimates in result["robots"].items():
-            truth = json.loads((given.folder / "truth" / f"seed-{result['seed']}" / f"{name}.json").read_text())
-            rows.append({"entry": result["entry"], "seed": result["seed"], "robot": name, **score(truth, estimates, result["seed"])})
-            r = rows[-1]
-            cells = [f"{label} {r[key]:.3g}" for label, key in (("k %", "k_percent"), ("d %", "d_percent"), ("tool %", "tool_percent"),
-                     ("error/std", "error_over_std"), ("CPU s", "cpu_s")) if r[key] is not None]  # fmt: skip
-            print(f"{r['entry']:9s} {r['seed']} {name:18s} {r['hold']:2d} of {r['of']:2d} hold, {', '.join(cells)} {r['status'] or ''}", flush=True)
+            truth = json.loads((given.folder / "truth" / f"seed-{seed}" / f"{name}.json").read_text())
+            row = {"entry": entry, "seed": seed, "robot": name, **score(truth, estimates, seed)}
+            cells = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
+            print(f"{entry:8s} {seed} {name:18s} {row['inside']} of {row['of']} inside, {', '.join(cells)}", flush=True)
+            rows.append(row)
     print(json.dumps({"open": rows}))
 
 
