@@ -21,8 +21,8 @@ from typing import Any, cast
 import numpy as np
 
 from elastid.base import arrays
-from elastid.base.arrays import FloatArray, LargeArray
-from elastid.base.errors import DataError, Note
+from elastid.base.arrays import FloatArray, LargeArray, folded
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.planned_run import mean_period
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
@@ -144,7 +144,7 @@ class RecordedRig:
                 report_end(lost, n, N // 2 if recorded.half_wave else N, log)
         elif "none" not in (file.period, recorded.period):
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
-        signals = without_step_images(signals, channels, roles, recorded, N, rate_hz, self.robot, log)
+        signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
@@ -331,7 +331,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
         y=np.concatenate([part.y for part in every]),
         r=np.concatenate(r) if len(r) == len(every) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(note for part in every for note in part.notes), note),
+        notes=(*dict.fromkeys(notes_of(every)), note),
         repairs=dict(repairs),
         left_out=tuple(start + p for start, part in zip(starts, every, strict=False) for p in part.left_out),
     )
@@ -379,7 +379,7 @@ def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
 
 def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
     """Mean period (N, c) of signals, without the mean of it, and its variance (c,), NaN where there is one period."""
-    X = signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1])
+    X = folded(signals, N)
     X = X[1:] if len(X) > 2 else X  # the first holds the transient
     P, mean = len(X), X.mean(axis=0)
     variance = np.mean((X - mean) ** 2, axis=(0, 1)) / (P - 1) if P > 1 else np.full(X.shape[2], np.nan)

@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.errors import Note, NoteGroup, grouped
+from elastid.base.errors import Note, NoteGroup, grouped, notes_of
 from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
@@ -86,7 +86,7 @@ class ReportContent:
     @property
     def missing_modes(self) -> tuple[Note, ...]:
         """Notes on missing modes of the model; empty if one cause explains the residuals and shifts modes, too."""
-        return () if self.result.has_lone_cause else tuple(note for row in self.measured_modes for note in row.notes)
+        return () if self.result.has_lone_cause else notes_of(self.measured_modes)
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,7 @@ class ResponsesContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the modes and responses; the same from many places once, with a count."""
-        of_modes = [note for modes in self.modes for note in modes.notes]
-        return grouped((*of_modes, *(note for response in self.responses for note in response.notes)))
+        return grouped((*notes_of(self.modes), *notes_of(self.responses)))
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:
@@ -171,6 +170,10 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]
     return tuple(models)
 
 
+# Content of a viscous coefficient: the best linear approximation of sgn(v) is 2 p_v(0) v, p_v the density of v.
+WITH_COULOMB = "viscous friction. Coulomb friction of the motor, if any, was not compensated and increases the estimate"
+
+
 @dataclass(frozen=True)
 class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
@@ -196,6 +199,11 @@ class ParameterRow:
     base: str = ""
 
     @property
+    def has_coulomb(self) -> bool:
+        """True for viscous friction that may include Coulomb friction."""
+        return self.contains.startswith(WITH_COULOMB)
+
+    @property
     def reference(self) -> float:
         """The reference value: true value, otherwise the estimate, or the start if the estimate is zero."""
         candidates = (self.truth, self.estimate, self.start)
@@ -207,7 +215,7 @@ def parameter_rows(
 ) -> tuple[ParameterRow, ...]:
     """One row for each parameter that was asked for, in the order of x; truth and contents may name some only."""
     known, estimates, stds = truth or {}, result.values, result.std
-    std_x, bases = np.sqrt(np.diag(result.covariance)), result.base_remarks
+    std_x, bases = result.std_of_x, result.base_remarks
     rows = []
     verdicts = result.verdicts or ("",) * len(result.parameters.asked)
     for i, parameter in enumerate(result.parameters.asked):
@@ -233,8 +241,8 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     """
     chosen = gears.numbers if numbers is None else numbers
     rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
-    headings = ["number", "of the gear", "unit", "estimate", "std", "95 % interval"]
-    table = [[*headings, *["of rated"] * rated, "linear fit"]]
+    headings = ["parameter", "meaning", "unit", "estimate", "std", "95 % interval"]
+    table = [[*headings, *["of rated torque"] * rated, "linear fit"]]
     for row in chosen:
         share = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
         before = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
@@ -247,7 +255,7 @@ def _cells(row: GearNumber) -> list[str]:
     if not row.is_seen:
         return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not significant"]
     value, std = factor * row.value, factor * row.std
-    meaning = f"{row.meaning}, at {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
+    meaning = f"{row.meaning}, phase {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
     n, (low, high) = digits(value, std), row.interval
     relative = f"{number(100 * std / abs(value), 2)} %" if value else number(std, 2)
     ends = " to ".join(interval_of((factor * low, factor * high), n))

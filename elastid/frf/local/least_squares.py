@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK_NUMBERS = 4_000_000
@@ -296,7 +296,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     Q, L, n_u = solution.Q, solution.L, terms.n_u
     diagonal = np.abs(np.einsum("fcc->fc", L))
     smallest = diagonal.min(axis=1)
-    condition = np.divide(diagonal.max(axis=1), smallest, out=np.full(len(L), np.inf), where=smallest > 0)
+    condition = quotient(diagonal.max(axis=1), smallest, np.inf)
     L = np.where(np.isfinite(condition)[:, None, None], L, np.eye(L.shape[1]))
     # The columns at r^0: the inputs, and one constant for each experiment's transient.
     constants = terms.columns + (terms.order + 1) * np.arange(E if terms.transient else 0)

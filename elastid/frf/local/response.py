@@ -39,8 +39,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, release
-from elastid.base.errors import DataError, Note
+from elastid.base.arrays import PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
 from elastid.frf.lines import analysed_lines
@@ -142,7 +142,7 @@ def local_response(
     lines, span = all_lines[signals.every], fits.where.span
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, span))
     quality = local_quality(freq_hz, fitted, experiments.periods, S_rr[usable])
-    notes = [*cut, *(note for log in logs for note in log.notes)]
+    notes = [*cut, *notes_of(logs)]
     if not usable.all():
         notes.append(left_out_note(lines[~usable], first, "inputs move in proportion"))
     if len(spectra) < len(logs):
@@ -349,7 +349,7 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
     powers = np.einsum("cee->ce", grams).real
     both = np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0)
     # Where the inputs are strong counts most.
-    correlation = np.divide(np.abs(grams).sum(axis=0), both, out=np.zeros((E, E)), where=both > 0)
+    correlation = quotient(np.abs(grams).sum(axis=0), both)
     leaders: list[int] = []
     for e in range(E):
         if all(correlation[e, leader] < MAX_CORRELATION for leader in leaders):
