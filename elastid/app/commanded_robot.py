@@ -8,8 +8,8 @@ import numpy as np
 from elastid.app.identified_robot import MOTOR_SIDE, with_identified_friction
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.commanded import DELAY
-from elastid.friction_study.result import RIGID_TERMS, FrictionResult, JointFriction
-from elastid.robot import BASE, Body, Joint, Motor, Robot, unit_axis
+from elastid.friction_study.result import RIGID_TERMS, FrictionResult
+from elastid.robot import BASE, Body, Joint, Robot, unit_axis
 from elastid.robot.simplified import with_joints
 from elastid.study.robots import yaml_text
 
@@ -52,9 +52,11 @@ def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
     values = rigid_numbers(result)
     if not _has_whole_inertias(robot, result):
         return with_armatures(robot, result)
-    if _stands_on_base(robot, result):
-        return _with_pendulums(with_identified_friction(robot, result), values)
-    return Robot(robot.name, tuple(_pendulum(joint, result.at(joint.name), values) for joint in robot.driven))
+    identified = with_identified_friction(robot, result)
+    if not _stands_on_base(robot, result):
+        joints = (replace(joint, axis="x" if joint.slides else "y", spring=None) for joint in identified.driven)
+        identified = Robot(robot.name, tuple(Body(f"{joint.name} body", joints=(joint,)) for joint in joints))
+    return _with_pendulums(identified, values)
 
 
 def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
@@ -131,19 +133,3 @@ def _with_pendulums(robot: Robot, values: Mapping[tuple[str, str], float]) -> Ro
         return replace(body, joints=joints, mass=mass, center_of_mass=tuple(lever.tolist()), inertia=inertia)
 
     return replace(robot, bodies=tuple(map(with_numbers, robot.bodies)))
-
-
-def _pendulum(joint: Joint, found: JointFriction, values: Mapping[tuple[str, str], float]) -> Body:
-    """A body on a joint about y, or along x: u = J q'' + G cos q + H sin q + friction, half of J in the rotor."""
-    J, G, H = (values.get((joint.name, path), 0.0) for path in ("inertia", "gravity.cos", "gravity.sin"))
-    motor = Motor(J / 2, 1.0, found.viscous or 0.0, friction=found.friction)
-    if joint.slides:
-        return Body(
-            f"{joint.name} body", joints=(Joint(joint.name, "x", motor=motor, motion="translation"),), mass=J / 2
-        )
-    g = 9.81
-    mass = max(2 * (G**2 + H**2) / (g**2 * J), 1e-9)
-    inertia = J / 2 - (G**2 + H**2) / (g**2 * mass)
-    center = (-G / (mass * g), 0.0, -H / (mass * g))
-    axis = Joint(joint.name, "y", motor=motor)
-    return Body(f"{joint.name} body", joints=(axis,), mass=mass, center_of_mass=center, inertia=max(inertia, 0.0))

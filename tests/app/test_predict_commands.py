@@ -142,7 +142,7 @@ def test_numbers_of_a_study_by_commands_make_pendulums(axis: Axis, tmp_path: Pat
     robot = commanded_robot(file, result)
     assert robot.driven[0].motor is not None
     assert robot.driven[0].motor.friction is not None
-    assert robot.driven[0].motor.friction.coulomb == pytest.approx(0.15 if axis == "z" else 0.05)
+    assert robot.driven[0].motor.friction.coulomb == pytest.approx(0.05)
     if axis != "z":
         (tmp_path / "robot.yml").write_text(robot_of_friction("s", file, result))
         robot = load_robot(tmp_path / "robot.yml")
