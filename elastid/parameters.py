@@ -14,7 +14,7 @@ from typing import Annotated
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, named
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Named, index_of
 from elastid.base.names import posture_of
@@ -296,13 +296,13 @@ class Parameters:
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
         """Names to SI values, at the start or at x; ratios and stand-ins at the end."""
         x = self.x if x is None else x
-        free = dict(zip(self.free_names, self.natural(x).tolist(), strict=True))
+        free = named(self.free_names, self.natural(x))
         outside = {p.name: free.get(p.name, p.value) for p in self.parameters if not p.is_of_model}
         return Named("parameter", self.numbers(x) | outside)
 
     def numbers(self, x: FloatArray, configuration: str = "") -> dict[str, float]:
         """Names of the model's parameters to SI values in a configuration, the delay of torques included."""
-        return dict(zip(self.names, self.expand(x, configuration).tolist(), strict=True))
+        return named(self.names, self.expand(x, configuration))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, quotient
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, installed
 from elastid.base.escape import control_labels
@@ -74,7 +74,7 @@ class Quality:
         """Condition (F,) of the input matrix, each input relative to its RMS; inf where it is singular."""
         largest, smallest = self.input_singular_values[:, 0], self.input_singular_values[:, -1]
         with np.errstate(over="ignore"):
-            return np.asarray(np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0))
+            return quotient(largest, smallest, np.inf)
 
     def lines(self, keep: BoolArray) -> "Quality":
         """Quality on some of the response's lines; keep (F,) is True where a line stays."""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastid.app.run import Write
-from elastid.base.errors import Note, grouped
+from elastid.base.arrays import named
+from elastid.base.errors import Note, grouped, notes_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
@@ -170,7 +171,7 @@ def friction_study_summary(
     torque: of motions, shares of the parts of the model.  twin: errors of the model simulated along them.
     left_out: the same of logs that were left out.  rigid_bodies: of joints that moved together.
     """
-    every = (*result.notes, *(note for joint in result.joints for note in joint.notes))
+    every = (*result.notes, *notes_of(result.joints))
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
     return _head(name, result.status, result.message) | {
         "parameters": {
@@ -321,8 +322,8 @@ def _friction_section(
                 for shape, level, std in fitted
                 if shape.place == row.place and level > 0
             ],
-            "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
-            "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),
+            "before": named(friction.configurations, friction.before[:, i]),
+            "after": named(friction.configurations, friction.after[:, i]),
             "residual_power_ratio": row.residual_power_ratio,
         }
         for i, row in enumerate(friction_rows(friction, springs))

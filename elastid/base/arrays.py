@@ -60,6 +60,22 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
 
 
+def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
+    """a / b where b is positive, else a number."""
+    out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)
+    return np.asarray(np.divide(a, b, out=out, where=b > 0))
+
+
+def folded(x: FloatArray, N: int) -> FloatArray:
+    """X (P, N, ...): whole pieces of N rows each of x (n, ...), without the rest at the end."""
+    return x[: len(x) // N * N].reshape(-1, N, *x.shape[1:])
+
+
+def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
+    """Numbers (n,) by their names."""
+    return dict(zip(names, values.tolist(), strict=True))
+
+
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
     """A read-only copy of an array, unless it is read-only already: a copy like that, or mapped from a file."""
     if isinstance(array, LargeArray):

@@ -164,6 +164,11 @@ class NoteGroup:
         return f"{self.places[0]} and {len(self.places) - 1} more: {self.first.text}"
 
 
+def notes_of(values: Iterable[Any]) -> tuple[Note, ...]:
+    """Notes of several values, such as records or responses, in their order."""
+    return tuple(note for value in values for note in value.notes)
+
+
 def grouped(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
     """The notes without repetition, in the order of their first appearance, each kind of each text once.
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.arrays import FloatArray, frozen_value, labelled, quotient
 from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
@@ -109,7 +109,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     power = np.stack(uncertainty.power)[..., :n]
     total = power.sum(axis=(0, 1))
-    share = np.divide(power, total, out=np.zeros_like(power), where=total > 0)
+    share = quotient(power, total)
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)

@@ -17,7 +17,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError, Note, StudyError
+from elastid.base.errors import FitError, Note, StudyError, notes_of
 from elastid.base.execution import HERE, Execution
 from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home, linear_model, part_of, part_with
 from elastid.fit.problem.inertia_barrier import moved_inertias
@@ -114,7 +114,7 @@ class Assembly:
     @property
     def notes(self) -> tuple[Note, ...]:
         """Notes on lines that the weights left out."""
-        return tuple(note for weight in self.weights for note in weight.notes)
+        return notes_of(self.weights)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """The fit with every configuration linearised at x."""
@@ -270,7 +270,7 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
     Where images of a sampled reference were subtracted, at most their usual error.
     """
     x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
-    notes = {(note.code, note.severity) for response in assembly.responses for note in response.notes}
+    notes = {(note.code, note.severity) for note in notes_of(assembly.responses)}
     most = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else USUAL_FLOOR
     unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_floor(most)
 

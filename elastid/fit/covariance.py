@@ -39,7 +39,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
 from elastid.base.execution import Execution
 from elastid.base.statistics import small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
@@ -91,7 +91,7 @@ def noise_dof(power: Sequence[FloatArray], dof: Sequence[float], by_loads: Float
     total, spread = by_loads, np.zeros(len(by_loads))
     for lines, nu in zip(power, dof, strict=True):
         total, spread = total + lines.sum(axis=0), spread + np.sum(lines**2, axis=0) / nu
-    return np.asarray(np.divide(2 * total**2, spread, out=np.full(len(total), np.inf), where=spread > 0))
+    return quotient(2 * total**2, spread, np.inf)
 
 
 @frozen_value
@@ -157,7 +157,7 @@ def estimate_uncertainty(
     repeated = np.maximum(np.diag(noise) - of_file, 0.0)
     by_loads = np.sum((sums.static_J @ half) ** 2, axis=0)
     power = tuple(part.power[:, : len(x)] for part in parts)
-    fraction = np.divide(repeated, np.diag(noise), out=np.ones(len(x)), where=np.diag(noise) > 0)
+    fraction = quotient(repeated, np.diag(noise), 1.0)
     known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads) / np.maximum(fraction, 1e-6) ** 2
     widened = small_sample_factors(known_dof)
     covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + ratios + np.diag(friction)
@@ -269,7 +269,7 @@ def floor_covariance(sums: Sums, cost: float, expected_cost: float, cost_dof: fl
     dof = sums.dof if math.isnan(cost_dof) else cost_dof
     room = cost - expected_cost + 2 * expected_cost * math.sqrt(2 / max(dof, 1.0))
     share = min(max(room / power, 0.0), 1.0) if power else 0.0
-    return np.asarray(share * 0.5 * (shifts.conj().T @ shifts).real)
+    return share * 0.5 * (shifts.conj().T @ shifts).real
 
 
 def file_variance(sums: Sums, of_file: Sequence[int]) -> tuple[FloatArray, FloatArray]:
@@ -355,5 +355,5 @@ def _larger(noise: FloatArray, residuals: FloatArray, half: FloatArray) -> Float
     variance = np.diag(noise)
     shape = noise if np.all(variance > 0) else half.T @ half
     wanted, deviation = np.sqrt(np.maximum(variance, residuals)), np.sqrt(np.diag(shape))
-    scale = np.divide(wanted, deviation, out=np.zeros_like(wanted), where=deviation > 0)
-    return np.asarray(shape * np.outer(scale, scale))
+    scale = quotient(wanted, deviation)
+    return shape * np.outer(scale, scale)

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, named
 from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels, tolerances_of
 from elastid.fit.problem.elastic import linear_model
@@ -163,7 +163,7 @@ def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | N
     """
     if not isinstance(robot.tolerances, Tolerances) or not result.has_tolerances:
         return robot.tolerances
-    deviation = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    deviation = named(result.parameters.free_names, result.std_of_x)
     owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
     left: dict[str, dict[str, float]] = {}
     for given in tolerances_of(robot):

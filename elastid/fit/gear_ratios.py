@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, frozen_value, named
 from elastid.fit.line_sums import LineSums
 
 # rad; angles that transmission errors do not tell apart.
@@ -72,7 +72,7 @@ def scatter_of_ratios(
     explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
     s = np.ones(len(s)) if is_excess and not explains else s
     covariance = (s[:, None] * shifts).T @ (s[:, None] * shifts)
-    return RatioScatter(covariance, dict(zip(names, s.tolist(), strict=True)), explains)
+    return RatioScatter(covariance, named(names, s), explains)
 
 
 def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:

@@ -16,8 +16,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import FitError, Note
+from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.errors import FitError, Note, notes_of
 from elastid.base.execution import HERE
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, is_distorted_by_friction, is_friction_taken_out
@@ -59,7 +59,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
-    is_large |= any(note.code == UNEXPLAINED for response in assembly.responses for note in response.notes)
+    is_large |= any(note.code == UNEXPLAINED for note in notes_of(assembly.responses))
     joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
     is_explained = evidence.best.explained_fraction > LIMITS.whole and evidence.is_unexplained
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
@@ -234,7 +234,7 @@ def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
 def _rates(responses: Sequence[Response]) -> FloatArray:
     """Rates (n_a,) of the starts, 1/s."""
     low, high = rate_band(responses)
-    return np.asarray(low * (high / low) ** np.array(STARTS))
+    return low * (high / low) ** np.array(STARTS)
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
@@ -270,7 +270,7 @@ def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
 
 def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArray:
     """x (n_x,) of parameters: as in x of `known`, else their start."""
-    values = dict(zip(known.free_names, x.tolist(), strict=True))
+    values = named(known.free_names, x)
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 
 
@@ -279,7 +279,7 @@ def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
 
     A spring that hardly relaxes has no rate, a damper neither.
     """
-    std = dict(zip(result.parameters.free_names, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    std = named(result.parameters.free_names, result.std_of_x)
     return any(std[s.names[0]] < MOST_STD for s in springs)
 
 
@@ -330,7 +330,7 @@ def _has_moved(before: Result, after: Result) -> bool:
 def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> Presliding:
     values, free, place = result.values, result.parameters.free_names, f"motor {spring.joint}"
     s, a = values[spring.names[0]], 1 / values[relaxation(spring.joint)]
-    std = dict(zip(free, np.sqrt(np.diag(result.covariance)).tolist(), strict=True))
+    std = named(free, result.std_of_x)
     times = [time for response in assembly.responses for time in _between_reversals(response, place)]
     unit = "N/m" if assembly.linearisation.model.robot.sliding((place,)) else "N*m/rad"
     stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a

@@ -392,7 +392,7 @@ class Result:
     @property
     def base_remarks(self) -> dict[str, str]:
         """For each stiffness that a typical base lowers beyond its interval: by how much."""
-        limits, remarks = QUANTILE_95 * np.sqrt(np.diag(self.covariance)), {}
+        limits, remarks = QUANTILE_95 * self.std_of_x, {}
         for part in self.assumed_rigid:
             for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
                 if p.name.startswith("k") and -change > limit:
@@ -460,9 +460,13 @@ class Result:
     @property
     def std(self) -> dict[str, float]:
         """Standard deviations of the free parameters in SI (first order for logarithmic ones)."""
-        std_x = np.sqrt(np.diag(self.covariance))
-        free = zip(self.parameters.free, self.x, std_x, strict=True)
+        free = zip(self.parameters.free, self.x, self.std_of_x, strict=True)
         return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
+
+    @property
+    def std_of_x(self) -> FloatArray:
+        """Standard deviations of x (n_x,)."""
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def has_tolerances(self) -> bool:

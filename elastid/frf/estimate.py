@@ -16,7 +16,7 @@ import numpy as np
 from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.errors import DataError, Note, StudyError, notes_of
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
@@ -167,7 +167,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     everything = gather_spectra(spectra, everywhere, excited, spec, method == "joint")
     usable, data, fitted = _fitted(everything.on(excited), groups, method, lines)
     error = total_error(data, fitted)
-    notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
+    notes = [*(note for group in groups for note in notes_of(group)), *data.notes]
     if not usable.all():
         why = "the inputs are less than 6 dB above the noise there, or not independent"
         notes.append(left_out_note(lines[~usable], first, why))

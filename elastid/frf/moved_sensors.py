@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, notes_of
 from elastid.covariance import Covariance
 from elastid.record import Record
 from elastid.response import Response
@@ -56,7 +56,7 @@ def stacked(responses: Sequence[Response]) -> Response:
         total=_covariance([part.total for part in parts]),
         sliding=tuple(dict.fromkeys(place for part in parts for place in part.sliding)),
         leakage=None,
-        notes=tuple(dict.fromkeys(note for response in responses for note in response.notes)),
+        notes=tuple(dict.fromkeys(notes_of(responses))),
         correlated_lines=max(part.correlated_lines for part in parts),
     )
 

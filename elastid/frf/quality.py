@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.errors import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
@@ -92,8 +92,8 @@ def coherences_of_powers(
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
     """
     both = yy[:, :, None] * uu[:, None, :]
-    ordinary = np.divide(cross, both, out=np.zeros(both.shape), where=both > 0)
-    multiple = np.divide(explained, yy, out=np.zeros(yy.shape), where=yy > 0)
+    ordinary = quotient(cross, both)
+    multiple = quotient(explained, yy)
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 

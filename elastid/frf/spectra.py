@@ -21,6 +21,7 @@ from elastid.base.arrays import (
     FloatArray,
     IntArray,
     mean_of_rows,
+    quotient,
     release,
 )
 from elastid.base.errors import DataError, Note
@@ -337,6 +338,6 @@ def inputs_pass(records: Sequence[Record]) -> bool:
         parts = record.u[: L * _PARTS].reshape(_PARTS, L, -1)
         P = np.abs(np.fft.rfft(parts - parts.mean(axis=1, keepdims=True), axis=1)) ** 2
         total, squares = P.sum(axis=0), (P**2).sum(axis=0)
-        shares = np.divide(total**2, squares, out=np.zeros(total.shape), where=squares > 0) / _PARTS
+        shares = quotient(total**2, squares) / _PARTS
         spreads.append((shares * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))
     return bool(np.min(spreads) < _SPREAD)

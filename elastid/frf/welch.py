@@ -39,9 +39,9 @@ from itertools import zip_longest
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
 from elastid.base.display import percent
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
 from elastid.frf.estimators import kronecker
@@ -317,7 +317,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     G = data.yu @ np.linalg.inv(data.uu)
     covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
     quality = _quality(data, G, C_V)
-    notes = [note for record in records for note in record.notes]
+    notes = [*notes_of(records)]
     if not usable.all():
         text = f"DFT lines discarded ({np.sum(~usable)}): an input has no power there, or two are proportional"
         notes.append(Note("frf/lines-discarded", text))
@@ -367,7 +367,7 @@ def _covariances(
     beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
     scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
     by_noise, by_leverage = power(C_V), power(C_h)
-    excess = local_mean(np.divide(by_leverage, by_noise, out=np.ones_like(by_noise), where=by_noise > 0))
+    excess = local_mean(quotient(by_leverage, by_noise, 1.0))
     factor = np.sqrt(np.maximum(excess, 1.0))
     C_total = factor[:, :, None] * C_V * factor[:, None] + scaled @ scaled.mT.conj()
     noise, total = (kronecker(left, C, dof) for C in (C_V, C_total))

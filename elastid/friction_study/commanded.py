@@ -21,7 +21,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.special import fdtri
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, folded, frozen_value, named
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
 from elastid.friction_study.laws import friction_of
@@ -146,7 +146,7 @@ class CommandedJoint:
 
     def to_friction(self) -> Friction:
         """Friction law for a robot model."""
-        numbers = dict(zip(self.names, self.values.tolist(), strict=True))
+        numbers = named(self.names, self.values)
         if self["viscous"] < LEAST_VISCOUS * float(np.sqrt(self.covariance[1, 1])):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
         return friction_of(numbers, 20.0, MeasuredRange(self.speeds, None, None))
@@ -196,11 +196,7 @@ class _Problem:
     @property
     def measured(self) -> list[FloatArray]:
         """Means (n_k, m_k) of the positions of each log."""
-        w = self.window
-        return [
-            log.position[: len(log.position) // w * w].reshape(-1, w, len(log.joints)).mean(axis=1)[self._settled(log)]
-            for log in self.logs
-        ]
+        return [folded(log.position, self.window).mean(axis=1)[self._settled(log)] for log in self.logs]
 
     def _settled(self, log: CommandedLog) -> slice:
         first = min(float(np.max(SETTLE * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
@@ -215,10 +211,10 @@ class _Problem:
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
     """Positions (n, m) of the joints of a log from its commands and loads, by the numbers of each."""
     problem = _Problem.of([log])
-    values = [dict(zip(joints[name].names, joints[name].values.tolist(), strict=True)) for name in log.joints]
+    values = [named(joints[name].names, joints[name].values) for name in log.joints]
     numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
     late = np.array([values[0][DELAY]])
-    return np.asarray(problem.commanded.simulate(numbers[None], late)[:, 0])
+    return problem.commanded.simulate(numbers[None], late)[:, 0]
 
 
 def _upper_end(log: CommandedLog) -> float:
@@ -342,14 +338,17 @@ def _start(problem: _Problem, measured: Sequence[FloatArray]) -> tuple[FloatArra
     return candidates[best], float(START_DELAYS[best])
 
 
+def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
+    """Positions (n, m), their velocities and accelerations by cubics over so many samples, an odd number."""
+    width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
+    return [savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)], width
+
+
 def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
     """Start values (m, 6) by regression of the torque that gains and encoder give, the commands late by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
-        n, width = len(log.position), 2 * max(2, round(SMOOTH_S * log.rate_hz / 2)) + 1
-        q, v, a = (
-            savgol_filter(log.position, width, 3, deriv=order, delta=1 / log.rate_hz, axis=0) for order in range(3)
-        )
+        n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)
         late = np.arange(n) - delay_s * log.rate_hz - 0.5  # held for a sample
         for i, joint in enumerate(log.joints):
             torque = np.interp(late, np.arange(n), log.command[:, i]) - log.kp[i] * q[:, i] - log.kd[i] * v[:, i]
@@ -408,4 +407,4 @@ def _covariance(
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
         beyond = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
         wider = np.where(beyond, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
-    return np.asarray(covariance * np.outer(wider, wider))
+    return covariance * np.outer(wider, wider)

@@ -17,19 +17,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.statistics import QUANTILE_95, known_combinations
 from elastid.friction_study.commanded import (
     DELAY,
-    SMOOTH_S,
     CommandedJoint,
     CommandedLog,
     fit_commanded,
     simulate_commanded,
+    smoothed_motion,
 )
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
@@ -78,7 +77,7 @@ GAINS_EXACT = (
 
 
 def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
-    notes = tuple(note for record in measured.of(joint.name, "commands") for note in record.notes)
+    notes = notes_of(measured.of(joint.name, "commands"))
     gains = Note("friction/gains", GAINS_EXACT, f"joint {joint.name}", severity="information")
     return JointLevels(joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit)
 
@@ -171,8 +170,7 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
     """
     places = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     (n, m), rate_hz = position.shape, records[0].rate_hz
-    width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
-    q, v, a = (savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3))
+    q, v, a = smoothed_motion(position, rate_hz)[0]
     whole = np.zeros((3, len(robot.joints), n))
     whole[0, list(robot.driven_indices)] = records[0].angles(len(robot.driven))[:, None]
     for signals, values in zip(whole, (q, v, a), strict=True):
@@ -226,7 +224,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "Jo
     runs = measured.of(joint.name, "constant_velocity")
     planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
     of_joint, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
-    notes, levels = [*(note for record in of_joint for note in record.notes), *motion.notes], None
+    notes, levels = [*notes_of(of_joint), *motion.notes], None
     if records := [*planned, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None

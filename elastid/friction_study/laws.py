@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import FitError
 from elastid.friction.static import FALLING, Conditions, columns, slopes
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
@@ -181,7 +181,7 @@ def fit_curve(levels: Levels, terms: Terms) -> StaticLaw:
     eta = search.eta(x)
     linear, left = search.project(eta)
     cost, dof = float(left @ left), levels.n_levels - n_numbers
-    values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
+    values = named(terms.linear, linear) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
     return StaticLaw(levels, terms, T_0, values, covariance, cost, dof)
@@ -209,7 +209,7 @@ class _Search:
 
     def eta(self, x: FloatArray) -> dict[str, float]:
         """The nonlinear numbers at x, held ones included."""
-        eta = dict(self.terms.held) | dict(zip(self.terms.searched, np.exp(x).tolist(), strict=True))
+        eta = dict(self.terms.held) | named(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
             known = self.levels.known_temperatures - self.T_0

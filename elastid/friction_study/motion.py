@@ -34,7 +34,7 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 from scipy.linalg import qr
 
-from elastid.base.arrays import FloatArray, IntArray, frozen_value
+from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import (
     ABSENT,
@@ -173,7 +173,7 @@ class MotionFriction:
         fit, terms, speeds = self.chosen, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
         measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
         numbers = {"exponent": terms.exponent, "temperature.decay": terms.decay}
-        numbers |= dict(zip(fit.names, fit.values.tolist(), strict=True))
+        numbers |= named(fit.names, fit.values)
         return friction_of(numbers, terms.reference, measured)
 
 

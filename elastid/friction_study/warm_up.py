@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_banded
 
-from elastid.base.arrays import FloatArray, IntArray, frozen_value
+from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, minimise
 from elastid.friction_study.levels import PassRegression, passes_of
@@ -101,7 +101,7 @@ class _Problem:
 
     def parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
         """Time constants, shares of the thermometer and of the levels, h, start."""
-        value, log = dict(zip(self.names, x.tolist(), strict=True)), self.warm_up.log
+        value, log = named(self.names, x), self.warm_up.log
         ratio = math.exp(value.get("ratio", 0.0))
         constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
         first = np.array([[value.get(name, 1.0)] for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)

@@ -294,17 +294,13 @@ class Influences:
         if not modes:
             return np.zeros((0, 0))
         scale = self.fit.data.basis.scale
-        of_poles = np.stack([scale * (mode.slopes @ self._flat(mode.index)) for mode in modes]).reshape(
-            2 * len(modes), *self._normalised.shape
-        )
+        of_poles = np.stack([scale * (mode.slopes @ self.of_pole(mode.index).reshape(2, -1)) for mode in modes])
+        of_poles = of_poles.reshape(2 * len(modes), *self._normalised.shape)
         of_poles /= np.linalg.norm(of_poles, axis=(1, 2), keepdims=True)
         together = self.covariance(of_poles)
         std = np.array([(mode.freq_std, mode.zeta_std) for mode in modes]).ravel()
         scatter = np.sqrt(np.maximum(np.diag(together), np.finfo(float).tiny))
         return np.asarray(together / np.outer(scatter, scatter) * np.outer(std, std))
-
-    def _flat(self, r: int) -> ComplexArray:
-        return self.of_pole(r).reshape(2, -1)
 
     def residue_std(self, r: int) -> FloatArray:
         """Standard deviation (C,), complex: E|dR|^2 is its square, of a pole's residue over the elements' scale.

@@ -178,7 +178,7 @@ class ModalFit:
         kept = np.abs(np.diag(R)) > 1e-10
         inside = Q.T @ self.data.y
         if kept.all():
-            return np.asarray(np.linalg.solve(R, inside) / norms[:, None])
+            return np.linalg.solve(R, inside) / norms[:, None]
         return np.linalg.lstsq(R, inside, rcond=1e-12)[0] / norms[:, None]
 
     @cached_property

@@ -235,7 +235,7 @@ def _about(fit: ModalFit, r: int) -> BoolArray:
     low = min(about - LIMITS.lines, int(np.searchsorted(omega, pole.imag - half)))
     high = max(about + LIMITS.lines, int(np.searchsorted(omega, pole.imag + half)))
     at = np.arange(F)
-    return np.asarray((at >= min(low, F - 2 * LIMITS.lines)) & (at < max(2 * LIMITS.lines, high)))
+    return (at >= min(low, F - 2 * LIMITS.lines)) & (at < max(2 * LIMITS.lines, high))
 
 
 def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.execution import Execution
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
@@ -129,7 +129,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
         (index for index in result.indices if index.name.startswith(_LATE) and index.explained_fraction > 0.5), None
     )
     # A late torque distorts nothing.
-    is_distorted = any(note.code == UNEXPLAINED for G in data.responses for note in G.notes)
+    is_distorted = any(note.code == UNEXPLAINED for note in notes_of(data.responses))
     if late is not None and result.status == "misfit" and not is_distorted:
         return (
             f"the fit finds {late.name} ({100 * late.explained_fraction:.0f} % of the excess of V): the logged torque "

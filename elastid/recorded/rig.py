@@ -21,8 +21,8 @@ from typing import Any, cast
 import numpy as np
 
 from elastid.base import arrays
-from elastid.base.arrays import FloatArray, LargeArray
-from elastid.base.errors import DataError, Note
+from elastid.base.arrays import FloatArray, LargeArray, folded
+from elastid.base.errors import DataError, Note, notes_of
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.planned_run import mean_period
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
@@ -331,7 +331,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
         y=np.concatenate([part.y for part in every]),
         r=np.concatenate(r) if len(r) == len(every) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(note for part in every for note in part.notes), note),
+        notes=(*dict.fromkeys(notes_of(every)), note),
         repairs=dict(repairs),
         left_out=tuple(start + p for start, part in zip(starts, every, strict=False) for p in part.left_out),
     )
@@ -379,7 +379,7 @@ def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
 
 def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
     """Mean period (N, c) of signals, without the mean of it, and its variance (c,), NaN where there is one period."""
-    X = signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1])
+    X = folded(signals, N)
     X = X[1:] if len(X) > 2 else X  # the first holds the transient
     P, mean = len(X), X.mean(axis=0)
     variance = np.mean((X - mean) ** 2, axis=(0, 1)) / (P - 1) if P > 1 else np.full(X.shape[2], np.nan)

@@ -108,7 +108,7 @@ def _per_reference(
 
     def logged(f: FloatArray) -> ComplexArray:
         C_fb, C_ff = controlled(f)
-        return np.asarray(C_ff / (1 - C_fb / (J * (2 * np.pi * f[:, None]) ** 2)) * low_passes(f))
+        return C_ff / (1 - C_fb / (J * (2 * np.pi * f[:, None]) ** 2)) * low_passes(f)
 
     def low_passes(f: FloatArray) -> ComplexArray:
         return np.stack([low_pass_response((2j * np.pi * f).astype(np.complex128), T_l) for T_l in T], axis=1)

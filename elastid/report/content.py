@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.errors import Note, NoteGroup, grouped
+from elastid.base.errors import Note, NoteGroup, grouped, notes_of
 from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
@@ -86,7 +86,7 @@ class ReportContent:
     @property
     def missing_modes(self) -> tuple[Note, ...]:
         """Notes on missing modes of the model; empty if one cause explains the residuals and shifts modes, too."""
-        return () if self.result.has_lone_cause else tuple(note for row in self.measured_modes for note in row.notes)
+        return () if self.result.has_lone_cause else notes_of(self.measured_modes)
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,7 @@ class ResponsesContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the modes and responses; the same from many places once, with a count."""
-        of_modes = [note for modes in self.modes for note in modes.notes]
-        return grouped((*of_modes, *(note for response in self.responses for note in response.notes)))
+        return grouped((*notes_of(self.modes), *notes_of(self.responses)))
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:
@@ -216,7 +215,7 @@ def parameter_rows(
 ) -> tuple[ParameterRow, ...]:
     """One row for each parameter that was asked for, in the order of x; truth and contents may name some only."""
     known, estimates, stds = truth or {}, result.values, result.std
-    std_x, bases = np.sqrt(np.diag(result.covariance)), result.base_remarks
+    std_x, bases = result.std_of_x, result.base_remarks
     rows = []
     verdicts = result.verdicts or ("",) * len(result.parameters.asked)
     for i, parameter in enumerate(result.parameters.asked):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.errors import NoteGroup, grouped
+from elastid.base.errors import NoteGroup, grouped, notes_of
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
@@ -65,9 +65,7 @@ class FrictionContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the study and of every joint; the same from many places once, with a count."""
-        of_joints = (note for joint in self.result.joints for note in joint.notes)
-        of_filters = (note for followed in self.filters for note in followed.notes)
-        return grouped((*self.result.notes, *of_joints, *of_filters))
+        return grouped((*self.result.notes, *notes_of(self.result.joints), *notes_of(self.filters)))
 
     @property
     def questions(self) -> Questions:

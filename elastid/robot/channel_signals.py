@@ -48,4 +48,4 @@ def _filtered(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power:
 
 def _response(s: ComplexArray, channel: Channel) -> ComplexArray:
     """Response (F,) of delay and low pass of a channel."""
-    return np.asarray(np.exp(-s * channel.delay) * low_pass_response(s, channel.low_pass))
+    return np.exp(-s * channel.delay) * low_pass_response(s, channel.low_pass)

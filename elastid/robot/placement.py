@@ -20,12 +20,10 @@ Acceleration3: TypeAlias = tuple[
     Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")]
 ]
 
-_UNIT_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-
 
 def unit_axis(axis: Axis) -> FloatArray:
     """A direction (3,) of length one; ValueError for the zero vector."""
-    vector = np.array(_UNIT_AXES[axis] if isinstance(axis, str) else axis, dtype=float)
+    vector = np.eye(3)["xyz".index(axis)] if isinstance(axis, str) else np.array(axis, dtype=float)
     length = float(np.linalg.norm(vector))
     if not length > 0:
         raise ValueError("an axis is the zero vector; give a direction such as [0, 0, 1] or z")

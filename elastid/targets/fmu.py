@@ -183,7 +183,7 @@ def _friction(contacts: Contacts) -> list[Variable]:
 
 
 IDENTIFIER = "robot"
-OWN = ("robot.h", "robot.c", "fmi2.c", "fmi3.c")
+OWN = ("robot.h", "robot.c", "fmi.h", "fmi2.c", "fmi3.c")
 
 
 def _compiled_sources(version: int, moves: bool) -> tuple[str, ...]:

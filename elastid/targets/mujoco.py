@@ -33,7 +33,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import StudyError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
@@ -240,7 +240,7 @@ def _keyframes(
 
 
 def _positions(model: FittedRobot, point: OperatingPoint) -> dict[str, list[float]]:
-    angles = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
+    angles = named(model.model.coordinates, point.q)
     positions: dict[str, list[float]] = {}
     for joint in model.robot.joints:
         angle = angles[f"joint {joint.name}"]

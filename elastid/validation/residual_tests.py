@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaincc
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.response import Response
 
@@ -24,7 +24,7 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
     """L^-1 (F, m, m) of vec E, column-major, by element where C is singular; zero rows for zero variances."""
     C = noise.covariance
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
-    gain = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0)
+    gain = quotient(1.0, deviation)
     R = gain[:, :, None] * C * gain[:, None, :]
     diagonal = np.arange(R.shape[1])
     R[:, diagonal, diagonal] = 1.0

@@ -11,7 +11,7 @@ import numpy as np
 from elastid.app.console import Console
 from elastid.app.run import Artefacts, Work, Write
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.errors import DataError, Note, StudyError, notes_of
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import RecordedSpec, ResponseFileSpec
@@ -45,14 +45,14 @@ def estimate(study: Study, work: Work) -> Artefacts:
         estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
     reported = {note for _, notes in estimates for note in notes}  # when the records were measured
-    notes = [note for response in responses for note in response.notes if note not in reported]
+    notes = [note for note in notes_of(responses) if note not in reported]
     return _artefacts(responses, notes_before_gears(notes, work.has_gears), friction)
 
 
 def import_responses(study: Study, work: Work) -> Artefacts:
     """frf.h5 from files of other programs, or of another run."""
     responses = list(imported_responses(study, work.base))
-    return _artefacts(responses, [note for response in responses for note in response.notes])
+    return _artefacts(responses, notes_of(responses))
 
 
 def estimate_configuration(
@@ -78,7 +78,7 @@ def estimate_configuration(
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)
-    return replace(response, repairs=dict(repairs)), {note for record in records for note in record.notes}
+    return replace(response, repairs=dict(repairs)), {*notes_of(records)}
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
-from elastid.base.errors import FitError, MisfitError
+from elastid.base.errors import FitError, MisfitError, notes_of
 from elastid.base.names import SEPARATOR
+from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
@@ -32,6 +33,7 @@ from elastid.report.overview import (
 )
 from elastid.response import Response
 from elastid.robot import Robot
+from elastid.simulation.controller import loop_of
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
@@ -47,6 +49,9 @@ def fit(study: Study, work: Work) -> Artefacts:
     """
     robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
+    recorded, loop = study.experiment.recorded, None
+    if recorded is not None and recorded.has_commands_alone and recorded.controller is not None:
+        loop = loop_of(recorded.controller, len(robot.driven))
     tests: Sequence[PlacedTest] = ()
     tapped: list[Response] = []
     if study.loads is not None:
@@ -70,11 +75,12 @@ def fit(study: Study, work: Work) -> Artefacts:
     # The fixed values and the base of a simulated robot are exact.
     exact = () if study.experiment.simulated is None else (HELD_AS_EXACT, "fit/assumed-rigid")
     noted = [note for note in result.notes if note.code not in exact]
-    result = replace(result, notes=(*noted, *(note for response in tapped for note in response.notes)))
+    loop_notes = () if loop is None else loop_note(result, robot, loop)
+    result = replace(result, notes=(*noted, *notes_of(tapped), *loop_notes, *combination_notes(result)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
-    notes = [note for response in responses for note in response.notes]
+    notes = notes_of(responses)
     rows = fitted_rows(study, result, friction)
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
@@ -137,7 +143,10 @@ def conclude(run: Run) -> None:
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
         run.console.say(f"gears: {gear_line(opened)}")
-    if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
+        for note in result.notes:
+            if note.code == COMBINATION:
+                run.console.say(note.text)
+        if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
         run.console.say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):

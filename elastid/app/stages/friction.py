@@ -12,7 +12,7 @@ from elastid.app.stages.measure import measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import as_json, failed_friction, friction_study_summary
 from elastid.base.display import number
-from elastid.base.errors import FitError, MisfitError
+from elastid.base.errors import FitError, MisfitError, notes_of
 from elastid.base.execution import Execution
 from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
@@ -83,7 +83,7 @@ def import_motions(study: Study, work: Work) -> Artefacts:
     joints = [joint.name for joint in study.friction_joints]
     payloads = {load.name: load.payload for load in study.as_friction().loads}
     logs = read_friction_logs(study.as_robot(), study.experiment, work.base, joints, payloads)
-    notes = (*logs.notes, *(note for record in logs.records for note in record.notes))
+    notes = (*logs.notes, *notes_of(logs.records))
     parts: dict[str, Write] = {
         "records.h5": lambda p, stamp: stored.write_friction_records(p, logs.records, stamp, logs.warm_ups, logs.notes)
     }
@@ -97,8 +97,8 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
     joint_levels = find_joint_levels(study.as_robot(), joints, measured)
 
     def report(console: Console) -> None:
-        said = [note for record in measured.records for note in record.notes]
-        console.notes(note for levels in joint_levels for note in levels.notes if note not in said)
+        said = notes_of(measured.records)
+        console.notes(note for note in notes_of(joint_levels) if note not in said)
         for levels in joint_levels:
             console.say(f"constant_velocity: joint {levels.joint}: {_level_words(levels)}")
 
@@ -124,10 +124,10 @@ def friction(study: Study, work: Work) -> Artefacts:
     execution = Execution(work.jobs)
     twin = friction_twin(identified, result.joints, measured, controller, execution)
     judged = predict_logs(identified, result.joints, others, controller, execution)
-    reported = [note for levels in joint_levels for note in levels.notes]
+    reported = notes_of(joint_levels)
 
     def report(console: Console) -> None:
-        console.notes(note for joint in result.joints for note in joint.notes if note not in reported)
+        console.notes(note for note in notes_of(result.joints) if note not in reported)
         console.say(f"friction: {result.message}")
         for words in (*twin.words, *(f"validation: {words}" for words in judged.words)):
             console.say(f"friction: {words}")
@@ -207,7 +207,7 @@ def follow_friction(study: Study, work: Work) -> Artefacts:
     followed, notes = follow_joints(study.as_robot(), result.joints, measured.records, study.filter or FilterSpec())
 
     def report(console: Console) -> None:
-        console.notes([*notes, *(note for joint in followed for note in joint.notes)])
+        console.notes([*notes, *notes_of(followed)])
         for joint in followed:
             console.say(f"follow: joint {joint.joint}: {_words(joint)}")
 

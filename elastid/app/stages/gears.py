@@ -17,7 +17,7 @@ from elastid.app.run import Artefacts, Work, Write, text
 from elastid.app.stages.estimate import RecordsOnShafts
 from elastid.app.stages.fit import fitted_rows
 from elastid.app.summaries import as_json, listed, section
-from elastid.base.errors import StudyError
+from elastid.base.errors import StudyError, notes_of
 from elastid.base.execution import Execution
 from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
@@ -56,7 +56,7 @@ def gears(study: Study, work: Work) -> Artefacts:
     files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)
 
     def report(console: Console) -> None:
-        linear = [*result.notes, *(note for response in responses for note in response.notes)]
+        linear = [*result.notes, *notes_of(responses)]
         console.notes(opened.left_open(note for note in linear if note.code in ANSWERED))
         console.notes(opened.notes)
         if opened.refused:  # the end of the run has the effects

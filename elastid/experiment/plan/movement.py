@@ -168,7 +168,7 @@ class Reference:
 
 def _repeated(period: FloatArray, scale: FloatArray, first_sample: int) -> FloatArray:
     sample = np.arange(-first_sample, len(scale) - first_sample)
-    return np.asarray(scale[:, None] * period[sample % len(period)])
+    return scale[:, None] * period[sample % len(period)]
 
 
 def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, factor: float = 1.0) -> FloatArray:
@@ -181,7 +181,7 @@ def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, 
     path = movement(carrier, plan)
     moved = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
     period = factor * plan.reference(experiment)
-    return np.asarray((moved + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples])
+    return (moved + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
 
 
 def reference(

@@ -6,7 +6,7 @@ compared by the correlation of their mean periods over the excited lines, means 
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, folded
 from elastid.base.display import number
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
@@ -71,4 +71,4 @@ def _unlike(
 
 def mean_period(signals: FloatArray, N: int) -> FloatArray:
     """The mean (N, c) of the whole periods of signals (n, c)."""
-    return np.asarray(signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1]).mean(axis=0))
+    return np.asarray(folded(signals, N).mean(axis=0))

@@ -28,7 +28,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
@@ -155,7 +155,7 @@ def _held_numbers(
     """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
     assembly, robot = evidence.assembly, held.linearisation.model.robot
     theta = held.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
-    values = dict(zip(held.parameters, theta.tolist(), strict=True))
+    values = named(held.parameters, theta)
     units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
     numbers, scale = [], []
     turning = (joint for joint in robot.joints if not joint.slides and f"k_{joint.name}" not in held.rigid)

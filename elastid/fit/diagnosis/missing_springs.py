@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, named
 from elastid.base.errors import FitError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
@@ -70,7 +70,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
     few = thinned(replace(optimum.fit, parts=optimum.fit.parts[every]), LIMITS.residuals)
     ratio = float(np.median(damped)) if damped else 1e-3
-    V, known = sum(squares(evaluate(few, x))), dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
+    V, known = sum(squares(evaluate(few, x))), named(assembly.parameters.free_names, x)
     for name in held.rigid:
         trials = []
         for k in _stiffnesses(name, models, few).tolist():
@@ -118,7 +118,7 @@ def _with_spring(
 ) -> ElasticFit:
     """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are held."""
     fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
-    known = dict(zip(models[0].parameters, models[0].theta_ref.tolist(), strict=True))
+    known = named(models[0].parameters, models[0].theta_ref)
     of_model = {key: Parameter(key, value, free=False) for key, value in known.items()}
     of_model |= {key: fitted[key] for key in known if key in fitted}
     of_model[name] = Parameter(name, k, "N*m/rad", log=True)
@@ -141,7 +141,7 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
     drop = min(before, scores.cost) - end.cost
     if not drop > 0:
         return None
-    estimates = dict(zip(fit.parameters.free_names, end.x.tolist(), strict=True))
+    estimates = named(fit.parameters.free_names, end.x)
     k = math.exp(estimates[spring.name])
     place = fit.parameters.free_names.index(spring.name)
     variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]

@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class ScoreTest:
         products = D.T @ self.S @ D
         size = np.diag(products)
         both = np.outer(size, size)
-        return np.divide(products**2, both, out=np.zeros_like(both), where=both > 0)
+        return quotient(products**2, both)
 
     def effects(self, candidate: Candidate, steps: FloatArray) -> FloatArray:
         """Change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""

@@ -29,13 +29,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import permutations
 from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, named
 from elastid.base.errors import ElastidError
 from elastid.base.execution import HERE
 from elastid.fit.assembly import Assembly
@@ -50,8 +50,6 @@ from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
 from elastid.robot import Body, Joint, Robot, Spring, channel_name
-
-_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +90,8 @@ class HeldModel:
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
         model = self.linearisation.model
-        estimates = dict(zip(fitted.names, fitted.expand(x, configuration).tolist(), strict=True))
-        nominal = dict(zip(model.parameters, model.theta.tolist(), strict=True))
+        estimates = named(fitted.names, fitted.expand(x, configuration))
+        nominal = named(model.parameters, model.theta)
         return np.array([estimates.get(name, nominal.get(name, 0.0)) for name in self.parameters])
 
     def at(self, fitted: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
@@ -116,7 +114,7 @@ def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
     model, configurations = assembly.linearisation.model, [G.configuration for G in assembly.responses]
     at_rest = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
     points, joints = each_at_home(at_rest, configurations, assembly.home), model.robot.driven_names
-    return {point.configuration.name: dict(zip(joints, point.u.tolist(), strict=True)) for point in points}
+    return {point.configuration.name: named(joints, point.u) for point in points}
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
@@ -134,7 +132,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
                 joints[i] = replace(joint, spring=stiff)
         is_root = bool(axes) and body.parent not in owners and "k_base" not in {name[:6] for name in names}
         for axis in "xyz" if is_outside else "":
-            if axis in axes or _AXES[axis] in axes:
+            if axis in axes or tuple(np.eye(3)["xyz".index(axis)].tolist()) in axes:
                 continue
             name = f"base_{axis}" if is_root else f"{body.name}_{axis}"
             # What the robot stands on is in series before its first joint, wherever that is turned.
@@ -156,16 +154,6 @@ class Evaluated:
     G: ComplexArray
     free: ComplexArray
     held: dict[str, ComplexArray] = field(default_factory=dict)
-
-    @cached_property
-    def rows(self) -> FloatArray:
-        """J (n_x, N) of the free parameters."""
-        return -self.whitened(self.free)
-
-    @cached_property
-    def information(self) -> FloatArray:
-        """J J^T (n_x, n_x)."""
-        return self.rows @ self.rows.T
 
     def whitened(self, slopes: ComplexArray) -> FloatArray:
         """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
@@ -250,7 +238,7 @@ def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
 def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:
     """Derivatives to the logarithm of each gear ratio."""
     robot, model, G, slopes = response.robot, response.model, response.G, response.slopes
-    values = dict(zip(model.parameters, response.theta.tolist(), strict=True))
+    values = named(model.parameters, response.theta)
     inverse, columns = np.linalg.inv(robot.mixing), {}
     for i, joint in enumerate(robot.driven):
         turn = np.outer(inverse[:, i], robot.mixing[i])

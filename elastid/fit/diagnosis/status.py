@@ -28,7 +28,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.display import capital, percent
-from elastid.base.errors import Note
+from elastid.base.errors import Note, notes_of
 from elastid.base.names import matching, posture_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, fault, phrase
@@ -134,7 +134,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = _shifts(evidence) if _blocks_disagree(evidence) else np.zeros(n)
     std, prior = result.std, result.std_prior
-    is_distorted = any(note.code == UNEXPLAINED for G in evidence.assembly.responses for note in G.notes)
+    is_distorted = any(note.code == UNEXPLAINED for note in notes_of(evidence.assembly.responses))
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:
@@ -156,7 +156,7 @@ def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
     """Changes of the parameters that were asked for (n,), in standard deviations; 0 of those that are too small."""
     n = len(result.parameters.asked)
     with np.errstate(divide="ignore", invalid="ignore"):
-        deviations = np.nan_to_num(np.abs(effects[:n]) / np.sqrt(np.diag(result.covariance)[:n]))
+        deviations = np.nan_to_num(np.abs(effects[:n]) / result.std_of_x[:n])
     return np.where(_matters(np.abs(effects[:n]), result), deviations, 0.0)
 
 
@@ -168,7 +168,7 @@ def _matters(change: FloatArray, result: Result) -> BoolArray:
 
 def _shifts(evidence: Evidence) -> FloatArray:
     result = evidence.result
-    std = np.sqrt(np.diag(result.covariance)[: len(result.parameters.asked)])
+    std = result.std_of_x[: len(result.parameters.asked)]
     return np.where(_matters(std, result), evidence.uncertainty.shift[: len(std)], 0.0)
 
 
@@ -297,7 +297,7 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
     result = evidence.result
-    known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
+    known = result.std_of_x < LIMITS.stiffness_std
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
     # Viscous friction that the file holds is off by the same reading, and no other cause of it.
     is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))

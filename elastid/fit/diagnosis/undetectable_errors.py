@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, quotient
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
@@ -58,7 +58,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
     no more than what shows a model to be wrong (D, `status.LIMITS.drop`).
     """
     n = len(result.parameters.asked)
-    test, std = scores.test, np.sqrt(np.diag(result.covariance)[:n])
+    test, std = scores.test, result.std_of_x[:n]
     for candidate in scores.candidates:
         places, first = candidate.places, test.numbers[candidate.places[0]]
         is_exact = first.is_stated and not first.is_nuisance and not math.isinf(first.upper)
@@ -67,7 +67,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
         direction = candidate.directions[:, 0]
         effects = np.abs(test.response[:n, places] @ direction)
         # A parameter that the data do not reach is not moved.
-        moved = np.divide(effects, std, out=np.zeros(len(std)), where=np.isfinite(std) & (std > 0))
+        moved = quotient(effects, std)
         worst = int(np.argmax(moved))
         if moved[worst] == 0:
             continue
@@ -108,7 +108,7 @@ def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[Rigi
     """The base about three axes, as far as no response shows it; the axis first about which it takes most."""
     asked, parts = result.parameters.asked, list[RigidPart]()
     k = {p.name: math.exp(x) for p, x in zip(asked, result.x, strict=False) if p.log and p.name.startswith("k_")}
-    std = np.sqrt(np.diag(result.covariance)[: len(asked)])
+    std = result.std_of_x[: len(asked)]
     limits = QUANTILE_95 * np.where(np.isfinite(std) & (std > 0), std, np.inf)
     owners = {body.name for body in robot.bodies}
     for body in (body for body in robot.bodies if body.joints and body.parent not in owners):

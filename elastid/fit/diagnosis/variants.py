@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
@@ -207,7 +207,7 @@ def _carrying(
           for n, v in zip(names, place, strict=True)),
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
-    file, known = given.parameters, dict(zip(given.parameters.free_names, evidence.result.x.tolist(), strict=True))
+    file, known = given.parameters, named(given.parameters.free_names, evidence.result.x)
     every = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
     parameters = Parameters((*in_order, *every.values()))
@@ -223,6 +223,6 @@ def _carrying(
         cost = assembly.at(x, given.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
-    values = dict(zip(parameters.free_names, x.tolist(), strict=True))
+    values = named(parameters.free_names, x)
     p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])
     return cost, p, np.array([values[name] for name in file.free_names])

@@ -79,7 +79,7 @@ def _of_motor(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) ->
         J = of_name(model, theta, f"Jm_{joint}") * float(b @ inertia.M @ b)
     is_free = friction is not None and friction.D is not None
     f = of_name(model, theta, f"fm_{joint}") * float(b @ friction.D @ b) if is_free else 0.0  # type: ignore[union-attr,operator]
-    return np.asarray(J * s**2 + f * s)
+    return J * s**2 + f * s
 
 
 def errors_of(response: Response) -> ComplexArray:

@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtr, gammainc
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside, quotient
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
@@ -114,14 +114,17 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     floor = MIN_VARIANCE_SHARE * np.eye(n_y)
     a = 1 / np.maximum(shapes.own.mean(axis=1), MIN_GAIN) / (2 * len(shapes.own))
     reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
-    b = np.divide(F * n_y / (2 * n_u * len(shapes.torque)), reached, out=np.zeros_like(reached), where=reached > 0)
+    b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), reached)
     for _ in range(30):
         W = np.asarray(np.linalg.inv(_sum(a, b, shapes, g) + floor), np.complex128)
         WSW = np.asarray(W @ S @ W)
         t = _traces(W, S) / n_y
         w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
         (motion, torque), (motion_expected, torque_expected) = _powers(WSW, w, shapes, g), _powers(W, w, shapes, g)
-        a, b = a * _ratio(motion, motion_expected), b * _ratio(torque, torque_expected)
+        a, b = (
+            a * quotient(np.maximum(motion, 0.0), motion_expected),
+            b * quotient(np.maximum(torque, 0.0), torque_expected),
+        )
     return lambda at: np.asarray(
         (_sum(a, b, at, at.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
     )
@@ -139,10 +142,6 @@ def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray
     """sum_k w_k tr(Q W) of the noise on the outputs (p, n_y), and of torques (q, n_u)."""
     motion = np.einsum("pfa,f,faa->pa", shapes.own, w, W).real
     return motion, (shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real
-
-
-def _ratio(measured: FloatArray, expected: FloatArray) -> FloatArray:
-    return np.divide(np.maximum(measured, 0.0), expected, out=np.zeros_like(measured), where=expected > 0)
 
 
 @frozen_value

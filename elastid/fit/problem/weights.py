@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value, quotient
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.names import posture_of
 from elastid.base.workers import Kept
@@ -193,7 +193,7 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
         return _ones(floor.shape)
     share_of_itself = noise.own_matrix if together else noise.own_variance
     v = noise.variance
-    share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
+    share = quotient(v, v + floor)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
     return 1 / np.sqrt(np.maximum(1 - share_of_itself[:, None, None] * share / noise.measured.dof, 0.1))
 

@@ -32,7 +32,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.linalg import eigh
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, quotient
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import (
@@ -115,9 +115,7 @@ def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray
     The largest of these three, and at most the width of its bounds.
     """
     curvature = np.diag(now.hessian)
-    known = curvature > 0
-    alone = np.divide(np.abs(now.gradient), curvature, out=np.zeros_like(x), where=known)
-    deviation = np.sqrt(np.divide(2.0, curvature, out=np.zeros_like(x), where=known))
+    alone, deviation = quotient(np.abs(now.gradient), curvature), np.sqrt(quotient(2.0, curvature))
     size = np.maximum(np.abs(x), np.maximum(alone, deviation))
     size[size == 0] = 1.0
     return np.where(parameters.is_log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))

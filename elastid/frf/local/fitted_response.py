@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
 from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.least_squares import LocalFit
@@ -158,10 +158,10 @@ def with_model_error(
         is_informative = variance <= MAX_VARIANCE_RATIO * total.variance
         difference = np.where(is_informative, difference, 0.0)
         both = total.variance + np.where(is_informative, variance, 0.0)
-        ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+        ratio = quotient(np.abs(difference) ** 2, both)
         g = local_mean(ratio)
         error = np.maximum(error, np.where(g > MAX_RATIO, (g - 1) * both, 0.0))
-    relative = np.divide(error, total.variance, out=np.zeros(error.shape), where=total.variance > 0)
+    relative = quotient(error, total.variance)
     factor = np.sqrt(1 + relative.mean(axis=2))
     right = None if total.right is None else factor[:, :, None] * total.right * factor[:, None, :]
     return replace(total, variance=total.variance * factor[:, :, None] ** 2, right=right)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK_NUMBERS = 4_000_000
@@ -180,14 +180,23 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
     return LadderFit(chosen, fits, taken, where, ladder[-1])
 
 
+def transient_reach(n_y: int, n_z: int) -> int:
+    """Bins on either side of a line within which the window of its transient is, if half of the bins are unexcited."""
+    return 2 * _transient_ladder()[-1].width(n_y + 5, 1, n_z) + 2
+
+
 def fitted_transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
     """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None with too few unexcited bins."""
     if len(rest) <= _ORDER + _POLES + 1:
         return None
-    ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
+    ladder = _transient_ladder()
     # The noise estimate has five degrees of freedom more than there are outputs.
     where = windows(rest, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
     return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).chosen
+
+
+def _transient_ladder() -> tuple[WindowTerms, ...]:
+    return tuple(WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES))
 
 
 def _power(fit: LocalFit) -> FloatArray:
@@ -287,7 +296,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     Q, L, n_u = solution.Q, solution.L, terms.n_u
     diagonal = np.abs(np.einsum("fcc->fc", L))
     smallest = diagonal.min(axis=1)
-    condition = np.divide(diagonal.max(axis=1), smallest, out=np.full(len(L), np.inf), where=smallest > 0)
+    condition = quotient(diagonal.max(axis=1), smallest, np.inf)
     L = np.where(np.isfinite(condition)[:, None, None], L, np.eye(L.shape[1]))
     # The columns at r^0: the inputs, and one constant for each experiment's transient.
     constants = terms.columns + (terms.order + 1) * np.arange(E if terms.transient else 0)

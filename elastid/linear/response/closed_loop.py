@@ -81,7 +81,7 @@ class ClosedLoop:
 
     def change(self, plain: ComplexArray, motors: ComplexArray) -> ComplexArray:
         """dT by changes of G_y, channels included, and of G_m."""
-        return np.asarray((plain - self.L @ motors) @ self.A)
+        return (plain - self.L @ motors) @ self.A
 
     def of_gain(self, gain: int, motor: str) -> ComplexArray:
         """dT by the factor of a gain, 0 of k_p and 1 of k_d, of the loop of a motor."""

@@ -130,8 +130,8 @@ class Kernel(Kept):
         )
         is_in = rows[:, None] * 1.0 + (columns if self.model.controller is not None else -1.0 * columns)
         if kind == "gain":
-            return np.asarray(is_in / number)
-        return np.asarray(is_in * (-s if kind == "delay" else -s / (1 + s * abs(number))))
+            return is_in / number
+        return is_in * (-s if kind == "delay" else -s / (1 + s * abs(number)))
 
     @cached_property
     def output_columns(self) -> IntArray:

@@ -68,7 +68,7 @@ def held_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
         even, odd = _image_sums(freq_hz.tobytes(), rate, lowest, float(theta[is_delay].sum()))
         folded = np.tensordot(even, G.real, 1) + 1j * np.tensordot(odd, G.imag, 1)
         images += np.outer(model.hold.sampled, rates == rate) * gain * folded
-    return np.asarray(of_outputs[..., :, None] * images * of_inputs[..., None, :])
+    return of_outputs[..., :, None] * images * of_inputs[..., None, :]
 
 
 @lru_cache(maxsize=32)
@@ -141,7 +141,7 @@ def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray,
     of_outputs, of_inputs = model.channel_factors(theta, s)
     of_y = of_outputs[..., None] * factor(model, theta, s)[:, None, None]
     if model.controller is None:
-        return np.asarray(of_y * change * of_inputs[..., None, :])
+        return of_y * change * of_inputs[..., None, :]
     motors, n_y = open_loops(model)[1], len(model.outputs)
     of_motors = factor(motors, theta, s)[:, None, None]
     return closed_loop(model, theta, freq_hz).change(of_y * change[:, :n_y], of_motors * change[:, n_y:])

@@ -10,7 +10,7 @@ from typing import SupportsInt
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import Note, Severity
 
 _CODES = {  # of findings that mend nothing
@@ -76,7 +76,7 @@ class Log:
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign where sign is -1."""
-    X = x[: len(x) // L * L].reshape(-1, L)
+    X = folded(x, L)
     return X if sign > 0 else np.asarray(X * float(sign) ** np.arange(len(X))[:, None])
 
 

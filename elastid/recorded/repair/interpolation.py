@@ -114,7 +114,7 @@ def _weights(offsets: IntArray, g: int, degree: int) -> FloatArray:
 def _cached_weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray:
     centred = np.array([*offsets, *range(g)]) - (g - 1) / 2
     powers = np.vander(centred / np.abs(centred).max(), degree + 1)
-    return np.asarray(powers[len(offsets) :] @ np.linalg.pinv(powers[: len(offsets)]))
+    return powers[len(offsets) :] @ np.linalg.pinv(powers[: len(offsets)])
 
 
 def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float:

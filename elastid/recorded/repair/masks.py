@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, folded
 from elastid.base.errors import DataError
 from elastid.base.statistics import runs
 from elastid.recorded.repair import Log, flat, without_line
@@ -76,7 +76,7 @@ def rest_before(torques: FloatArray) -> int:
     width = max(MIN_WINDOW, len(torques) // START_WINDOWS)
     if len(torques) < 3 * width:
         return 0
-    scatter = np.stack([_scatter(x[: len(x) // width * width].reshape(-1, width)) for x in torques.T])
+    scatter = np.stack([_scatter(folded(x, width)) for x in torques.T])
     # The largest may be a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
     moves = np.any((scatter > MAX_STILL * usual) & (usual > 0), axis=0)

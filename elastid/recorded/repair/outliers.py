@@ -243,7 +243,7 @@ def _usual_roughness(roughness: FloatArray) -> float:
 def _is_rough(x: FloatArray) -> BoolArray:
     """True where a signal (n,) is rougher than usual."""
     roughness = _roughness(x)
-    return np.asarray(roughness > _usual_roughness(roughness))
+    return roughness > _usual_roughness(roughness)
 
 
 def _lone_distance(e: FloatArray) -> FloatArray:
@@ -346,7 +346,7 @@ def _parabola(length: int) -> FloatArray:
     n = NEIGHBOURS
     sides = np.r_[-1 - n : -1, length + 1 : length + 1 + n]
     powers = np.vander((np.r_[sides, 0:length] - (length - 1) / 2) / n, 3)
-    return np.asarray(powers @ np.linalg.pinv(powers[: len(sides)]))
+    return powers @ np.linalg.pinv(powers[: len(sides)])
 
 
 # Difference of a sample to the cubic through two neighbours on each side.

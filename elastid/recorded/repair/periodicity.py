@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Log, flat
@@ -322,7 +322,7 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     if not np.isfinite(x).all():
         return None
     power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
-    change = np.array([*power[: len(power) // N * N].reshape(-1, N).mean(axis=1), power[-N:].mean()])
+    change = np.array([*folded(power, N).mean(axis=1), power[-N:].mean()])
     if len(x) >= 4 * N and change.max() < USUAL_CHANGE * np.median(change):
         return None
     lags, starts = list[int](), range(0, len(x) - N - L - reach, L)

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Log, scaled
 
@@ -97,7 +97,7 @@ def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[Complex
     if N is None:
         N = 2 * max(map(len, signals))
         signals = [np.pad(x - x.mean(axis=0), ((0, N - len(x)), (0, 0))) for x in signals]
-    return [np.fft.rfft(x[: len(x) // N * N].reshape(-1, N, x.shape[1]).mean(axis=0), axis=0) for x in signals], N
+    return [np.fft.rfft(folded(x, N).mean(axis=0), axis=0) for x in signals], N
 
 
 def _peak(C: ComplexArray, N: int) -> float:
@@ -169,9 +169,9 @@ def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
     if period != N and len(x) > period + 2 * HALF_WIDTH:
         return at_times(x, times, N)
     nearest = np.round(times).astype(np.int64)
-    return np.asarray(
-        x[np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, len(x) - N + (nearest - len(x)) % N))]
-    )
+    return x[
+        np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, len(x) - N + (nearest - len(x)) % N))
+    ]
 
 
 @dataclass(frozen=True)

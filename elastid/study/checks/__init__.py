@@ -59,8 +59,6 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         )
 
 
-# Keys of a plan, which logs and responses from elsewhere do not follow.
-PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
 # Kinds of study: dotted keys that they do not use, * for the entries of a list.
 _UNUSED = """
 friction friction-recorded: excitation design estimator model fit compare loads tool validation.tool gears modal
