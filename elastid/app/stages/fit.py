@@ -143,10 +143,10 @@ def conclude(run: Run) -> None:
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
         run.console.say(f"gears: {gear_line(opened)}")
-        for note in result.notes:
-            if note.code == COMBINATION:
-                run.console.say(note.text)
-        if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
+    for note in result.notes:
+        if note.code == COMBINATION:
+            run.console.say(note.text)
+    if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
         run.console.say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
