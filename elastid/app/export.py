@@ -201,6 +201,6 @@ def _export_responses(run: Run, target: str, folder: Path) -> Iterable[Path]:
 
         write = partial(write, modes=modes_of_responses(responses, run.study.modal))
         if target == "uff":
-            spec = run.study.experiment.responses
-            write = partial(write, geometry=run.study.modal.geometry or geometry_of_files(spec, run.loaded.path.parent))
+            of_files = geometry_of_files(run.study.experiment, run.loaded.path.parent)
+            write = partial(write, geometry=run.study.modal.geometry or of_files)
     return write(folder, run.study.name, responses)

@@ -7,15 +7,17 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.app.from_responses import texts_from_responses, texts_from_universal
-from elastid.app.study_lines import channel_line, file_line, head_lines, joined, quoted, relative_paths
+from elastid.app.measurements import Run, Signals, headings_of, hit_place, hit_runs, in_two_files, runs_by_name
+from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quoted, relative_paths
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
@@ -23,7 +25,7 @@ from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import JointGuess, LogGuess, guess_commands, guess_log, signals_of
-from elastid.recorded.channel_names import ChannelGuess
+from elastid.recorded.channel_names import ChannelGuess, ChannelKey
 from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
 from elastid.recorded.command_log import gains_in
 from elastid.recorded.files.formats import opened_log
@@ -35,13 +37,30 @@ from elastid.robot import Joint, Robot
 _SAME_RATE = 0.01  # relative difference of the rates of logs of one study
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
-Positions: TypeAlias = Mapping[tuple[str, int | None], FloatArray]
+Positions: TypeAlias = Mapping[ChannelKey, FloatArray]
 _FIT = (
     "# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.",
     "fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}",
 )
 # Names of arrays with the gains of each joint.
 GAINS = ("kp", "kd")
+
+
+@dataclass(frozen=True)
+class _Logs:
+    """Logs of a study: files of each measurement, with their format, and clock and signals of the first."""
+
+    measurements: Sequence[tuple[Path, ...]]
+    form: TextFormatSpec
+    text: str
+    clock: Clock
+    signals: Signals
+    shapes: Mapping[str, tuple[int, ...]]
+
+    @property
+    def firsts(self) -> list[Path]:
+        """First file of each measurement."""
+        return [measurement[0] for measurement in self.measurements]
 
 
 def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
@@ -62,49 +81,94 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
+    text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
-        text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
         period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
         return _of_commands(logs, folder, pairs, clock, robot, text, period)
+    read = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
     if guess is None:
-        counts = Counter((signal.name, signal.quantity or "unknown") for signal, _ in signals)
-        named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
-        raise DataError(
-            "records/channels",
-            "names and units show no torque (motor, hammer, shaker) with a motion, and no command for each position. "
-            "Name them tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files. "
-            f"Varying channels: {named}",
-            first,
-        )
+        measurements, of_pair = in_two_files(logs, form)
+        guess = guess_log(of_pair, clock.rate_hz or 1.0)
+        if guess is None:
+            raise DataError("records/channels", _without_pair([signal for signal, _ in signals]), first)
+        read = replace(read, measurements=measurements, signals=of_pair, shapes={})
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
-    joint, frame = guess.joints[0], ""
-    is_hit = (joint.torque.quantity, joint.motion.quantity) == ("force", "acceleration")  # of a hammer or shaker
-    if robot is not None and is_hit and not robot.driven[0].slides:
+    frame = ""
+    if robot is not None and guess.is_hit and not robot.driven[0].slides:
         frame = robot.frames[-1].name if robot.frames else "tool"
         robot = None
-    positions = {} if guess.is_motion and robot is None else positions_of(logs, form, guess.motions)
+    positions = {} if guess.is_motion and robot is None else positions_of(read.measurements, form, guess.motions)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
-    paths = relative_paths(logs, folder)
-    text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
-    unused = _unused(guess, [signal for signal, _ in signals], shapes, clock)
+    unused = _unused(guess, [signal for signal, _ in read.signals], read.shapes, clock)
     if guess.is_motion:
+        _columns(read.firsts, form, guess, False)
+        paths = [relative_paths(measurement, folder) for measurement in read.measurements]
         content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
         inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
         return {"study.yml": joined(content), "robot.yml": joined(_robot(inertias, "the torque"))}
-    driving = {joint.torque.key for joint in guess.joints}
-    period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
-    runs = _runs_by_name(logs)
+    lines = _of_torques(read, folder, guess, robot, frame, positions)
+    return {"study.yml": joined([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])}
+
+
+def _of_torques(
+    read: _Logs, folder: Path, guess: LogGuess, robot: Robot | None, frame: str, positions: Positions
+) -> Iterator[str]:
+    """Lines of a study of responses to torques, or to the force of a hammer or shaker, from its experiment on."""
+    driving, logs = {joint.torque.key for joint in guess.joints}, read.firsts
+    period = _period(np.stack([x for g, x in read.signals if g.key in driving], axis=1))
+    runs = runs_by_name(logs)
     names, configurations = _configurations(len(logs), guess.motions, robot, positions, [run[0] for run in runs])
-    files = _files(paths, names, [run[1:] for run in runs])
-    content = [*head_lines("responses" if robot is None else "elasticity", first)]
-    content += [*_study(guess, robot, clock, configurations, period, frame), text, *files]
-    if is_hit and len(logs) > 1:
-        content.append(f"      # hit at another point: {{..., at: {{{joint.torque.place}: point 2}}, experiment: 1}}")
-    if robot is not None:
-        content += _FIT
+    is_structure = robot is None and not frame and len(guess.joints) == 1 and not runs
+    hits = hit_runs(logs, read.form, guess) if guess.is_hit and is_structure and len(logs) > 1 else []
+    yield from _study(
+        guess, robot, read.clock, configurations, period, frame, _columns(logs, read.form, guess, bool(hits))
+    )
+    yield read.text
+    paths = [relative_paths(measurement, folder) for measurement in read.measurements]
+    yield from _files(paths, names, hits or [Run({}, *run[1:]) for run in runs])
+    if hits and not is_universal_file(logs[0]):
+        yield "# modal: {geometry: {points: {p1: [0, 0, 0]}, motion: {p1: [p1, z]}}} # for shapes in motion"
+    elif guess.is_hit and len(logs) > 1 and not hits:
+        place = guess.joints[0].torque.place
+        yield f"      # hit at another point: {{..., at: {{{place}: point 2}}, experiment: 1}}"
+    yield from _FIT if robot is not None else ()
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
-        content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
-    return {"study.yml": joined([*content, *unused])}
+        yield "estimator: {method: auto} # one that needs no period, or fewer logs than inputs"
+
+
+def _without_pair(signals: Sequence[ChannelGuess]) -> str:
+    """Message about a log without an input and its motion."""
+    counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
+    named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
+    if any(re.match("psd", signal.name.lower()) for signal in signals):
+        missing = "power spectra have no phase and no input. Name the log of the accelerations with their input instead"
+    elif signals and {signal.quantity for signal in signals} == {"acceleration"}:
+        missing = (
+            "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same "
+            "clock, and name both files after --from"
+        )
+    else:
+        missing = (
+            "names and units show no torque (motor, hammer, shaker) with a motion, and no command for each position. "
+            "Name them tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
+        )
+    return f"{missing}. Varying channels: {named}"
+
+
+def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
+    """Column of each signal by its heading in the first log if the headings of the logs differ, which only some may.
+
+    Raises DataError for a log without one of the channels.
+    """
+    names = {channel.name for joint in guess.joints for channel in (joint.torque, joint.motion) if channel.file == 1}
+    names |= {channel.name for channel in guess.further if channel.file == 1 and not guess.is_motion}
+    first, *others = (headings_of(path, form) for path in logs)
+    for path, row in zip(logs[1:], others, strict=True):
+        if (lost := names - {*row}) and not (may_differ and len(row) == len(first)):
+            problem = f"it has no channel {min(lost)}, which {logs[0]} has. Rename it, or write a study for each"
+            raise DataError("records/channels", problem, path)
+    is_alike = all(names <= {*row} for row in others)
+    return {} if is_alike else {name: i for i, name in enumerate(first, start=1)}
 
 
 def _controller(path: Path, n_u: int) -> FloatArray | None:
@@ -122,7 +186,7 @@ def _unlike(
     form = TextFormatSpec() if path.is_dir() else guess_format(path)
     with opened_log(path, form) as log:
         rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)
-    if [g.key for pair in guess_commands(signals, rate_hz) for g in pair] != [g.key for pair in pairs for g in pair]:
+    if {g.key for pair in guess_commands(signals, rate_hz) for g in pair} != {g.key for pair in pairs for g in pair}:
         return f"its commands and positions are other channels than in {first}"
     if not abs(rate_hz / (clock.rate_hz or math.nan) - 1) < _SAME_RATE:
         return f"its rate is {rate_hz:.6g} Hz, but {clock.rate_hz:.6g} Hz in {first}; a study has one rate"
@@ -164,13 +228,14 @@ def _of_commands(
     is_known = gains is not None
     why = "kp / kd and kd of the log" if is_known else "guessed: enter the gains of the joint controller, link side"
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
-    files, end = list(_files(relative_paths(logs, folder))), list[str]()
+    paths = [[path] for path in relative_paths(logs, folder)]
+    files, end = list(_files(paths)), list[str]()
     if robot is not None and robot.flexible and "none" not in period[0]:
-        runs, form = _runs_by_name(logs), TextFormatSpec() if logs[0].is_dir() else guess_format(logs[0])
+        runs, form = runs_by_name(logs), TextFormatSpec() if logs[0].is_dir() else guess_format(logs[0])
         motions = [y for y, _ in pairs]
-        positions = positions_of(logs, form, motions)
+        positions = positions_of([[path] for path in logs], form, motions)
         states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])
-        files = list(_files(relative_paths(logs, folder), states, [run[1:] for run in runs]))
+        files = list(_files(paths, states, [Run({}, *run[1:]) for run in runs]))
         lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
         late = "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
         few = "estimator: {method: auto} # one that needs fewer logs than inputs"
@@ -207,13 +272,6 @@ def _unused(
     yield from (f"# Not used ({one_line(reason)}): {', '.join(names)}" for reason, names in reasons.items())
 
 
-def _runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
-    """Configuration, realisation and experiment of logs with names such as p1-r0-e2; none if one has another name."""
-    names = [re.fullmatch(r"(.+?)[-_ ]r(\d+)[-_ ]e(\d+)", path.stem) for path in logs]
-    runs = [(name[1], int(name[2]), int(name[3])) for name in names if name]
-    return runs if len(set(runs)) == len(logs) else []
-
-
 def _configurations(
     n: int, motions: Sequence[ChannelGuess], robot: Robot | None, positions: Positions, by_name: list[str]
 ) -> tuple[list[str], list[str]]:
@@ -245,8 +303,9 @@ def _study(
     configurations: Sequence[str] = (),
     period: Sequence[str] = (),
     frame: str = "",
+    columns: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[str]:
-    """The study file up to its channels. frame: where a hammer hits."""
+    """The study file up to its channels. frame: where a hammer hits.  columns: numbers of channels by their names."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -271,8 +330,13 @@ def _study(
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}
-        yield from (channel_line("u", _place(joint.torque, frame), joint.torque) for joint in guess.joints)
-        yield from (channel_line("y", _place(motion, frame), motion) for motion in (*motions.values(), *guess.further))
+        channels = [("u", joint.torque) for joint in guess.joints]
+        channels += [("y", motion) for motion in (*motions.values(), *guess.further)]
+        for role, channel in channels:
+            number = columns.get(channel.name)
+            named = channel if number is None else replace(channel, name="", column=number)
+            place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
+            yield channel_line(role, place, named)
         return
     for name, joint in zip(names, guess.joints, strict=True):
         yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
@@ -306,14 +370,21 @@ def _period(drives: FloatArray) -> list[str]:
     return ["    period: none # guessed: the drives do not repeat"]
 
 
-def _files(paths: Sequence[str], states: Sequence[str] = (), runs: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
-    """states: configuration of each log, none of a study of friction.  runs: realisation and experiment, if known."""
+def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Sequence[Run] = ()) -> Iterator[str]:
+    """Lines of the measurements, with paths, configurations (states, none in a study of friction) and known runs."""
     why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
     why = " # guessed by the names of the files" if runs else why
+    if any(run.at for run in runs):
+        why = " # guessed by the names of the files or their responses: at is where hammer or sensors are in a file"
     yield "    files:" + (why if states and len(paths) > 1 else "")
-    for i, path in enumerate(paths):
-        run = dict(zip(("realisation", "experiment"), runs[i] if runs else (i,), strict=False))
-        yield file_line(path, configuration=states[i], **run) if states else file_line(path)
+    for i, (path, *also) in enumerate(paths):
+        keys: dict[str, object] = {"also": f"[{', '.join(map(quoted, also))}]" if also else None}
+        run = runs[i] if runs else Run({}, i, 0)
+        if states:
+            keys |= {"configuration": states[i], "realisation": run.realisation}
+            keys |= {"experiment": run.experiment} if runs else {}
+            keys |= {"at": mapping({quoted(k): quoted(v) for k, v in run.at.items()})} if run.at else {}
+        yield file_line(path, **keys)
 
 
 def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
@@ -399,13 +470,16 @@ def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool
     return bool(np.min(extent) > low - _MIN_TURN and np.max(extent) < high + _MIN_TURN)
 
 
-def positions_of(logs: Sequence[Path], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
-    """Extent, mean and standard deviation of each position among motions in each log."""
+def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
+    """Extent, mean and standard deviation of each position among motions in each measurement, of one log or several."""
     known = [motion for motion in motions if motion.quantity == "position"]
-    ys = [ChannelSpec("y", "any", motion.name, motion.column, quantity="position") for motion in known]
-    moments = np.zeros((len(logs), 4, len(ys)))
-    for i, path in enumerate(logs if ys else ()):
-        with opened_log(path, form) as log:
-            x = log.values(ys, slice(0, MAX_SAMPLES))
-        moments[i] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
+    moments = np.zeros((len(logs), 4, len(known)))
+    for i, paths in enumerate(logs):
+        for number, path in enumerate(paths, start=1):
+            of_file = [k for k, motion in enumerate(known) if motion.file == number]
+            ys = [ChannelSpec("y", "any", known[k].name, known[k].column, quantity="position") for k in of_file]
+            if ys:
+                with opened_log(path, form) as log:
+                    x = log.values(ys, slice(0, MAX_SAMPLES))
+                moments[i][:, of_file] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
     return {motion.key: moments[:, :, i] for i, motion in enumerate(known)}

@@ -12,6 +12,7 @@ from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.gear_result import GearResult, with_effects
 from elastid.parameters import Parameters
+from elastid.report.content import WITH_COULOMB
 from elastid.robot import Friction, Robot, channel_name
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 VISCOUS = "viscous friction alone"
 SLOPE = "viscous friction at the speeds of the records, without Coulomb friction"
-# Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
-WITH_COULOMB = "viscous friction. Coulomb friction of the motor, if any, was not compensated and increases the estimate"
-
 OF_LOOP = "; an error of k_d of the controller adds to it"
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -50,10 +51,9 @@ def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     named = log.named_columns()
     if log.is_large:
         return _large_text_rows(log)
-    try:
-        signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
-    except DataError:
-        signals = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(named))]
+    signals: list[Iterator[FloatArray]] = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(named))]
+    with suppress(DataError):  # which its column then shows
+        signals = signals if log.sample_ms else [iter([column]) for column in log.columns(range(len(named))).T]
     units = log.units or [""] * len(named)
     return [_signal_row(*row, unit, x) for row, unit, x in zip(named, units, signals, strict=True)]
 

@@ -47,7 +47,7 @@ def _experiments(study: Study) -> Iterator[str]:
     yield f"{_plural(Q * L * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
         periods, lines = experiment.periods + experiment.transient_periods, planned_lines(excitation, study.seed or 0)
-        low, high = excitation.band_hz
+        low, high = np.asarray(lines.excited)[[0, -1]] / excitation.period
         yield (
             f"  {_plural(periods, 'period')} of {excitation.period:g} s ({experiment.transient_periods} of transient); "
             f"{len(lines.excited)} {excitation.grid} lines from {low:g} to {high:g} Hz"
@@ -77,8 +77,10 @@ def _margin(study: Study, excitation: MultisineSpec) -> str:
 
     problem = problem_of(study)
     use = expected_use(problem.rig(problem.plan(study.experiment)), excitation.margin)
-    left = 1 - use.used.max()
-    return f"  {excitation.inject} references, loop gains within 30 %: margin {left:.0%} of the limits; {use.closest}"
+    return (
+        f"  {use.closest}: sum of the peak values of motion and multisine, for loop gains up to 30 % off. The stage "
+        "design simulates the runs near a limit"
+    )
 
 
 def _plural(number: int, noun: str) -> str:

@@ -74,6 +74,7 @@ class Work:
 
     parts: folder of finished parts until the result is whole.  stamp: of the result, with the text of the study for a
     stage that shows it.  base: the folder of files that the study names.  sources: earlier results, by their stages.
+    has_gears: the stage gears estimates the effects that notes of a linear fit and of its responses ask for.
     """
 
     stage: str
@@ -83,6 +84,7 @@ class Work:
     sources: Mapping[str, Path]
     jobs: int = 1
     console: Console = field(default_factory=Console)
+    has_gears: bool = False
 
     @contextmanager
     def execution(self, checkpoint: "Checkpoint | None" = None) -> Iterator[Execution]:
@@ -201,7 +203,16 @@ class Run:
         there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
         sources = {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)}
         shown = stamp if "text" in row.keys.split() else replace(stamp, study="")
-        return Work(stage, self.partial(stage), shown, self.loaded.path.parent, sources, self.jobs, self.console)
+        return Work(
+            stage,
+            self.partial(stage),
+            shown,
+            self.loaded.path.parent,
+            sources,
+            self.jobs,
+            self.console,
+            "gears" in self.stages,
+        )
 
     def is_made(self, stage: str) -> bool:
         """True if the result of a stage is there, made from the same inputs by any version."""

@@ -49,6 +49,7 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
     if of_robot and quantity == "current":
         keys["torque_constant"] = "1 N*m/A"
         why = f"{why}; torque_constant is that of your motor's data sheet"
+    keys |= {"rate_hz": guess.rate_hz, "file": guess.file if guess.file > 1 else None}
     keys |= {"sign": -1 if guess.sign < 0 else None, "side": "motor" if guess.ratio != 1 else None}
     return f"      - {mapping(keys)} # guessed: {one_line(why)}"
 

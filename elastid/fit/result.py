@@ -133,8 +133,8 @@ MEANING: dict[Status, str] = {
     "residuals. To test the model, measure two periods or more, or give the covariance",
     "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
     "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "significant model error: the parameters may be biased, do not use them. Correct the likely cause, and "
-    "fit again",
+    "misfit": "the model error is significant and can bias the parameters; do not use them. Correct the likely cause, "
+    "and fit again",
     "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
     "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
     "model_error": "the model does not describe these responses: do not use its parameters. Check channels, "
@@ -339,12 +339,21 @@ class Result:
             return CONTRADICTED
         if self.status != "converged":
             return MEANING[self.status]
-        n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
-        meaning = (
-            f"{n - weak} of {n} parameters identified, {weak} weakly" if weak else f"all {n} parameters identified"
-        )
         but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
-        return f"{meaning}{but}; {self.residual_test.partition(':')[0]}. {capital(self.cause[0]) or self.coverage}"
+        test = self.residual_test.partition(":")[0]
+        return f"{self._counts}{but}; {test}. {capital(self.cause[0]) or self.coverage}"
+
+    @property
+    def _counts(self) -> str:
+        """Numbers of the parameters that data, and prior alone, identify, and of the weakly identifiable, in words."""
+        n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
+        by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
+        good = n - weak - len(by_prior)
+        if good == n:
+            return f"all {n} parameters identified"
+        parts = [f"{good} of {n} parameters identified"]
+        parts += [f"{len(by_prior)} limited by tolerances of the robot model ({', '.join(by_prior)})"] * bool(by_prior)
+        return ", ".join([*parts, *[f"{weak} weakly identifiable"] * bool(weak)])
 
     @property
     def coverage(self) -> str:
@@ -367,10 +376,10 @@ class Result:
         limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
             verdict = "passed" if self.is_within_declared else "failed"
-            error = f"{self.error_ratio:.3g} times noise and assumed model error together"
-            return f"residual test {verdict}: residuals {error} (rms; limit {LARGE:g})"
+            error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
+            return f"residual test {verdict}: residuals {error} (rms; fixed limit {LARGE:g})"
         verdict = "failed" if self.exceeds_noise else "passed"
-        words = f"residuals {ratio:.3g} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
+        words = f"residuals {number(ratio, 3)} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
         return f"residual test {verdict}: {words}"
 
     @property

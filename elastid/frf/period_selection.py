@@ -141,7 +141,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     if len(settled) >= MIN_PERIODS and not compared.agree:
         measured = distances(compared, settled)
         far = settled[measured.far[settled]]
-        more = (_note(spectra, far, measured, ""),) if len(far) else ()
+        more = (_note(spectra, far, measured, "the other periods"),) if len(far) else ()
     used = spectra.only(np.setdiff1d(settled, far) if len(far) else settled)
     return replace(used, notes=(*spectra.notes, *notes, *more))
 
@@ -250,21 +250,24 @@ def _leading(
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
     if not leading.any():
         return leading, ()
-    note = _note(spectra, np.flatnonzero(leading), measured, " as the transient")
+    halves_later = f"the periods in the second half of {'the log' if len(logs) == 1 else 'each log'}"
+    note = _note(spectra, np.flatnonzero(leading), measured, halves_later, " as the transient")
     note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
     return leading, (note,)
 
 
-def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reason: str) -> Note:
+def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, others: str, reason: str = "") -> Note:
+    """others: the periods from which the distances are."""
     record = spectra.record
     kind = ("half period" if record.half_wave else "period") + "s" * (len(left_out) > 1)
-    channels = [f"Output {name}" for name in record.outputs] + [f"Input {name}" for name in record.inputs]
+    channels = [f"output {name}" for name in record.outputs] + [f"input {name}" for name in record.inputs]
     D, limit = measured.D[left_out].max(axis=0), np.maximum(measured.limit, NEGLIGIBLE_DISTANCE)
     worst = int(np.argmax(D / limit))
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",
-        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. {channels[worst]} deviates there from "
-        f"the other periods by up to {100 * D[worst]:.2g} % of its rms (limit {100 * limit[worst]:.2g} %)",
+        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. The {channels[worst]} deviates there "
+        f"from {others} by up to {100 * D[worst]:.2g} % of its rms. Deviation of these periods from each other: median "
+        f"{100 * measured.typical[worst]:.2g} %, limit by their scatter {100 * limit[worst]:.2g} %",
         f"record {record.name}",
     )

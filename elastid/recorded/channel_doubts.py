@@ -201,7 +201,9 @@ def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
     if joint.torque is None:
         return TorqueRelation()
     u, y = joint.signals[:, joint.torque], joint.signals[:, i]
-    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides)
+    places = {c.at: k for k, c in reversed(list(enumerate(joint.channels))) if c.role == "y"}
+    others = [(joint.signals[:, k], joint.order(k)) for k in places.values() if k not in joint.motions]
+    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides, others)
 
 
 def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:

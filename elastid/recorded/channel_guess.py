@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
-from elastid.recorded.channel_names import ChannelGuess, guess_by_name
-from elastid.recorded.clocks import is_clock
+from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_name
+from elastid.recorded.clocks import is_clock, slowest_ms
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
 from elastid.recorded.motion_relations import MIN_CORRELATION, TorqueRelation, motion_relations, torque_relation, travel
@@ -26,9 +27,11 @@ from elastid.recorded.repair.outliers import without_lone
 DRIVES = ("torque", "force", "current", "voltage")
 _MIN_SAMPLES = 100  # of a log
 _MIN_KNOWN_FRACTION = 2 / 3  # of a signal's samples, the others missing
+_GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
-Values = Mapping[tuple[str, int | None], FloatArray]
+T = TypeVar("T")
+Values = Mapping[ChannelKey, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,11 @@ class LogGuess:
     references: tuple[ChannelGuess, ...] = ()
 
     @property
+    def is_hit(self) -> bool:
+        """True for the force of a hammer or shaker, and accelerations."""
+        return (self.joints[0].torque.quantity, self.joints[0].motion.quantity) == ("force", "acceleration")
+
+    @property
     def motions(self) -> tuple[ChannelGuess, ...]:
         """Motions of the joints, then further ones."""
         return (*(joint.motion for joint in self.joints), *self.further)
@@ -68,6 +76,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
 
     with_constant: also signals that do not change.
     """
+    if isinstance(log, TextLog) and log.sample_ms:
+        return _signals_at_one_rate(log, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
@@ -88,7 +98,40 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                     _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
                 )
                 result.append((replace(guess_by_name(heading, number, unit), name=name), whole))
-    return _with_commands(result)
+    return _with_gravity(_with_commands(result))
+
+
+def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Three axes of an accelerometer without a unit, whose mean is gravity, in g or mm/s^2 by its size."""
+    axes = [
+        (g, float(np.mean(x)))
+        for g, x in signals
+        if g.quantity == "acceleration" and not (g.unit or g.why.startswith("?"))
+    ]
+    gravity = float(np.linalg.norm([mean for _, mean in axes]))
+    is_one = len(axes) == 3 and len({g.parts[0] for g, _ in axes}) == 1
+    units = {"g": ("m/s^2", _GRAVITY, 1.0), "mm/s^2": ("mm/s^2", 1.0, 1e3 * _GRAVITY)}
+    unit = next((name for name, row in units.items() if is_one and abs(gravity / row[2] - 1) < _MAX_GRAVITY_ERROR), "")
+    if not unit:
+        return signals
+    members, (si, scale, _) = {g.key for g, _ in axes}, units[unit]
+    why = f"{unit}, since gravity is {gravity:.4g}"
+    return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
+
+
+def _signals_at_one_rate(log: TextLog, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Signals that have a quantity, interpolated at the times of the slowest one; DataError if these begin later."""
+    slowest, result = slowest_ms(log), []
+    for name, unit, ms in zip(log.headings, log.units or [""] * log.n_columns, log.sample_ms, strict=True):
+        guess = guess_by_name(name, None, unit)
+        if guess.quantity and ms <= slowest:
+            x = log.values([ChannelSpec("y", "any", name, quantity="position")], slice(0, int(most * slowest / ms)))
+            whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
+            at = np.arange(int(len(whole) * ms / slowest)) * slowest / ms
+            rate_hz = None if ms == slowest else float(f"{1e3 / ms:.6g}")
+            result.append((replace(guess, rate_hz=rate_hz), np.interp(at, np.arange(len(whole)), whole)))
+    n = min((len(x) for _, x in result), default=0)
+    return _with_commands([(guess, x[:n]) for guess, x in result if np.ptp(x[:n]) > 0])
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
@@ -128,6 +171,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     by_label = {m.parts[1]: m for m in motions}
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
+    joints = _by_number(joints, [drive.parts[1] for drive in drives])
     taken = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
     alike = MOTIONS if slides and len(drives) < len(measured) else (given,)  # of a structure all of them
@@ -140,6 +184,14 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
 
 
+def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
+    """Joints in the order of the numbers in their labels, if these differ; else in the order of the log."""
+    numbers = [tuple(map(int, re.findall(r"\d+", label))) for label in labels]
+    is_numbered = all(numbers) and len(set(numbers)) == len(numbers)
+    order = sorted(range(len(items)), key=numbers.__getitem__) if is_numbered else range(len(items))
+    return [items[i] for i in order]
+
+
 def guess_commands(
     signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 ) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
@@ -149,6 +201,7 @@ def guess_commands(
     measured = _in_one_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
     commanded = _commanded_positions(guesses)
     pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
+    pairs = _by_number(pairs, [g.parts[1] for g, _ in pairs])
     return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
 
 
@@ -187,7 +240,7 @@ def _completed(
     quantity = "torque" if motions else "acceleration" if is_structure else "position"
     members = unknown if is_structure else max(alike, key=lambda family: family[0].rank)
     why = f"its name identifies nothing; a {quantity} according to the channels next to it"
-    guess = [replace(g, quantity=quantity, why=why) for g in members]
+    guess = [replace(g, quantity=quantity, why=g.why if g.why.startswith("?") else why) for g in members]
     return (drives, guess) if drives else (guess, motions)
 
 

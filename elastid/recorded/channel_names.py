@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from elastid.base.units import dimension_and_size
 from elastid.recorded.headings import unit_of_heading
@@ -22,13 +23,16 @@ _NOT_MEASURED = (
     "model|init|kin|dyn|traj|qg|simple|follow.*"
 )
 
+ChannelKey: TypeAlias = tuple[str, int | None, int]
+
 
 @dataclass(frozen=True)
 class ChannelGuess:
     """One signal, its quantity and its unit (empty where unknown), and the reasons.
 
     rank: how much its name speaks for a measured signal.  sign: against its torque.  scale: of its numbers to the unit.
-    ratio: of the gear on whose motor's side it is, 1 on the link's.
+    ratio: of the gear on whose motor's side it is, 1 on the link's.  rate_hz: None for the rate of the log.
+    file: 2 for the second of the two files of a measurement.
     """
 
     name: str
@@ -40,6 +44,8 @@ class ChannelGuess:
     sign: int = 1
     scale: float = 1.0
     ratio: float = 1.0
+    rate_hz: float | None = None
+    file: int = 1
 
     @property
     def to_si(self) -> float:
@@ -47,14 +53,15 @@ class ChannelGuess:
         return self.sign * self.scale * dimension_and_size(self.unit)[1] / self.ratio
 
     @property
-    def key(self) -> tuple[str, int | None]:
-        """Name and column, which no two signals of a log share."""
-        return self.name, self.column
+    def key(self) -> ChannelKey:
+        """Name, column and file, which no two signals of a measurement share."""
+        return self.name, self.column, self.file
 
     @property
     def parts(self) -> tuple[str, str]:
         """Split a name into the common part and the joint's identifier: numbers, else the last other word."""
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
+        bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
         numbers = [*re.findall(r"\d+", bare), *([str(self.column)] if self.column else [])]
         if numbers:
             return re.sub(r"\d+", "#", bare), " ".join(numbers)
@@ -70,6 +77,7 @@ class ChannelGuess:
     def place(self) -> str:
         """The name of a place in a study without a robot, without the unit behind it."""
         name = re.sub(r"(?<=\w)\s*[\[(][^\])]*[\])]\s*$", "", self.name) if self.unit else self.name
+        name = re.sub(r"^(\d+r?[xyz]) \d+$", r"\1", name)  # another function of a node of a universal file
         return " ".join(filter(None, (re.sub(r"[^\w]+", " ", name).strip(), str(self.column or ""))))
 
 

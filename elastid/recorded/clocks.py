@@ -10,6 +10,7 @@ from elastid.base.errors import ElastidError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.files.log import Log
+from elastid.recorded.files.text import TextLog
 from elastid.recorded.repair.time_stamps import MIN_GAP, even_grid
 
 # Samples that are read of a log.
@@ -73,8 +74,22 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
     return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
 
 
+def slowest_ms(log: TextLog) -> float:
+    """Longest sample time of the channels whose names or units show a quantity, temperatures aside."""
+    guesses = (
+        guess_by_name(name, None, unit)
+        for name, unit in zip(log.headings, log.units or [""] * log.n_columns, strict=True)
+    )
+    times = zip(guesses, log.sample_ms, strict=True)
+    return max((ms for guess, ms in times if guess.quantity not in ("", "temperature")), default=max(log.sample_ms))
+
+
 def clock_of(log: Log) -> Clock:
     """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name."""
+    if isinstance(log, TextLog) and log.sample_ms:
+        return Clock(
+            float(f"{1e3 / slowest_ms(log):.6g}"), "sample time of the slowest of the channels with a quantity"
+        )
     shapes = log.shapes()
     unnamed = [name for name in shapes if not guess_by_name(name, None).quantity]
     for name in (*filter(is_time, shapes), *unnamed):

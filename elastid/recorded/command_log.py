@@ -112,7 +112,7 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
         linked = [bridged(link_side(channel, x, robot, log)) for channel, x in zip(channels, values.T, strict=True)]
         columns[role], _ = in_joints(channels, np.stack(linked, axis=1), robot)
     rate_hz, controller = rate_hz or recorded.known_rate_hz, recorded.controller
-    forward = 0.0 if controller is None else controller.velocity_feed_forward
+    forward = 0.0 if controller is None else controller.velocity_feedforward
     velocity = forward * rate_hz * np.gradient(columns["reference"], axis=0)
     loop = None if controller is None else loop_of(controller, len(names))
     clock_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz

@@ -266,7 +266,7 @@ class _LogReader:
             text = "integral_time, notches and filters need a torque channel. Log role u, or give the gains of a PD"
             raise StudyError("study/recorded", text, "experiment.recorded.controller")
         loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
-        kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feed_forward
+        kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feedforward
         return {"command": kp * reference + s * kd * np.gradient(reference, 1 / rate_hz), "gains": (kp, kd)}
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:

@@ -6,6 +6,7 @@ Motions are compared as derivatives of one Gaussian, :math:`x^{(k)} = (G_s * x)^
 .. math:: u = J a + f v + F_c\,\mathrm{sgn}(v) + o + c_1 \cos q + c_2 \sin q, \qquad J > 0, \quad f v^2 + F_c |v| > 0.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,8 @@ MIN_CORRELATION = 0.98
 MIN_EXPLAINED = 0.75
 # Likewise of the acceleration alone, for a statement on the inertia.
 MIN_BY_INERTIA = 0.2
+# Acceleration of another joint over its own, from which on it may move it; what viscous friction must explain then.
+MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
 
 
 @dataclass(frozen=True)
@@ -84,12 +87,22 @@ def _relation(x: FloatArray, y: FloatArray) -> MotionRelation:
     return MotionRelation(float(np.sign(rho)) * sizes[1] / max(sizes[0], 1e-300), rho)
 
 
-def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True) -> TorqueRelation:
+def torque_relation(
+    u: FloatArray,
+    y: FloatArray,
+    order: int,
+    rate_hz: float,
+    turns: bool = True,
+    others: Sequence[tuple[FloatArray, int]] = (),
+) -> TorqueRelation:
     """How the motion y (n,), a derivative of the position of the given order, explains the torque u (n,).
 
-    turns: the joint turns, so that gravity may change with its angle.
+    turns: the joint turns, so that gravity may change with its angle.  others: motions of other joints and their
+    orders.  The controller of a joint that they move gives -k_d v, as friction with a wrong sign would: then dry
+    friction shows the sign, or viscous friction that explains nearly all.
     """
-    relations = [_relation_at(u, y, order, rate_hz, width, turns) for width in _widths(u) if np.ptp(u) > 0]
+    bands = [width for width in _widths(u) if np.ptp(u) > 0]
+    relations = [_relation_at(u, y, order, rate_hz, width, turns, others) for width in bands]
     if not relations:
         return TorqueRelation()
     limits = [r.largest_inertia for r in relations if r.explained > MIN_EXPLAINED and r.by_inertia > MIN_BY_INERTIA]
@@ -98,7 +111,10 @@ def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, tu
     return replace(best, inertia=inertia, largest_inertia=max(limits, default=np.inf))
 
 
-def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool) -> TorqueRelation:
+def _relation_at(
+    u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool,
+    others: Sequence[tuple[FloatArray, int]],
+) -> TorqueRelation:  # fmt: skip
     """The relation in a band."""
     torque = derivative(u, 0, rate_hz, width)
     v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
@@ -117,7 +133,9 @@ def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width
     variance = score @ score + 2 * sum((1 - k / 10) * float(score[k:] @ score[:-k]) for k in range(1, 10))
     std = float(np.sqrt(max(variance, 0.0))) / max(float(alone @ alone), 1e-300)
     by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
-    parts = (A[:, 0] * theta[0], A[:, 1:3] @ theta[1:3])
+    moved = any(np.std(derivative(x, 2 - k, rate_hz, width)) > MIN_MOVING * np.std(a) for x, k in others)
+    friction = slice(2 if moved and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
+    parts = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
     signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
     shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
     is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1

@@ -24,7 +24,7 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
     assert controller is not None  # of logs with commands alone
     rate_hz = controller.tick_hz or recorded.known_rate_hz
     path = controller.reference or ReferencePathSpec(1 / rate_hz, "hold")
-    spec = replace(controller.spec, reference=replace(path, velocity_feedforward=controller.velocity_feed_forward))
+    spec = replace(controller.spec, reference=replace(path, velocity_feedforward=controller.velocity_feedforward))
     joints, motors, loop = robot.driven_names, robot.motor_locations, loop_of(controller, len(robot.driven))
     freq_hz, log_hz = response.freq_hz, 0.0
     if path.cycle_samples(rate_hz) > 1 and abs(path.cycle * recorded.known_rate_hz - 1) < MAX_CLOCK_ERROR:

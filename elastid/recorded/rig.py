@@ -144,7 +144,7 @@ class RecordedRig:
                 report_end(lost, n, N // 2 if recorded.half_wave else N, log)
         elif "none" not in (file.period, recorded.period):
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
-        signals = without_step_images(signals, channels, roles, recorded, N, rate_hz, self.robot, log)
+        signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = in_joints(channels, signals, self.robot)
         held = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))

@@ -6,28 +6,32 @@ rate 1 / T folds them onto f:
 .. math:: U_{log} = U + \sum_{m \ne 0} L_m S_m C_{ff} F_r R, \qquad S_m = \frac{1}{1 + C_{fb} / (J s_m^2)},
           \qquad s_m = 2 \pi j \Big(f + \frac{m}{T}\Big)
 
-since only the inertia J of a motor follows so fast. L_m: logged channel at the image over that at f. Images are
-coherent with the excitation: neither noise nor distortion shows them. References R that are not logged follow from
-torques and positions, whatever the friction. An error of K_v then cancels in the part of the torques:
+since only the inertia J of a motor follows so fast. L_m: logged channel at the image over that at f; a channel that is
+late by tau turns an image by exp(-2 pi j m tau / T) more. Images are coherent with the excitation: neither noise nor
+distortion shows them. Logged references and torques give tau and the feed-forward. References R that are not logged
+follow from torques and positions, whatever the friction. An error of K_v then cancels in the part of the torques:
 
 .. math:: R = \frac{U_{log} + C_{fb} Q}{C_{ff} F_r + \sum_{m \ne 0} L_m S_m C_{ff} F_r}
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import CascadeSpec, RecordedSpec
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR, delay
+from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR
 from elastid.response import STEP_IMAGES
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 
-# Lowest frequency over the rate, below which friction dominates; least correlation of torques with those by inertia.
-_LOWEST, _MIN_CORRELATION = 0.05, 0.2
+# Lowest frequency over the rate, below which friction dominates; the least part of the power that references explain;
+# smallest amplitude of a reference over its largest, of the lines that decide.
+_LOWEST, _MIN_EXPLAINED, _SMALLEST = 0.05, 0.25, 0.03
 # Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
 # before it.
 _TORQUE_LAG_S = 3e-4
@@ -39,12 +43,11 @@ def without_step_images(
     channels: Sequence[ChannelSpec],
     roles: dict[str, list[int]],
     recorded: RecordedSpec,
-    N: int | None,
     rate_hz: float,
     robot: Places,
     log: Log,
 ) -> FloatArray:
-    """Signals (n, c), in periods of N samples if any, without images of their references, whose size is reported."""
+    """Signals (n, c) without images of their references, whose size is reported."""
     controller, u, n = recorded.controller, roles["u"], len(signals)
     # From four samples in a cycle on, images are below a sixteenth.
     if not isinstance(robot, Robot) or controller is None or recorded.has_commands_alone:
@@ -53,8 +56,10 @@ def without_step_images(
         return signals
     freq_hz = np.fft.rfftfreq(n, 1 / rate_hz).astype(np.float64)
     U = np.fft.rfft(signals[:, u], axis=0)
-    ratio = round(rate_hz * controller.cycle)
-    images, forward, C_fb, C_ff = _per_reference(controller, freq_hz, ratio, robot, channels, u)
+    stated = controller.velocity_feedforward
+    assert controller.reference is not None
+    usual = _with_feed_forward(controller, stated or controller.reference.velocity_feedforward)
+    images, forward = _per_reference(usual, freq_hz, robot, channels, u, rate_hz)
     power = np.cumsum(np.sum(np.abs(U[1:]) ** 2, axis=1))
     edge = 1 + int(np.argmax(power >= 0.99 * power[-1]))
     seen = 1 / (1 + images[edge] / forward[edge])
@@ -67,17 +72,25 @@ def without_step_images(
     if is_at_cycle and is_slow and not roles["r"] and all(channels[i].at in positions for i in u):
         q = signals[:, [positions[channels[i].at] for i in u]]
         Q = np.fft.rfft(q - np.linspace(q[0], q[-1], n), axis=0)  # without the jump from the end to the start
+        C_fb, C_ff = _controlled(usual, np.maximum(freq_hz, freq_hz[1] / 2), robot, len(u))
         per_reference = C_ff + images
         R = (U + C_fb * Q) * per_reference.conj() / (np.abs(per_reference) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
         return _subtracted(signals, u, images * R, text, log)
     R = np.fft.rfft(signals[:, roles["r"]], axis=0)
     if is_at_cycle and R.shape == U.shape:
-        above = (freq_hz > _LOWEST * rate_hz)[:, None]
-        expected, torques = (np.fft.irfft(above * X, n, axis=0) for X in ((forward + images) * R, U))
-        lag, agreement = delay(expected, torques, N or n)
-        if agreement > _MIN_CORRELATION:  # a command is logged some cycles before or after it acts
-            turn = np.exp(-2j * np.pi * freq_hz[:, None] / rate_hz * round(lag))
-            return _subtracted(signals, u, images * turn * R, text, log)
+        above = freq_hz > _LOWEST * rate_hz
+        lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * np.abs(R[above]).max()))
+        matches = []
+        for share in (stated,) if stated else (0.0, 1.0):
+            every = _logged(_with_feed_forward(controller, share), freq_hz[lines], robot, channels, u, rate_hz)
+            tau, explained = _lateness(every, freq_hz[lines], R[lines], U[lines], controller.cycle)
+            matches.append((explained, tau, share))
+        explained, tau, share = max(matches)
+        if explained > _MIN_EXPLAINED:
+            cascade = _with_feed_forward(controller, share)
+            images, _ = _per_reference(cascade, freq_hz, robot, channels, u, rate_hz, tau)
+            return _subtracted(signals, u, images * R, text, log)
+        text = f"{text}. The logged references and the stated controller explain {100 * explained:.0f} % of the torques"
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
@@ -90,30 +103,71 @@ def _subtracted(signals: FloatArray, u: Sequence[int], images: ComplexArray, tex
     return signals
 
 
+def _with_feed_forward(controller: CascadeSpec, share: float) -> CascadeSpec:
+    assert controller.reference is not None
+    return replace(controller, reference=replace(controller.reference, velocity_feedforward=share))
+
+
+def _lateness(
+    every: Iterable[tuple[int, ComplexArray]], freq_hz: FloatArray, R: ComplexArray, U: ComplexArray, cycle: float
+) -> tuple[float, float]:
+    """Delay of the torques U (F, n_u) in s, between -2 and 4 cycles, and the part of their power that is explained.
+
+    every: torques of R (F, n_u) at the line and at its images.
+    """
+    numbers, each = zip(*every, strict=True)
+    torques, turns = np.stack(each) * R, -2j * np.pi * (freq_hz + np.array(numbers)[:, None] / cycle)
+
+    def unexplained(tau: float) -> float:
+        modelled = np.sum(torques * np.exp(turns * tau)[..., None], axis=0)
+        return float(np.sum(np.abs(U - modelled) ** 2) / np.sum(np.abs(U) ** 2))
+
+    grid = cycle * np.arange(-2, 4, 0.05)
+    best = grid[int(np.argmin([unexplained(tau) for tau in grid]))]
+    end = minimize_scalar(unexplained, bounds=(best - 0.05 * cycle, best + 0.05 * cycle), method="bounded")
+    return float(end.x), 1 - float(end.fun)
+
+
 def _per_reference(
-    controller: CascadeSpec, freq_hz: FloatArray, ratio: int, robot: Robot, channels: Sequence[ChannelSpec],
-    u: Sequence[int],
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:  # fmt: skip
-    """Torques (F, n_u) of all images that a log with `ratio` samples in a cycle folds, of the line, C_fb, C_ff F_r."""
-    at, loop, joints = [channels[i].at for i in u], loop_of(controller, len(u)), robot.driven_names
-    motors = [robot.driven[robot.motor_locations.index(place)].motor for place in at]
-    J = np.array([0.0 if motor is None else motor.inertia * motor.ratio**2 for motor in motors])
-    T = [sum(error.low_pass for error in channels[i].errors) for i in u]
-
-    def controlled(f: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        C = sampled_responses(joints, loop, controller.spec, f, controller.tick_hz, "position")
-        T = _TORQUE_LAG_S / 2 if controller.low_pass_hz else _TORQUE_LAG_S
-        lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
-        return C[0] * lag, C[1] * lag
-
-    def logged(f: FloatArray) -> ComplexArray:
-        C_fb, C_ff = controlled(f)
-        return C_ff / (1 - C_fb / (J * (2 * np.pi * f[:, None]) ** 2)) * low_passes(f)
-
-    def low_passes(f: FloatArray) -> ComplexArray:
-        return np.stack([low_pass_response((2j * np.pi * f).astype(np.complex128), T_l) for T_l in T], axis=1)
-
+    controller: CascadeSpec, freq_hz: FloatArray, robot: Robot, channels: Sequence[ChannelSpec], u: Sequence[int],
+    rate_hz: float, tau: float = 0.0,
+) -> tuple[ComplexArray, ComplexArray]:  # fmt: skip
+    """Torques (F, n_u) of all images that a log late by tau folds, and of the line, without the channel's filter."""
     f = np.maximum(freq_hz, freq_hz[1] / 2)
-    half = controller.ticks // 2 // ratio
-    images = sum(logged(f + m * ratio / controller.cycle) for m in range(-half, half + 1) if m)
-    return images / low_passes(f), logged(f) / low_passes(f), *controlled(f)
+    filters = _low_passes(channels, u, f)
+    images = line = 0 * filters
+    for m, torques in _logged(controller, f, robot, channels, u, rate_hz):
+        late = torques * np.exp(-2j * np.pi * (f[:, None] + m * rate_hz) * tau) / filters
+        images, line = (images + late, line) if m else (images, late)
+    return images, line
+
+
+def _logged(
+    controller: CascadeSpec, f: FloatArray, robot: Robot, channels: Sequence[ChannelSpec], u: Sequence[int],
+    rate_hz: float,
+) -> Iterator[tuple[int, ComplexArray]]:  # fmt: skip
+    """Logged torques (F, n_u) of a reference at f and at each image, at f + m times the rate of the log, with m."""
+    motors = [robot.driven[robot.motor_locations.index(channels[i].at)].motor for i in u]
+    J = np.array([0.0 if motor is None else motor.inertia * motor.ratio**2 for motor in motors])
+
+    half = round(controller.tick_hz / rate_hz) // 2
+    for m in range(-half, half + 1):
+        f_m = f + m * rate_hz
+        C_fb, C_ff = _controlled(controller, f_m, robot, len(u))
+        S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
+        yield m, np.asarray(S * C_ff * _low_passes(channels, u, f_m))
+
+
+def _controlled(controller: CascadeSpec, f: FloatArray, robot: Robot, n_u: int) -> tuple[ComplexArray, ComplexArray]:
+    """C_fb and C_ff F_r (F, n_u) with the lag of the torque loop."""
+    loop = loop_of(controller, n_u)
+    C_fb, C_ff = sampled_responses(robot.driven_names, loop, controller.spec, f, controller.tick_hz, "position")
+    T = _TORQUE_LAG_S / 2 if controller.low_pass_hz else _TORQUE_LAG_S
+    lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
+    return C_fb * lag, C_ff * lag
+
+
+def _low_passes(channels: Sequence[ChannelSpec], u: Sequence[int], f: FloatArray) -> ComplexArray:
+    s = (2j * np.pi * f).astype(np.complex128)
+    times = [sum(error.low_pass for error in channels[i].errors) for i in u]
+    return np.stack([low_pass_response(s, T) for T in times], axis=1)

@@ -170,6 +170,10 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]
     return tuple(models)
 
 
+# Content of a viscous coefficient: the best linear approximation of sgn(v) is 2 p_v(0) v, p_v the density of v.
+WITH_COULOMB = "viscous friction. Coulomb friction of the motor, if any, was not compensated and increases the estimate"
+
+
 @dataclass(frozen=True)
 class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
@@ -193,6 +197,11 @@ class ParameterRow:
     std_parts: Mapping[str, float] = field(default_factory=dict)
     verdict: str = ""
     base: str = ""
+
+    @property
+    def has_coulomb(self) -> bool:
+        """True for viscous friction that may include Coulomb friction."""
+        return self.contains.startswith(WITH_COULOMB)
 
     @property
     def reference(self) -> float:
@@ -232,8 +241,8 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     """
     chosen = gears.numbers if numbers is None else numbers
     rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
-    headings = ["number", "of the gear", "unit", "estimate", "std", "95 % interval"]
-    table = [[*headings, *["of rated"] * rated, "linear fit"]]
+    headings = ["parameter", "meaning", "unit", "estimate", "std", "95 % interval"]
+    table = [[*headings, *["of rated torque"] * rated, "linear fit"]]
     for row in chosen:
         share = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
         before = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
@@ -246,7 +255,7 @@ def _cells(row: GearNumber) -> list[str]:
     if not row.is_seen:
         return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not significant"]
     value, std = factor * row.value, factor * row.std
-    meaning = f"{row.meaning}, at {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
+    meaning = f"{row.meaning}, phase {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
     n, (low, high) = digits(value, std), row.interval
     relative = f"{number(100 * std / abs(value), 2)} %" if value else number(std, 2)
     ends = " to ".join(interval_of((factor * low, factor * high), n))

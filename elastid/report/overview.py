@@ -120,14 +120,18 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     most = widest(rows)
     if result.status != "converged":
         if result.meaning == CONTRADICTED:
-            return "Only if the value that the data require is correct. The robot model states another one."
+            return "Only if the value that the data require is correct. The robot model states a different value."
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
     if most is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
     named = _with_verdicts(poor)
     if result.exceeds_noise:
-        error = f"assumed model error of {percent(result.model_error)}" if result.is_within_declared else "model error"
+        error = (
+            f"assumed model error of {percent(result.model_error)} of each FRF"
+            if result.is_within_declared
+            else "model error"
+        )
         return f"With caution{named and f': {named}'}. The intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
@@ -137,11 +141,13 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {named}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
+    mixed = ", ".join(row.name for row in rows if row.has_coulomb)
+    but = f", except {mixed} (may include Coulomb friction, which is not compensated)" if mixed else ""
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
-        return "Yes."
+        return f"Yes{but}."
     base = next((f" {capital(row.base)}." for row in rows if row.base), "")
     is_exact = any(note.code == HELD_AS_EXACT for note in result.notes)
-    return f"Yes{', if the fixed values of the robot model are exact' * is_exact}.{base}"
+    return f"Yes{but}{', if the fixed values of the robot model are exact' * is_exact}.{base}"
 
 
 def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
@@ -198,7 +204,7 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
     if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in judged):
         return ""  # the verdicts say more
-    others = [row for row in rows if row not in judged]
+    others = [row for row in rows if row not in judged and not row.has_coulomb]
     all_others = max(map(half_width, others), default=math.inf)
     last = f", all {len(others)} other parameters to ±{percent(all_others)}" if all_others <= WIDTH_CLASSES[-1] else ""
     first = _of_width(judged, kind)

@@ -17,6 +17,7 @@ A negative T_l is the inverse filter 1 + s |T_l|: only quotients F_y / F_u are i
 numbers; they are 1, 0 and 0, and parameters only where a study names them.
 """
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from typing import Annotated, Literal
 
@@ -29,6 +30,17 @@ from elastid.robot.placement import Numbers
 
 # Numbers of a channel: unit, and value of a channel without error.
 CHANNEL_NUMBERS = {"gain": ("1", 1.0), "delay": ("s", 0.0), "low_pass": ("s", 0.0)}
+MEANINGS = {
+    "gain": "ratio of the logged to the true value of {}",
+    "delay": "time delay of {} in the log, relative to the true signal, s",
+    "low_pass": "time constant of the first-order low-pass filter between {} and the log, s",
+    "gain kp": "ratio of the true to the stated position gain k_p of the joint controller of {}",
+    "gain kd": "ratio of the true to the stated velocity gain k_d of the joint controller of {}",
+    "gain r": "ratio of the acting to the logged value of {}",
+    "delay r": "time delay between {} and the controller, s",
+    "low_pass r": "time constant of the first-order low-pass filter between {} and the controller, s",
+}
+SIGNALS = {"u": "torque", "y": "output", "r": "reference"}
 
 
 def channel_name(kind: str, role: str, place: str = "") -> str:
@@ -38,6 +50,21 @@ def channel_name(kind: str, role: str, place: str = "") -> str:
     ('gain_y_accelerometer_tool_z', 'delay_u')
     """
     return "_".join(filter(None, (kind, role, place))).replace(" ", "_")
+
+
+def channel_meaning(name: str) -> str:
+    """Return the meaning of a number of a channel by its name; empty for any other name.
+
+    >>> channel_meaning("delay_r"), channel_meaning("gain_kd_motor_1")[:40]
+    ('time delay between all references and the controller, s', 'ratio of the true to the stated velocity')
+    """
+    parts = re.fullmatch(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(?:_(.+))?", name)
+    if parts is None:
+        return ""
+    kind, role, place = parts[1], parts[2], (parts[3] or "").replace("_", " ")
+    signal = SIGNALS.get(role, "")
+    owner = place or "all motors" if not signal else f"the {signal} of {place}" if place else f"all {signal}s"
+    return MEANINGS.get(f"{kind} {role}", MEANINGS[kind]).format(owner)
 
 
 def low_pass_response(s: ComplexArray, T: float) -> ComplexArray:
@@ -52,7 +79,7 @@ class Channel:
     # fmt: off
     role: Annotated[Literal["u", "y", "r", "kp", "kd"], Key("Role of the channel: `u` torque, `y` position, velocity "
         "or acceleration, `r` reference. `kp`, `kd`: gain of a joint controller relative to the stated one.", "`y` for "
-        "a sensor; `u` scales all inertias of that motor; `r` with delay for commands that act late.")]
+        "a sensor; `u` scales all inertias of that motor; `r` with delay if references act with a delay.")]
     at: Annotated[str, Key("Location of the channel on the robot (default: all channels of the role).", "spell it as "
         "in the channels of the study.")] = ""
     gain: Annotated[float, Key("Ratio of the logged to the true signal; in fit.parameters gain_u_motor_1, for "

@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,6 +20,7 @@ from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
+from elastid.study.checks.recorded import is_missing
 from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
@@ -211,8 +213,23 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
     study = with_usual_tolerances(study) if not unresolved else study
     problems = [*check_study(study, path.parent), *unresolved]
     if problems:
-        raise make_error(source, problems)
+        raise make_error(source, _with_origin(problems, source.text))
     return LoadedStudy(_with_every_amplitude(study), path, source.text, overrides), source
+
+
+def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
+    """Problems, the first missing log with its origin from the first comment of the study, `The record: ...`."""
+    comment = " ".join(line.removeprefix("#").strip() for line in takewhile(_is_comment, text.splitlines()))
+    stated, missing = (
+        re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment),
+        [p for p in problems if is_missing(p)],
+    )
+    origin = f". Origin, from the comment of the study: {stated[1]}" if stated else ""
+    return [replace(p, message=p.message + origin * (p in missing[:1])) for p in problems]
+
+
+def _is_comment(line: str) -> bool:
+    return line.startswith("#")
 
 
 def _with_every_amplitude(study: Study) -> Study:

@@ -13,12 +13,14 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from pydantic import TypeAdapter
 
 from elastid.base.codes import codes, renamed, renamed_key
+from elastid.base.display import capital
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.section import Key
 from elastid.base.units import InUnit
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.friction_numbers import TERMS
+from elastid.robot.measurement_chain import channel_meaning
 from elastid.robot.urdf import UrdfRobot
 from elastid.study.sections import FleetSpec, Study
 from elastid.study.source import KeyPath
@@ -301,8 +303,7 @@ _FAMILIES = dict(
         "k=spring.stiffness d=spring.damping k2=spring.quadratic k2s=spring.symmetric_quadratic k3=spring.cubic "
         "b=spring.backlash ki=spring.inner_stiffness e=spring.rounding f=joints.viscous Jm=motor.inertia "
         "fm=motor.viscous km=motor.spring.stiffness dm=motor.spring.damping zero=joints.zero pj=joints.point "
-        "m=bodies.mass gain=channels.gain delay=channels.delay low=channels.low_pass "
-        "c=bodies.center_of_mass I=bodies.inertia p=placement.xyz kc=coil.stiffness "
+        "m=bodies.mass c=bodies.center_of_mass I=bodies.inertia p=placement.xyz kc=coil.stiffness "
         "L0=coil.rest_length F0=gas.force h0=gas.column kappa=gas.kappa a=rod.center l=rod.length",
     )
 )
@@ -311,6 +312,9 @@ _FAMILIES = dict(
 def explain_parameter(name: str, robot: Robot | None = None) -> str:
     """Meaning, side, joint and nominal value of a parameter, or meaning of its family; empty for any other name."""
     unit, steps = ({} if robot is None else robot.numbers | robot.geometry).get(name, ("", ()))
+    meaning = channel_meaning(name)
+    if meaning and not steps:
+        return f"{capital(meaning)}."
     family, _, rest = name.partition("_")
     path = ".".join(str(step) for step in steps if not isinstance(step, int)) or (rest and _FAMILIES.get(family, ""))
     for key in list_keys() if path else ():
@@ -323,7 +327,7 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
                 item = item[step] if isinstance(step, int) else getattr(item, step)
                 owners += [f"{type(item).__name__.lower()} {item.name}"] if hasattr(item, "name") else []
             place = f" Of {', '.join(owners)}; nominal {item:g} {unit} ({'.'.join(map(str, steps))})." if steps else ""
-            return f"{key.text}{side}{place}"
+            return f"{f'{capital(meaning)}.' if meaning else key.text}{side}{place}"
     if name == "delay":
         return "Time delay of all outputs relative to the inputs, s."
     terms = [term.meaning for term in TERMS.values() if name.startswith(f"{term.prefix}_m")]

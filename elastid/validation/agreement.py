@@ -101,7 +101,7 @@ class Agreement:
     """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
 
     lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
-    Ghat / G.  rms_sigma: of E / sigma over all lines, 1 for a true model.
+    Ghat / G.  rms_sigma: of E over the noise, on all lines, 1 for a correct model.
     power_ratio, power_dof: as `power_over_noise`.  white_p: as `white_by_chance`.  NaN without an uncertainty or lines.
     """
 
@@ -246,11 +246,20 @@ def agreement(
         judged.sum(axis=0),
         np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
         np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
-        np.sqrt(_mean(np.abs(e) ** 2, known)),
+        np.sqrt(_mean(np.abs(e) ** 2, known) / _expected_power(noise, sigma)),
         ratio,
         ratio_dof,
         white_p,
     )
+
+
+def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArray | float:
+    """Mean (n_y, n_u) of |E / sigma|^2 of a correct model, as by `power_over_noise`: smoothing overestimates sigma."""
+    if noise is None:
+        return 1.0
+    ratio = np.divide(noise.measured.variance, sigma**2, out=np.zeros(sigma.shape), where=sigma > 0)
+    own = np.maximum(1 - noise.own_variance / noise.measured.dof, 0.1)
+    return _mean(ratio / own[:, None, None], sigma > 0)
 
 
 def _tests(

@@ -211,7 +211,7 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
         held, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
         position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
         known = log.whole(still if record.disturbance is None else record.disturbance for record in log.records)
-        velocity = controller.velocity_feed_forward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
+        velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
         error = held.kp * (position[0] - path[0]) + held.kd * (velocity[0] - rate[0])
         acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)

@@ -94,11 +94,12 @@ class TwinRun:
         held_hz = self.tracking_bandwidth_hz
         held = f". A slow position loop ({held_hz:.2g} Hz) keeps the model at the logged positions" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-        names = {TORQUE: "torque of this loop"} if held else {}
-        parts = [f"{names.get(kind, kind)} at most {max(values):.3g} %" for kind, values in errors.items() if values]
+        loop = errors.pop(TORQUE) if held else []
+        parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
+        of_loop = f" The torque of this loop is at most {max(loop):.3g} % of the logged torque (rms)." if loop else ""
         return (
-            f"Simulation of record {self.log} ({self.seconds:.3g} s) {driven}{held}. Rms error / rms signal: "
-            f"{'; '.join(parts)}."
+            f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{held}. Rms errors relative to the rms "
+            f"of the signal: {', '.join(parts)}.{of_loop}"
         )
 
 

@@ -379,3 +379,93 @@ def test_commands_without_time_are_refused(tmp_path: Path) -> None:
     assert refusal.value.code == "records/clock"
     np.savez(tmp_path / "log.npz", **arrays, rate_hz=250.0)
     assert new(tmp_path, tmp_path / "log.npz").experiment.as_recorded().rate_hz == 250
+
+
+def scope_export(path: Path, start_ms: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """TwinCAT Scope's export of a two-mass joint: torque every 1 ms, position every 2 ms from a start, temperature.
+
+    Returns the frequencies of the excited lines, and the acceleration by the torque there.
+    """
+    rng, n = np.random.default_rng(0), 4000
+    freq, lines = np.fft.rfftfreq(n // 2, 1e-3), np.arange(4, 100)
+    s = 2j * np.pi * np.maximum(freq, 1e-9)
+    G = (0.05 * s**2 + 0.4 * s + 900) / (0.001 * s**4 + 0.07 * (0.4 * s**3 + 900 * s**2))
+    U = np.zeros(len(freq), complex)
+    U[lines] = np.exp(2j * np.pi * rng.random(len(lines))) * n / 20
+    u, q = (np.tile(np.fft.irfft(x, n // 2), 2) for x in (U, np.where(U != 0, G, 0) * U))
+    columns = [("Torque", 1, u, "Nm"), ("Pos", 2, q[::2], "rad"), ("Temp", 100, 30 + u[::100], "(None)")]
+    rows = ["Name\tdrive", "Starttime of export\t132959733843760000\tMonday\t15:56:24.376", "", ""]
+    rows += ["\t".join(f"{key}\t{value(c)}" for c in columns) for key, value in PROPERTIES.items()]
+    starts = {"Pos": start_ms}
+    rows += [
+        "\t".join(f"{i * c[1] + starts.get(c[0], 0):g}\t{c[2][i]:.9g}" if i < len(c[2]) else " \t " for c in columns)
+        for i in range(n)
+    ]
+    path.write_text("\n".join([*rows, "EOF", ""]))
+    return freq[lines], (s**2 * G)[lines]
+
+
+PROPERTIES = {
+    "Name": lambda c: c[0], "Data-Type": lambda c: "REAL64", "SampleTime[ms]": lambda c: c[1],
+    "VariableSize": lambda c: 8, "Unit": lambda c: c[3],
+}  # fmt: skip
+
+
+def test_channels_of_a_scope_with_their_own_sample_times_are_in_step(tmp_path: Path) -> None:
+    """Response within 0.1 % up to 50 Hz; channels that begin at different times are refused."""
+    freq, G = scope_export(tmp_path / "scope.csv")
+    study = new(tmp_path, tmp_path / "scope.csv")
+    recorded = study.experiment.as_recorded()
+    assert recorded.rate_hz == 500
+    assert {(c.channel, c.rate_hz) for c in recorded.channels} == {("Torque", 1000.0), ("Pos", None)}
+    assert cli.run_command(["run", str(tmp_path / "new" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0
+    (response,) = read_responses(tmp_path / "run" / "frf.h5")
+    measured = np.interp(freq, response.freq_hz, np.real(response.G[:, 0, 0]))
+    np.testing.assert_allclose(measured, G.real, atol=1e-3 * abs(G).max())
+    scope_export(tmp_path / "late.csv", start_ms=-1)
+    with pytest.raises(DataError, match="1 ms") as refused:
+        texts_from_logs(tmp_path, [tmp_path / "late.csv"])
+    assert refused.value.code == "records/clock"
+
+
+@pytest.mark.parametrize("file", ["raw_data_x.csv", "resonances_x.csv"])
+def test_accelerations_or_spectra_alone_are_refused(file: str, tmp_path: Path) -> None:
+    """Files of a printer's firmware: an accelerometer in mm/s^2, and power spectral densities."""
+    rng, names = np.random.default_rng(0), ["#time,accel_x,accel_y,accel_z", "freq,psd_x,psd_y,psd_z,psd_xyz"]
+    head = names["resonances" in file]
+    rows = np.column_stack([np.arange(400) / 3200, rng.normal(0, 300, (400, head.count(",")))])
+    np.savetxt(tmp_path / file, rows, "%.6f", ",", header=head, comments="")
+    with pytest.raises(DataError) as refused:
+        texts_from_logs(tmp_path, [tmp_path / file])
+    assert refused.value.code == "records/channels"
+
+
+@pytest.mark.parametrize(("size", "unit", "scale"), [(9806.65, "mm/s^2", 1), (1.0, "m/s^2", 9.80665), (0, "m/s^2", 1)])
+def test_force_and_accelerometer_in_two_files_are_one_measurement(
+    size: float, unit: str, scale: float, tmp_path: Path
+) -> None:
+    """The unit of three axes by gravity; the file of the force first, whatever the order."""
+    rng, t = np.random.default_rng(0), np.arange(3000) / 3000
+    force = 300 * np.exp(-0.5 * ((t - 0.3) / 1e-3) ** 2)
+    axes = 0.01 * rng.normal(size=(3000, 3)) + np.array([0, 0, size])
+    for name, values, head in (("acc", axes, "accel_x,accel_y,accel_z"), ("hammer", force[:, None], "force")):
+        np.savetxt(
+            tmp_path / f"{name}.csv", np.column_stack([t, values]), "%.8g", ",", header=f"time,{head}", comments=""
+        )
+    study = new(tmp_path, tmp_path / "acc.csv", tmp_path / "hammer.csv")
+    recorded = study.experiment.as_recorded()
+    (file,) = recorded.files
+    assert (Path(file.path).name, [Path(path).name for path in file.also]) == ("hammer.csv", ["acc.csv"])
+    outputs = [c for c in recorded.channels if c.role == "y"]
+    assert {(c.unit, c.scale, c.file) for c in outputs} == {(unit, scale, 2)}
+
+
+def test_torques_and_positions_by_the_names_of_their_files_are_one_measurement(motion: Path, tmp_path: Path) -> None:
+    """Files with the same headings: joint_effort and joint_position."""
+    rows = np.loadtxt(motion, delimiter=";", skiprows=1)
+    for name, columns in (("joint_position", [0, 2, 4]), ("joint_effort", [0, 1, 3])):
+        np.savetxt(tmp_path / f"{name}.csv", rows[:, columns], "%.8g", ",", header="time,j1,j2", comments="")
+    study = new(tmp_path, tmp_path / "joint_position.csv", tmp_path / "joint_effort.csv")
+    channels = {(c.role, c.channel, c.file) for c in study.experiment.as_recorded().channels}
+    assert channels == {("u", "j1", 1), ("u", "j2", 1), ("y", "j1", 2), ("y", "j2", 2)}
+    assert study.friction is not None

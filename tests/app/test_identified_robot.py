@@ -7,11 +7,12 @@ import pytest
 from plants.taken_friction import taken_friction
 from plants.two_mass_gear import RATIO, Gear, robot
 
-from elastid.app.identified_robot import SLOPE, WITH_COULOMB, contents, truth, with_findings
+from elastid.app.identified_robot import SLOPE, contents, truth, with_findings
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs
 from elastid.parameters import Parameter, Parameters
+from elastid.report.content import WITH_COULOMB
 from elastid.robot import Body, Friction, Hysteresis, Joint, Motor, Robot, Spring
 from elastid.robot.simplified import with_joints
 

@@ -1,6 +1,7 @@
 """Stiffness, damping and the delay of the commands from references and encoders alone, without any torque."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,27 @@ def test_wrong_damping_gain_moves_viscous_friction_alone(tmp_path: Path, monkeyp
     truth = {"k_1": JOINT.k, "d_1": JOINT.d, "delay_r": JOINT.delay_s}
     assert max(map(abs, distances(result, **truth).values())) < 4
     assert result.parameters.as_dict(result.x)["fm_1"] == pytest.approx(JOINT.fm + JOINT.kd / 6, rel=0.05)
+    value, half = combination(result)
+    assert abs(value - JOINT.fm - JOINT.kd) < 2 * half
+
+
+@pytest.mark.slow
+def test_sum_of_damping_gain_and_friction_is_stated_for_free_gains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a prior of 20 % of each gain neither k_d nor friction is identified, but their sum is."""
+    study = JOINT.write(tmp_path / "a", stated=(JOINT.kp, JOINT.kd / 1.2), **GAINS)
+    result = fitted(study, monkeypatch)
+    value, half = combination(result)
+    assert abs(value - JOINT.fm - JOINT.kd) < 2 * half
+    assert half < 1.96 * result.std["fm_1"] / 4
+
+
+def combination(result: Result) -> tuple[float, float]:
+    """The sum of velocity gain and viscous friction, and half its interval, as noted."""
+    (text,) = (note.text for note in result.notes if note.code == "fit/combination" and "fm (link side)" in note.text)
+    value, half = re.search(r"motor 1 ([\d.]+) \+- ([\d.]+)", text).groups()
+    return float(value), float(half)
 
 
 @pytest.mark.slow

@@ -154,7 +154,7 @@ def test_references_alone_give_stiffness_damping_and_delay(rate: int, makes: Mod
     T_i = [time_s + TICK_S for time_s in rig.GAINS["ti"]]
     K_v = [gain * time_s / (time_s - TICK_S) for gain, time_s in zip(rig.GAINS["kv"], T_i, strict=True)]
     gains = {"position_gain": rig.GAINS["kp"], "velocity_gain": K_v, "integral_time": T_i}
-    controller = gains | {"velocity_feed_forward": 1, "ticks": ticks, "reference": {"cycle": 1 / rate}}
+    controller = gains | {"velocity_feedforward": 1, "ticks": ticks, "reference": {"cycle": 1 / rate}}
     channels = [
         {"role": role, "at": f"motor {j}", "channel": f"{name}_{j}", "quantity": "position", "unit": "rad"}
         for role, name in (("reference", "command"), ("y", "position"))

@@ -218,8 +218,10 @@ def test_the_template_plans_references_and_check_foretells_their_margin(tmp_path
     small = ["experiment.configurations={a: [0, 20 deg]}", "experiment.realisations=1", "excitation.period=2 s"]
     small_study = load(study, small).study
     problem = problem_of(small_study)
-    expected = expected_use(problem.rig(problem.plan(small_study.experiment)), 0.1).used.max()
-    assert f"{1 - expected:.0%}" in overview(small_study)
+    plan = problem.plan(small_study.experiment)
+    expected = expected_use(problem.rig(plan), 0.1).used.max()
+    assert f"({100 * expected:.0f} %)" in overview(small_study)
+    assert f"{plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz" in overview(small_study)
     command = ["run", str(study), "design", "--run", str(tmp_path / "run"), "-q", "--jobs", "1"]
     assert run_command([*command, *(word for change in small for word in ("--set", change))]) == 0
     assert sorted(path.name for path in (tmp_path / "run" / "references").iterdir()) == [

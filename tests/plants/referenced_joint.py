@@ -77,7 +77,7 @@ class ReferencedJoint:
             rows = self.log(1000 * seed + i, noise=noise, row=row)[::every]
             np.savetxt(folder / f"m{i}.csv", rows, "%.14g", ",", header="command,angle", comments="")
         kp, kd = stated or (self.kp, self.kd)
-        controller = {"position_gain": kp / kd, "velocity_gain": kd, "velocity_feed_forward": self.forward}
+        controller = {"position_gain": kp / kd, "velocity_gain": kd, "velocity_feedforward": self.forward}
         if every > 1:
             controller |= {"reference": {"cycle": 1 / RATE, "interpolation": "hold"}, "ticks": 1}
         if self.exact_velocity:

@@ -34,6 +34,16 @@ def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
 
 
+def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mirrored_torque() -> None:
+    """u = J a - k_d v with a motion from outside; alone, the same torque has the wrong sign."""
+    (q, v, a, _), noise = moved(0), np.random.default_rng(9).standard_normal(len(T))
+    u = 0.1 * a - 8 * v + 5.5 * np.std(v) * np.convolve(noise, np.ones(400) / 20, "same")
+    assert torque_relation(u, q, 0, RATE).is_against_motion
+    assert not torque_relation(u, q, 0, RATE, others=[(moved(1)[0], 0)]).is_against_motion
+    mirrored = -moved(0)[3]
+    assert torque_relation(mirrored, q, 0, RATE, others=[(moved(1)[0], 0)]).is_against_motion
+
+
 def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
     """In any order; angles in deg beside speeds in rad/s, of which the second angle is mirrored."""
     joints = [moved(k) for k in range(2)]

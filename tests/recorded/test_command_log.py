@@ -78,7 +78,7 @@ def test_channels_of_a_study_have_units_and_its_controller_gains(
     }  # fmt: skip
     torque = ChannelSpec("u", "motor hip", "c")
     channels = (*of_role["reference"], *of_role["y"], torque)
-    controller = CascadeSpec(position_gain=20.0, velocity_gain=(1.0, 2.0), velocity_feed_forward=1.0)
+    controller = CascadeSpec(position_gain=20.0, velocity_gain=(1.0, 2.0), velocity_feedforward=1.0)
     recorded = RecordedSpec(400.0, channels, (FileSpec("log.npz"),), controller=controller)
     log = read_study_log(path, recorded, ROBOT)
     np.testing.assert_allclose(log.command, signals["command"])

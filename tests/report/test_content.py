@@ -64,7 +64,7 @@ def test_numbers_are_in_makers_units_with_intervals_or_bounds() -> None:
     assert stiffness[2] == "N*m/arcmin"
     assert float(stiffness[3]) == pytest.approx(2e5 / ARCMIN, rel=1e-3)
     assert float(stiffness[-1]) == pytest.approx(2.1e5 / ARCMIN, rel=1e-3)
-    assert error[1].endswith("at 29 deg")
+    assert error[1].endswith(" 29 deg")
     assert error[2] == "arcsec"
     assert float(error[3]) == pytest.approx(2e-5 * ARCSEC, abs=0.05)
     assert unseen[3:6] == ["< 0.30", "–", "not significant"]

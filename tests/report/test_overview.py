@@ -11,10 +11,20 @@ from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
 from elastid.experiment.simulated.plant import true_response
-from elastid.fit.result import DISTORTED, NO_CAUSE, OTHER_JOINTS, ModificationIndex, Result, RigidPart
+from elastid.fit.result import (
+    BY_PRIOR,
+    DISTORTED,
+    GOOD,
+    NO_CAUSE,
+    OTHER_JOINTS,
+    UNCERTAIN,
+    ModificationIndex,
+    Result,
+    RigidPart,
+)
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
-from elastid.report.content import ResponsesContent, parameter_rows
+from elastid.report.content import WITH_COULOMB, ResponsesContent, parameter_rows
 from elastid.report.overview import (
     next_steps,
     numbers_answer,
@@ -70,6 +80,21 @@ def test_the_answer_says_how_exact_what_was_held_must_be():
     assert numbers_answer(result, rows).startswith("Yes, if")
     assert numbers_answer(result, [replace(rows[0], truth=1.0), *rows[1:]]) == "Yes."
     assert numbers_answer(replace(result, notes=()), rows) == "Yes."
+
+
+def test_an_uncompensated_motor_is_excepted_from_good_numbers() -> None:
+    """Coulomb friction in a viscous coefficient: neither "good" nor an accuracy holds for it."""
+    result = replace(fit_result(), status="converged", cost_dof=200.0, notes=(), indices=())
+    rows = rows_of(result)
+    mixed = [replace(row, contains=WITH_COULOMB if row is rows[-1] else "") for row in rows]
+    assert numbers_answer(result, mixed).count(rows[-1].name) == 1
+    assert numbers_answer(result, rows).count(rows[-1].name) == 0
+
+
+def test_parameters_of_the_prior_are_not_counted_as_identified_by_data() -> None:
+    weak = Note("fit/weakly-identifiable", "", "d_1")
+    result = settled(verdicts=(BY_PRIOR, UNCERTAIN, GOOD, BY_PRIOR), notes=(weak,))
+    assert numbers_of(result.meaning.partition(";")[0]) == [1, 4, 2, 1]
 
 
 def settled(**changes) -> Result:

@@ -185,6 +185,16 @@ def test_errors_of_an_override_name_it(tiny: Path, override: str, message: str) 
     assert message in error
 
 
+@pytest.mark.parametrize("name", ["motor_bench", "go2"])
+def test_missing_logs_of_measured_robots_state_their_origin_once(name: str, tmp_path: Path) -> None:
+    """A clone has the studies of measured robots, not their records."""
+    (tmp_path / "real").mkdir()
+    text = (TEMPLATES.parents[2] / "configs" / "real" / f"{name}.yml").read_text()
+    study = tmp_path / "real" / f"{name}.yml"
+    study.write_text(text.replace("../robots", str(TEMPLATES.parents[2] / "configs" / "robots")))
+    assert sum("github.com" in error for error in errors(study)) == 1
+
+
 @given(data=st.data())
 @settings(deadline=None, max_examples=60)
 def test_no_text_breaks_the_reader(

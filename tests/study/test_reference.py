@@ -70,6 +70,8 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
         assert all(" ".join(part.split()) in words for part in parts)
     assert "60000 N*m/rad" in explained("k_2", ROOT / "configs" / "gear.yml")
     assert all("\n" in explained(name) for name in ("fm_1", "delay", "h_1", "e1_2"))
+    channels = {explained(f"{name}_motor_1") for name in ("gain_kp", "gain_kd", "gain_u", "delay_r", "delay_u")}
+    assert len({text.partition("\n")[2] for text in channels}) == 5
     assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
     assert explain("fit.criterion") in explain("criterion").split("\n\n")
     assert explain("fit.parameters.k_1") == explain("fit.parameters")

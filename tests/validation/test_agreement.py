@@ -61,6 +61,16 @@ def test_systematic_errors_of_known_size_are_no_misfit():
     assert not are_white([unknown])
 
 
+def test_elements_and_matrix_have_one_ratio_of_residuals_to_noise():
+    """A variance of few realisations, smoothed over lines: both ratios are 1 of a correct model, and the same."""
+    rng, dof = np.random.default_rng(4), 3
+    G = np.full((240, 1, 1), 10.0 + 0j)
+    std = 0.1 * np.sqrt(rng.chisquare(2 * dof, G.shape) / (2 * dof))
+    judged = agreement(response(G + 0.1 * circular(rng, G.shape), std, dof), response(G))
+    assert judged.overall_rms_sigma == pytest.approx(math.sqrt(judged.power_ratio), rel=5e-3)
+    assert judged.overall_rms_sigma == pytest.approx(1.0, abs=0.1)
+
+
 def test_an_element_that_the_model_decouples_has_a_finite_error():
     """A modelled zero counts as sigma: 20 dB for a measurement ten sigma high."""
     judged = agreement(response(np.full((240, 1, 1), 1.0 + 0j), std=0.1), response(np.zeros((240, 1, 1))))

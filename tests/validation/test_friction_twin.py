@@ -23,7 +23,7 @@ from elastid.validation.twin import TORQUE, TwinRun
 
 RATE_HZ, SECONDS = 500.0, 12.0
 COULOMB, VISCOUS = 20.0, 15.0
-CASCADE = CascadeSpec(30.0, 400.0, integral_time=0.05, velocity_feed_forward=1.0)
+CASCADE = CascadeSpec(30.0, 400.0, integral_time=0.05, velocity_feedforward=1.0)
 TORQUE_STD = 0.2
 
 

@@ -46,7 +46,7 @@ def estimate(study: Study, work: Work) -> Artefacts:
     responses = [response for response, _ in estimates]
     reported = {note for _, notes in estimates for note in notes}  # when the records were measured
     notes = [note for note in notes_of(responses) if note not in reported]
-    return _artefacts(responses, notes_before_gears(notes, study.gears is not None), friction)
+    return _artefacts(responses, notes_before_gears(notes, work.has_gears), friction)
 
 
 def import_responses(study: Study, work: Work) -> Artefacts:

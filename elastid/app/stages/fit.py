@@ -1,14 +1,19 @@
 """fit: responses -> fit.h5 and summary.json, and the table of parameters at the end of a run."""
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from elastid.app.console import Console, result_table
-from elastid.app.identified_robot import WITH_COULOMB, contents, robot_files, truth
+from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
 from elastid.base.errors import FitError, MisfitError, notes_of
+from elastid.base.names import SEPARATOR
+from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
@@ -17,7 +22,7 @@ from elastid.fit.result import HELD_AS_EXACT, Result
 from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
+from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import (
     OPEN_GEARS,
     accuracy,
@@ -27,6 +32,8 @@ from elastid.report.overview import (
     residual_sentence,
 )
 from elastid.response import Response
+from elastid.robot import Robot
+from elastid.simulation.controller import loop_of
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
@@ -42,6 +49,9 @@ def fit(study: Study, work: Work) -> Artefacts:
     """
     robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
+    recorded, loop = study.experiment.recorded, None
+    if recorded is not None and recorded.has_commands_alone and recorded.controller is not None:
+        loop = loop_of(recorded.controller, len(robot.driven))
     tests: Sequence[PlacedTest] = ()
     tapped: list[Response] = []
     if study.loads is not None:
@@ -65,7 +75,8 @@ def fit(study: Study, work: Work) -> Artefacts:
     # The fixed values and the base of a simulated robot are exact.
     exact = () if study.experiment.simulated is None else (HELD_AS_EXACT, "fit/assumed-rigid")
     noted = [note for note in result.notes if note.code not in exact]
-    result = replace(result, notes=(*noted, *notes_of(tapped)))
+    loop_notes = () if loop is None else loop_note(result, robot, loop)
+    result = replace(result, notes=(*noted, *notes_of(tapped), *loop_notes, *combination_notes(result)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
@@ -74,16 +85,16 @@ def fit(study: Study, work: Work) -> Artefacts:
     content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
-        every = notes_before_gears(result.shown_notes, study.gears is not None)
+        every = notes_before_gears(result.shown_notes, work.has_gears)
         # The end of the run has the first cause.
-        is_last = console.verbosity >= 0 and study.gears is None and bool(result.cause[0])
+        is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""
         console.notes((note for note in every if str(note) != first), on_page=True)
         seconds = (second.words for second in (result.static, result.tool) if second is not None)
         reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
         status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")
         for words in (f"{status}; {result.converged_starts}", *seconds):
-            console.say(f"fit: {'linear model: ' * (study.gears is not None)}{words}")
+            console.say(f"fit: {'linear model: ' * work.has_gears}{words}")
 
     files = robot_files(study.name, robot, result, friction, responses.names)
     robots = {file: text(robot_file) for file, robot_file in files}
@@ -127,13 +138,15 @@ def conclude(run: Run) -> None:
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction, opened)
     run.console.table(result_table(result.display, rows))
-    for line in _legend(result, rows, friction):
+    for line in _legend(run.study.as_robot(), result, rows, friction):
         run.console.say(line)
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
-    if opened is not None:
         run.console.say(f"gears: {gear_line(opened)}")
-    if estimated and (mixed := ", ".join(row.name for row in rows if row.contains == WITH_COULOMB)):
+    for note in result.notes:
+        if note.code == COMBINATION:
+            run.console.say(note.text)
+    if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
         run.console.say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
@@ -149,36 +162,52 @@ def conclude(run: Run) -> None:
     run.console.say(f"{status}: {result.message if explained else meaning}")
 
 
-SYMBOLS = {
-    "joint {} (link side)": {"k": "stiffness", "d": "damping", "f": "viscous friction"},
-    "motor {} (motor side)": {
-        "fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft",
-    },
-    "body {}": {"m": "mass", "I": "inertia"},
-    "the outputs relative to the inputs": {"delay": "time delay"},
-}  # fmt: skip
+OF_JOINTS = {"k": "stiffness", "d": "damping", "f": "viscous friction"}
+# Owner, whether it is a joint with a motor, and families of parameters.
+SYMBOLS = (
+    ("joint {} between motor and link (link side)", True, OF_JOINTS),
+    ("elastic joint {} (bearing or link, no motor)", False, OF_JOINTS),
+    (
+        "motor {} (motor side)", None,
+        {"fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft"},
+    ),
+    ("body {}", None, {"m": "mass", "I": "inertia"}),
+    ("the outputs relative to the inputs", None, {"delay": "time delay"}),
+)  # fmt: skip
+NAMED = 4  # values that the fit varied within their tolerances, from which on their number stands for their names
 STD_PARTS = {
-    "std_noise": "noise",
-    "std_prior": "tolerances of the robot model, with default values if it states none",
+    "std_noise": "measurement noise",
+    "std_prior": "tolerances of the robot model",
 }
 
 
-def _legend(result: Result, rows: Sequence[ParameterRow], friction: FrictionTakenOut | None) -> Iterator[str]:
-    first = {row.name.partition("_")[0]: row.name for row in reversed(rows)}
+def _legend(
+    robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: FrictionTakenOut | None
+) -> Iterator[str]:
+    named = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []
-    for owner, families in SYMBOLS.items():
-        of_owner = [family for family in families if family in first]
-        names = ", ".join(f"{first[family]} ({families[family]})" for family in of_owner)
-        groups += [f"{names} of {owner.format(first[of_owner[0]].partition('_')[2])}"] if of_owner else []
+    for owner, has_motor, families in SYMBOLS:
+        of_owner = {
+            family: (name, place)
+            for name, family, place in named
+            if family in families and has_motor in (None, place.partition(SEPARATOR)[0] in robot.driven_names)
+        }
+        names = ", ".join(f"{of_owner[family][0]} ({families[family]})" for family in families if family in of_owner)
+        groups += [f"{names} of {owner.format(next(iter(of_owner.values()))[1])}"] if of_owner else []
     if groups:
         yield f"Names: {'; '.join(groups)}"
-    examples = ["the assumed model error"] * (result.model_error > 0)
-    examples += ["of the friction compensation"] * bool(friction and friction.shapes)
-    meanings = {**STD_PARTS, "std_systematic": ", for example ".join(["other errors", *examples[:1]])}
-    if parts := [name for name in result.display.headings if name in meanings]:
-        squares = " + ".join(f"{name}^2" for name in parts)
-        yield f"std^2 = {squares}. {'; '.join(f'{name}: {meanings[name]}' for name in parts)}"
-    elif result.exceeds_noise:
+    errors = ["the assumed model error"] * (result.model_error > 0)
+    errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
+    meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "other systematic errors"])}
+    if stds := [name for name in result.display.headings if name in meanings]:
+        varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
+        more = ", ".join(varied) if len(varied) < NAMED else f"{len(varied)} values of the robot model"
+        yield f"The fit also varied {more} within the tolerances (default tolerances, if the robot model states none)"
+        yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
+    profiles = zip(rows, result.profile95, strict=False)
+    if by_profile := ", ".join(row.name for row, ends in profiles if not np.isnan(ends).any()):
+        yield f"95 % intervals of {by_profile}: by profile likelihood, not symmetric to the estimate"
+    if not stds and result.exceeds_noise:
         yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 
 
@@ -199,5 +228,6 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
         step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
     command = step.text
     if command.startswith("--"):
-        command = f"elastid run {run.loaded.path} --run {run.folder} {command}"
+        overrides = "".join(f"--set {shlex.quote(override)} " for override in run.loaded.overrides)
+        command = f"elastid run {run.loaded.path} --run {run.folder} {overrides}{command}"
     yield " ".join(filter(None, ("What next?", step.what, step.gain, command and f"`{command}`")))

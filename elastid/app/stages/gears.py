@@ -59,7 +59,8 @@ def gears(study: Study, work: Work) -> Artefacts:
         linear = [*result.notes, *notes_of(responses)]
         console.notes(opened.left_open(note for note in linear if note.code in ANSWERED))
         console.notes(opened.notes)
-        (console.warn if opened.refused else console.say)(f"gears: {gear_line(opened)}")
+        if opened.refused:  # the end of the run has the effects
+            console.warn(f"gears: {gear_line(opened)}")
 
     return Artefacts(files, report)
 

@@ -93,7 +93,7 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
     if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None
-    geometry = modal.geometry or geometry_of_files(study.experiment.responses, work.base)
+    geometry = modal.geometry or geometry_of_files(study.experiment, work.base)
     of_band = [np.isin(G.freq_hz, picked.at_hz) for G, picked in zip(responses, modes, strict=True)]
     shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
     stamp = work.stamp

@@ -65,7 +65,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     verdict = judged.verdict
     if result.cause[0].startswith(REQUIRED):  # of a value other than the nominal one
         value = result.cause[0].removeprefix(REQUIRED).partition(";")[0].strip()
-        verdict = verdict.replace("The model", f"With {value}, the model")
+        verdict = verdict.replace(". The model", f" with {value}. The model", 1)
     judged = replace(judged, predictions=tuple(predictions), verdict=verdict)
 
     def report(console: Console) -> None:

@@ -43,7 +43,7 @@ SCALE = "scale"  # family of channels in another unit, whose readings follow fro
 # Remedies; a command to copy is at the end, after a colon.
 FREE_MOTORS = "Free the viscous friction of all motors, which the robot model lacks: `--set 'fit.parameters.fm_*={}'`"
 CHECK_OR_PRIOR = (
-    "Correct {name} in the robot model, or estimate it with the stated value and a std of {size} as prior: "
+    "Correct {name} in the robot model, or estimate it (prior: value of the robot model, std {size}): "
     "`--set 'fit.parameters.{name}={{prior: {{std: {usual:g}}}}}'`"
 )
 

@@ -180,14 +180,23 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
     return LadderFit(chosen, fits, taken, where, ladder[-1])
 
 
+def transient_reach(n_y: int, n_z: int) -> int:
+    """Bins on either side of a line within which the window of its transient is, if half of the bins are unexcited."""
+    return 2 * _transient_ladder()[-1].width(n_y + 5, 1, n_z) + 2
+
+
 def fitted_transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
     """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None with too few unexcited bins."""
     if len(rest) <= _ORDER + _POLES + 1:
         return None
-    ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
+    ladder = _transient_ladder()
     # The noise estimate has five degrees of freedom more than there are outputs.
     where = windows(rest, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
     return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).chosen
+
+
+def _transient_ladder() -> tuple[WindowTerms, ...]:
+    return tuple(WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES))
 
 
 def _power(fit: LocalFit) -> FloatArray:

@@ -39,7 +39,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, IntArray, quotient
+from elastid.base.arrays import PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
 from elastid.base.errors import DataError, Note, notes_of
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
@@ -57,6 +57,7 @@ from elastid.frf.local.least_squares import (
     WindowTerms,
     fit_ladder,
     fitted_transient,
+    transient_reach,
     window_power,
     windows,
 )
@@ -189,25 +190,58 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
     return cut, (Note("frf/window", text, where),)
 
 
+def _spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> ComplexArray:
+    r"""Complex amplitudes (B, c) of samples of signals (n, c), P periods of N, at bins b, one channel after the other.
+
+    Near the lines b = k P + r a few offsets r suffice: with the sums of period p turned by them, a DFT of N samples,
+
+    .. math:: X(k P + r) = \sum_m e^{-2 \pi j (k m / N + r m / P N)} \sum_p x_{p N + m} e^{-2 \pi j r p / P}
+    """
+    N, amplitudes = (used.stop - used.start) // P, np.empty((len(bins), signals.shape[1]), np.complex128)
+    r = (bins + P // 2) % P - P // 2
+    offsets, of_bin = np.unique(r, return_inverse=True)
+    turns = np.exp(-2j * np.pi / P * np.outer(offsets, np.arange(P)))
+    turns, step = np.concatenate([turns.real, turns.imag]), max(1, PIECE_VALUES // N)
+    for i in range(signals.shape[1]):
+        if 2 * len(offsets) >= P:  # the whole spectrum is as short
+            amplitudes[:, i] = rfft(signals[used, i])[bins]
+        else:
+            sums = np.zeros((2 * len(offsets), N))
+            for p in range(0, P, step):
+                start, stop = used.start + p * N, used.start + min(P, p + step) * N
+                sums += turns[:, p : p + step] @ signals[start:stop, i].reshape(-1, N)
+                release(signals)
+            real, imaginary = np.split(sums, 2)
+            turned = (real + 1j * imaginary) * np.exp(-2j * np.pi / (P * N) * np.outer(offsets, np.arange(N)))
+            amplitudes[:, i] = np.fft.fft(turned, axis=1)[of_bin, (bins - r) // P % N]
+        release(signals)
+    return np.asarray(amplitudes * (2 / (P * N)))
+
+
 def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SettledSpectra:
     """The spectra of a record at lines (F,) of its period without the transient; `dropped` periods are not used."""
     P = record.n_periods - dropped
     used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
     n = used.stop - used.start
-    freq_hz = np.arange(n // 2 + 1) * record.rate_hz / n
-    Y, U, R = (None if x is None else rfft(x[used], axis=0) * (2 / n) for x in (record.y, record.u, record.r))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        Z = np.concatenate([Y, U], axis=1) * unit_scale(record, freq_hz, quantity)
     n_y, bins = len(record.outputs), lines * P
     # The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines.
-    inner = np.arange(1, len(Z) - 1)
+    reach = transient_reach(n_y, n_y + len(record.inputs))
+    if (2 * reach + 1) * len(bins) < n // 2:
+        inner = np.unique(np.clip(bins[:, None] + np.arange(-reach, reach + 1), 1, n // 2 - 1))
+    else:
+        inner = np.arange(1, n // 2)
     rest = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
-    fit, at_lines = fitted_transient(Z[rest], rest, bins, n_y), Z[bins]
+    wanted = np.concatenate([bins, rest])
+    Y, U, R = (None if x is None else _spectra_at(x, used, wanted, P) for x in (record.y, record.u, record.r))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        Z = np.concatenate([Y, U], axis=1) * unit_scale(record, wanted * record.rate_hz / n, quantity)
+    at_lines, between = np.split(Z, [len(bins)])
+    fit = fitted_transient(between, rest, bins, n_y)
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
     if fit is not None:
         at_lines = at_lines - fit.T[:, 0]
         noise, dof = fit.scatter / fit.dof * (1 + fit.T_left[:, 0, None, None]), fit.dof
-    Y, U, R = at_lines[:, :n_y], at_lines[:, n_y:], None if R is None else R[bins]
+    Y, U, R = at_lines[:, :n_y], at_lines[:, n_y:], None if R is None else R[: len(bins)]
     return SettledSpectra(Y, U, R, n_periods=P, settled=fit is not None, noise=noise, dof=dof)
 
 

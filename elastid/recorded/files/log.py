@@ -130,6 +130,8 @@ class ArrayLog:
         """Name and array that hold a channel; DataError where it is missing or no signal."""
         name, shapes = channel.channel.strip("/"), self.shapes()
         name = next(iter(shapes)) if not name and len(shapes) == 1 else name
+        if not name and 0 < (channel.column or 0) <= len(shapes):  # the number of a signal
+            name = list(shapes)[(channel.column or 1) - 1]
         if name not in self.arrays:
             raise DataError("records/channels", missing_channel(self.path, channel, shapes))
         if name not in shapes:
@@ -139,6 +141,8 @@ class ArrayLog:
 
     def _signal(self, channel: ChannelSpec, part: slice, stored: dict[str, FloatArray]) -> FloatArray:
         name, array = self.array_of(channel)
+        if not channel.channel and len(self.shapes()) > 1:
+            channel = replace(channel, channel=name, column=None)
         is_part = part != slice(None) and array.rows is not None and array.has_pieces
         if name not in stored:
             values = array.rows(part) if is_part and array.rows is not None else np.squeeze(np.asarray(array))

@@ -33,6 +33,8 @@ _COMPRESSED: dict[bytes, Any] = {b"\x1f\x8b": gzip, b"BZh": bz2, b"\xfd7zXZ": lz
 _MAX_BYTES = 1 << 30
 _HEAD_LINES, _LEAST_PROPERTIES = 100, 3  # lines in which data start, and those with a property and its numbers
 _SAMPLE_TIME = "SampleTime[ms]"  # property of TwinCAT Scope, below its column of times in ms
+_END = "EOF"  # last row of such an export
+_TIMES = re.compile(r"time \d+ \[ms\]")  # headings of these columns
 _HEAD_BYTES = 1 << 16  # of a large text, which show its code
 BLOCK_LINES = 1 << 16  # of a large text that are in memory at a time
 WRITTEN_OTHERWISE = "; it seems to be written with "
@@ -43,6 +45,7 @@ class TextLog(Log):
     """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start.
 
     units: of the columns, where a line below the headings states them; of those it does not state, empty texts.
+    sample_ms: sample time of each column, if these differ (TwinCAT Scope); a slower column ends in empty cells.
     """
 
     path: Path
@@ -52,6 +55,7 @@ class TextLog(Log):
     first: int
     n_columns: int
     units: tuple[str, ...] = ()
+    sample_ms: tuple[float, ...] = ()
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Every column with its length, by heading or else by number."""
@@ -60,11 +64,30 @@ class TextLog(Log):
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
         """Columns by heading, which may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
-        return [(name, (len(self.number_lines) - self.first,)) for name in names]
+        return [(name, (self._length(i),)) for i, name in enumerate(names)]
+
+    def _length(self, column: int) -> int:
+        """Samples of a column, all columns starting at the same time."""
+        n = len(self.number_lines) - self.first
+        return int((n - 1) * min(self.sample_ms) / self.sample_ms[column] + 1e-6) + 1 if self.sample_ms and n else n
+
+    def _start_ms(self, column: int) -> float:
+        """First stamp of the times that belong to a column."""
+        times = [i for i in range(column + 1) if _TIMES.fullmatch(self.headings[i])]
+        return float(_fields(self.number_lines[self.first], self.format)[times[-1]]) if times else 0.0
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
-        """Values (n_samples, n_c) of the channels; DataError for a heading or column that is not in the file."""
-        return self.columns([self._column(channel) for channel in channels], part)
+        """Values (n_samples, n_c) of the channels; DataError for one that is not in the file, or of another rate."""
+        wanted = [self._column(channel) for channel in channels]
+        if len({self._length(column) for column in wanted}) > 1:
+            listed = ", ".join(f"{self.headings[i]} {self.sample_ms[i]:g} ms" for i in wanted)
+            problem = f"the sample times differ: {listed}. Give each channel its rate_hz"
+            raise DataError("records/clock", problem, self.path)
+        if self.sample_ms and wanted and (lead := self._start_ms(wanted[0]) - self._start_ms(0)):
+            order = f"{abs(lead):g} ms {'after' if lead > 0 else 'before'}"
+            problem = f"{self.headings[wanted[0]]} starts {order} {self.headings[0]}"
+            raise DataError("records/clock", f"{problem}. Export both with one sample time", self.path)
+        return self.columns(wanted, part)
 
     @property
     def is_large(self) -> bool:
@@ -73,7 +96,7 @@ class TextLog(Log):
 
     def columns(self, wanted: Sequence[int], part: slice = slice(None)) -> FloatArray:
         """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
-        needed, end = sorted(set(wanted)), len(self.number_lines)
+        needed, end = sorted(set(wanted)), self.first + max(map(self._length, wanted))
         if self.is_large:
             rows = range(self.first, end)[part]
             parts = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
@@ -168,6 +191,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
             "records/text", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
         )
     lines, numbers = _lines(path, text)
+    if len(numbers) > 1 and numbers[-1].strip() == _END:
+        numbers = replace(numbers, n=numbers.n - 1) if isinstance(numbers, FileLines) else numbers[:-1]
     first = _data_start(numbers, text.header_lines, text)
     if first >= len(numbers) and not any(line.strip() for line in lines):
         raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
@@ -180,8 +205,11 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         )
     n_columns = len(_fields(numbers[first], text))
     headings = _headings(lines[:first], text, n_columns)
-    units = _units(lines[:first], text, headings)
-    yield TextLog(path, text, numbers, headings, first, n_columns, units)
+    units, sample_ms = _units(lines[:first], text, headings), _sample_times(lines[:first], text, n_columns)
+    if sample_ms and delimiter is None:  # an empty cell moves those behind it
+        problem = "channels of several sample times between blanks. Export it with tabs or semicolons"
+        raise DataError("records/text", problem, path)
+    yield TextLog(path, text, numbers, headings, first, n_columns, units, sample_ms)
 
 
 def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[str]]:
@@ -241,7 +269,8 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
 
     def numbers_less_words(text: TextFormatSpec) -> int:
         plain = plain_numbers("\n".join(lines), text).splitlines()
-        return sum(1 if _is_number(field) else -1 for line in plain for field in _fields(line, text))
+        fields = [field for line in plain for field in _fields(line, text) if field]
+        return sum(1 if _is_number(field) else -1 for field in fields)
 
     scored = [(numbers_less_words(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
     return max(scored, key=lambda pair: pair[0])
@@ -333,18 +362,24 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
     return tuple(f"time {i} [ms]" if time == _SAMPLE_TIME else name for i, (name, time) in pairs)
 
 
+def _sample_times(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[float, ...]:
+    """Sample times in ms of the columns of a TwinCAT Scope export, a column of times before its channels; else none."""
+    rows = (fields for line in head if (fields := _fields(line, text)) and fields[0] == _SAMPLE_TIME)
+    fields = next((fields for fields in rows if len(fields) == n_columns), [])
+    following = [fields[i + 1] if field == _SAMPLE_TIME else field for i, field in enumerate(fields)]
+    times = tuple(float(number) if _is_number(number := field.replace(",", ".")) else 0.0 for field in following)
+    return times if len(set(times)) > 1 and min(times) > 0 else ()
+
+
 def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -> tuple[str, ...]:
     """Header row other than the headings with units of the columns, in brackets or not; None without such a row."""
-    for line in head:
-        fields = _fields(line, text)
-        units = tuple(field.strip("[]()") for field in fields)
-        if (
-            len(units) == len(headings)
-            and fields != list(headings)
-            and fields[0] != _SAMPLE_TIME
-            and any(usual_spelling(unit) in TABLE for unit in units)
-        ):
-            return units
+    rows = [fields for line in head if len(fields := _fields(line, text)) == len(headings)]
+    if is_scope := any(fields[0] == _SAMPLE_TIME for fields in rows):
+        rows = [fields for fields in rows if fields[0] == "Unit"]
+    for fields in rows:
+        units = tuple((field.partition(" (")[0] if is_scope else field).strip("[]()") for field in fields)
+        if fields != list(headings) and any(usual_spelling(unit) in TABLE for unit in units):
+            return tuple("" if unit in ("None", "Unit") else unit for unit in units) if is_scope else units
     return ()
 
 

@@ -26,7 +26,7 @@ from elastid.recorded.repair.masks import (
     without_standstill,
     without_stops,
 )
-from elastid.recorded.repair.outliers import without_spikes
+from elastid.recorded.repair.outliers import outliers_of, without_spikes
 from elastid.recorded.repair.periodicity import MIN_PERIODS, grid_samples
 from elastid.recorded.repair.time_stamps import at_times, resampled
 
@@ -59,7 +59,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
             )
         result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
         poor |= of_channel
-        outliers = f"{log.names[c]}: {missing.size} of {len(good)} samples differ"
+        outliers = outliers_of(log.names[c], missing.size, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, missing.size, "" if is_reported else f"{text}. They are {REPLACED}")
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)

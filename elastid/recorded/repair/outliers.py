@@ -85,6 +85,11 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     return _masked(signals, at, "their neighbours", log)
 
 
+def outliers_of(name: str, count: int, n: int) -> str:
+    """Return the number of outliers among n samples of a channel, in words."""
+    return f"{name}: {count} of {n} samples are outliers"
+
+
 def _masked(
     signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
 ) -> FloatArray:
@@ -93,9 +98,10 @@ def _masked(
     for c, at in enumerate(spikes):
         if at.size == 0:
             continue
-        text = f"{log.names[c]}: {at.size} of {len(signals)} samples are spikes against {reference}"
+        test = f"(Hampel test against {reference}, limit {MIN_SIGMAS:g} std)"
+        text = f"{outliers_of(log.names[c], at.size, len(signals))} {test}"
         if at.size >= MAX_FRACTION * len(signals):
-            log.report("spikes left", at.size, f"{text}: too many, left unchanged")
+            log.report("spikes left", at.size, f"{text}, which is too many. They are left unchanged")
             continue
         result[at, c] = np.nan
         log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")

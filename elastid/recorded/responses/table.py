@@ -22,6 +22,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.modal.spec import GeometrySpec
 from elastid.recorded.files.log import StoredArray
@@ -292,17 +293,21 @@ def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     return outputs, tuple(dict.fromkeys(place_of(data_set, "ref") for data_set in sets))
 
 
-def geometry_of_files(spec: ResponsesSpec | None, folder: Path) -> GeometrySpec | None:
+def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec | None:
     """Geometry of the first universal file with nodes at locations of the study; None without one."""
-    paths = () if spec is None else (folder / file.path for file in spec.files)
-    read = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
+    spec = experiment.responses or experiment.recorded
+    if spec is None:
+        return None
+    moved = {at for file in getattr(spec, "files", ()) for at in getattr(file, "at", {}).values()}
+    paths = [path for file in spec.files if (path := folder / file.path).is_file() and is_universal_file(path)]
+    read = (uff_geometry(path, spec.channels, sorted(moved)) for path in paths)
     return next((geometry for geometry in read if geometry is not None), None)
 
 
-def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | None:
+def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[str] = ()) -> GeometrySpec | None:
     """Nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of its places.
 
-    channels: of the study, whose places move in the directions of their nodes.
+    channels: of the study, whose places move in the directions of their nodes.  moved: further places, by these names.
     """
     metre = _length_and_force(path)[0]
     points = {
@@ -310,11 +315,12 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | 
         for nodes in sets_of(path, 15, 2411)
         for node, x, y, z in zip(nodes["node_nums"], nodes["x"], nodes["y"], nodes["z"], strict=True)
     }
-    motion = {}
-    for channel in channels:
-        match = re.fullmatch(r"(\d+)([xyz])", label(channel))
-        if match and match[1] in points and channel.at not in motion:
-            motion[channel.at] = match[1], f"{'-' if channel.sign < 0 else ''}{match[2]}"
+    motion = dict[str, tuple[str, str]]()
+    names = [(channel.at, channel.channel or channel.at, channel.sign) for channel in channels]
+    for at, name, sign in (*names, *((at, at, 1) for at in moved)):
+        match = re.fullmatch(r"(\d+)([xyz])( \d+)?", name)
+        if match and match[1] in points:
+            motion.setdefault(at, (match[1], f"{'-' if sign < 0 else ''}{match[2]}"))
     if not motion:
         return None
     traces = [[str(int(node)) for node in line["nodes"]] for line in sets_of(path, 82)]

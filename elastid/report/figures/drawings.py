@@ -61,10 +61,13 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("gears", "gears", caption, partial(fit.hysteresis, content.gears, content.robot))
     yield from _configurations(content)
     if len(rows) > 1:
-        caption = "Red: 1, blue: −1. Near these values, the data determine only a combination of the two parameters."
+        caption = "Red: +1, blue: −1. Near ±1, the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, partial(fit.identifiability, content.result))
     if content.forecast is not None:
-        caption = "Fisher information expected for the nominal robot, by configuration and octave, in % of the total."
+        caption = (
+            "Distribution of the expected Fisher information over the fitted configurations and octaves, in %: mean "
+            "over the distributions of all parameters."
+        )
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
     if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():
         caption = "Largest peak in each configuration, in % of the limits of the motor."
@@ -75,8 +78,9 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
     """Yield drawings of compensated friction and of the friction of the robot model."""
     if taken_out is not None and taken_out.configurations:
         caption = (
-            "Identified friction of each motor (link side), and F_c of the robot model (dashed) where it is stated. "
-            "Lower panels: torque amplitude of noise and distortion, before and after compensation."
+            "Compensated friction of each motor (link side), with its 95 % band. Its shape near zero velocity is "
+            "selected by cross-validation. Dashed: F_c of the robot model, if stated. Lower panels: torque amplitude "
+            "of noise and distortion, before and after compensation."
         )
         yield Drawing("friction", "friction", caption, partial(friction.friction_taken_out, taken_out, robot))
 

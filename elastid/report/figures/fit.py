@@ -133,7 +133,7 @@ def limit_use(use: LimitUse) -> Figure:
               cells=Cells(percent[:, kind], () if i else use.configurations, motors, (0.0, 130.0)))
         for i, kind in enumerate(kinds)
     ]  # fmt: skip
-    return style.matrix(f"Peaks in % of the limits ({use.margin:.0%} margin)", [panels])
+    return style.matrix(f"Peak values in % of the limits (design limit {1 - use.margin:.0%})", [panels])
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:

@@ -106,6 +106,14 @@ def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iter
         claimed[file.configuration] = file.path
 
 
+NO_LOG = "no such file"
+
+
+def is_missing(problem: Problem) -> bool:
+    """True if the problem is a log that does not exist."""
+    return problem.message.startswith(NO_LOG)
+
+
 def check_files(
     study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
 ) -> Iterator[Problem]:
@@ -125,7 +133,7 @@ def _check_file(study: Study, file: FileSpec | ResponseFileSpec, path: KeyPath, 
     if not is_log(place):
         neighbours = sorted(os.listdir(place.parent)) if os.path.isdir(place.parent) else []
         hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
-        yield Problem((*path, "path"), f"no such file (looked for {place}){hint}")
+        yield Problem((*path, "path"), f"{NO_LOG} (looked for {place}){hint}. Copy the log there, or correct the path")
     if not name and study.friction is None:
         yield Problem((*path, "configuration"), "this key is required", at_key=True)
     elif name and name not in known:

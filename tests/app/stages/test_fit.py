@@ -1,6 +1,7 @@
 """How a fit ends: everything is written, the last line says what its status means, the exit code what to make of it."""
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -35,7 +36,10 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     result = read_fit(run.path("fit"))
     assert result.meaning[1:] in last
     assert result.status == status
-    assert next_steps(result, parameter_rows(result, None))[0].what in " ".join(streams.out.split())
+    step = next_steps(result, parameter_rows(result, None))[0]
+    assert step.what in " ".join(streams.out.split())
+    said = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
+    assert (f"{said} {step.text}" in streams.out) == step.text.startswith("--set")
     summary = json.loads((run.folder / "summary.json").read_text())
     assert summary["status"] == status
     assert len(summary["parameters"]) > 3

@@ -1,6 +1,7 @@
 """The stage gears, from a study to its files: on a simulated arm whose gears do everything at once."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 from ruamel.yaml import YAML
 
 from elastid.app import cli
+from elastid.app.console import Console
+from elastid.app.run import Run
 from elastid.app.stages.gears import on_straight_springs, with_gear_section
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
@@ -28,7 +31,7 @@ from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot
 from elastid.robot.simplified import with_joints
 from elastid.store.results import read_gears
-from elastid.study import load_robot
+from elastid.study import load, load_robot
 from tests.consistency.test_readme import numbers
 from tests.report.test_content import sheets
 
@@ -47,6 +50,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def summary(folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return content
+
+
+@pytest.mark.parametrize(("options", "has_gears"), [((), True), (("gears=null",), False)])
+def test_stages_before_the_gears_know_whether_they_follow(
+    options: tuple[str, ...], has_gears: bool, tmp_path: Path
+) -> None:
+    """Notes that ask for the section `gears` are not for a study that has it."""
+    run = Run(load(STUDY, options), tmp_path, 1, Console(-1))
+    assert {run.work(stage).has_gears for stage in ("estimate", "fit")} == {has_gears}
 
 
 @pytest.mark.slow
@@ -79,16 +91,25 @@ def test_every_effect_of_the_robot_is_found_and_no_other(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
-    """Each number of the last column, and of the linear fit, to within two of its last digit."""
+    """Each number of the last column and of the linear fit, and their std, to within two of its last digit."""
     content = summary(folder)
-    gears = {name: n.get("in_maker_unit", n["value"]) for name, n in content["gears"]["numbers"].items()}
-    p = {name: (q["linear"]["value"], q["value"]) for name, q in content["parameters"].items() if "linear" in q}
-    springs, dampers = (np.transpose([p[f"{kind}_{axis}"] for axis in (1, 2)]).ravel() for kind in "kd")
-    effects = [gears[name] for name in ["Fc_m1", "Fc_m2", "Fb_1", "Fb_2", "Fcl_m1", "h_1", "e1_1", "e2_2", "H_2"]]
-    expected = np.concatenate([springs / 1e3, dampers, [content["friction"][0]["F_c"]], effects])
-    rows = [line.split("|")[3:5] for line in README.splitlines() if line.count("|") == 5 and "**" in line]
-    for (value, digit), of_run in zip(numbers(" ".join(map(" ".join, rows))), expected, strict=True):
-        assert abs(value - of_run) < 2 * digit
+    names, number = (
+        ["Fc_m1", "Fc_m2", "Fb_1", "Fb_2", "Fcl_m1", "h_1", "e1_1", "e2_2", "H_2"],
+        content["gears"]["numbers"],
+    )
+    gears = {name: n.get("in_maker_unit", n["value"]) for name, n in number.items()}
+    std_of = {name: number[name]["std"] / number[name]["value"] * gears[name] for name in ("e1_1", "e2_2")}
+    rows = " ".join(line.split("|", 3)[3] for line in README.splitlines() if line.count("|") == 5 and "**" in line)
+    motor = content["friction"][0]
+    for field, more, said in (
+        ("value", [motor["F_c"], *(gears[name] for name in names)], re.sub(r"± [\d.]+", "", rows)),
+        ("std", [motor["std"], *std_of.values()], " ".join(re.findall(r"± [\d.]+", rows))),
+    ):
+        p = {name: (q["linear"][field], q[field]) for name, q in content["parameters"].items() if "linear" in q}
+        springs, dampers = (np.transpose([p[f"{kind}_{axis}"] for axis in (1, 2)]).ravel() for kind in "kd")
+        expected = np.concatenate([springs / 1e3, dampers, more])
+        for (value, digit), of_run in zip(numbers(said), expected, strict=True):
+            assert abs(value - of_run) < 2 * digit
 
 
 @pytest.mark.slow

@@ -63,6 +63,13 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     assert not outcome(without_spikes, pulses, N, 1)[1]
 
 
+def test_filled_outliers_give_one_note() -> None:
+    log, pulses = replace(LOG, findings=Findings()), CLEAN + NOISE
+    pulses[[777, 1888], 0] += 0.5
+    filled(without_spikes(pulses, N, 1, log), N, 1, log)
+    assert (len(log.findings.notes), log.findings.repairs) == (1, {MASKED: 2, FILLED: 2})
+
+
 @pytest.mark.parametrize("length", [1, 3, 40])
 def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length: int) -> None:
     """A bus that lost samples of an angle far from 0; those of a torque about 0 stay, and pulses that repeat."""

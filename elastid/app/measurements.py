@@ -1,0 +1,156 @@
+"""Measurements of `elastid new --from`: logs that belong together, and their runs and hit points.
+
+Names of files and headings state them, or else the responses of a structure from its hammer: responses to hits at one
+point are equal, so that logs whose responses differ are of different points.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.channel_guess import DRIVES, LogGuess, signals_of
+from elastid.recorded.channel_names import ChannelGuess, guess_by_name
+from elastid.recorded.clocks import MAX_SAMPLES, clock_of
+from elastid.recorded.files.formats import opened_log
+
+Signals: TypeAlias = list[tuple[ChannelGuess, FloatArray]]
+# Words before the numbers of hit points and of sensor locations; of others, the responses decide.
+_POINT, _SENSOR = "p|pt|points?|pos|node|loc|location", "s|sens|sensors?|acc|accel|out|output|resp"
+# Power by which responses of different points differ, relative to that of both; lines that are averaged; and power of
+# the force below which a line is not excited, relative to the greatest.
+_MIN_DIFFERENCE, _SMOOTHED_LINES, _MIN_EXCITATION = 0.1, 8, 1e-2
+
+
+@dataclass(frozen=True)
+class Run:
+    """Numbers of a log in the study, and its locations by the locations of the channels, if they differ."""
+
+    at: Mapping[str, str]
+    realisation: int
+    experiment: int
+
+
+def runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
+    """Configuration, realisation and experiment of logs with names such as p1-r0-e2; none if one has another name."""
+    names = [re.fullmatch(r"(.+?)[-_ ]r(\d+)[-_ ]e(\d+)", path.stem) for path in logs]
+    runs = [(name[1], int(name[2]), int(name[3])) for name in names if name]
+    return runs if len(set(runs)) == len(logs) else []
+
+
+def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple[Path, ...]], Signals]:
+    """Measurements of two files each, inputs first, and the signals of the first one; none for other logs.
+
+    Files are of two kinds by their headings, or by names such as 1_torque.csv.
+    """
+    kinds = dict[tuple[tuple[str, ...], str], list[Path]]()
+    for path in logs:
+        with opened_log(path, form) as log:
+            kinds.setdefault((tuple(log.shapes()), guess_by_name(path.stem, None).quantity), []).append(path)
+    if len(kinds) != 2 or len({len(paths) for paths in kinds.values()}) > 1:
+        return [], []
+    parts = list[tuple[list[Path], Signals]]()
+    for (_, quantity), paths in kinds.items():
+        with opened_log(paths[0], form) as log:
+            clock = clock_of(log)
+            signals = [(g, x) for g, x in signals_of(log, MAX_SAMPLES) if g.name != clock.name]
+        named = [(replace(g, quantity=g.quantity or quantity), x) for g, x in signals]
+        parts.append((paths, named))
+    parts.sort(key=lambda part: not any(g.quantity in DRIVES for g, _ in part[1]))
+    signals = [(replace(g, file=i), x) for i, part in enumerate(parts, start=1) for g, x in part[1]]
+    if len({len(x) for _, x in signals}) != 1:  # rows of two clocks
+        return [], []
+    return list(zip(*(paths for paths, _ in parts), strict=True)), signals
+
+
+def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> list[Run]:
+    """Runs of logs whose hammer or sensors move between them; none if they do not.
+
+    Locations are by headings that differ, by names such as point2_acc3, else by the responses.  guess: of a structure
+    with one input.
+    """
+    headings = [headings_of(path, form) for path in logs]
+    if len(set(headings)) > 1:
+        by_log = [_by_headings(headings[0], row, guess) for row in headings]
+    elif not (by_log := _by_names(logs, guess)):
+        by_log = [{hit_place(guess): point} for point in _points_by_response(logs, form, guess)]
+    places = [tuple(at.items()) for at in by_log]
+    first = list(dict.fromkeys(places))
+    runs = [Run(dict(at), places[:i].count(at), first.index(at)) for i, at in enumerate(places)]
+    return runs if len(first) > 1 else []
+
+
+def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:
+    """Names of all signals of a log."""
+    with opened_log(path, form) as log:
+        return tuple(log.shapes())
+
+
+def hit_place(guess: LogGuess) -> str:
+    """Location of the input, whose name no output has."""
+    place = guess.joints[0].torque.place
+    return "hammer" if place in {motion.place for motion in guess.motions} else place
+
+
+def _by_headings(first: Sequence[str], row: Sequence[str], guess: LogGuess) -> dict[str, str]:
+    """Locations by the headings of a log, if they differ from the headings of the channels."""
+    drive = guess.joints[0].torque
+    of_channels = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
+    names = {place: guess_by_name(row[first.index(name)], None).place for name, place in of_channels.items()}
+    return {place: name for place, name in names.items() if place != name}
+
+
+def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
+    """Locations by the names of the logs, empty if these name none."""
+    words = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
+    is_alike = len({tuple(word for word, *_ in row) for row in words}) == 1
+    moves = [column for column in zip(*words, strict=True) if len(set(column)) > 1] if is_alike else []
+    result: list[dict[str, str]] = [{} for _ in logs]
+    outputs = [motion.place for motion in guess.motions]
+    for column in moves:
+        kind = next((kind for kind in (_POINT, _SENSOR) if re.fullmatch(kind, column[0][0])), "")
+        places = {_POINT: [hit_place(guess)], _SENSOR: outputs}.get(kind, [])
+        for at, (word, number, axis) in zip(result, column, strict=True):
+            name = f"{word}{number} {axis}".strip()
+            at |= {place: f"{place} {name}" if len(places) > 1 else name for place in places}
+    return result if any(result) else []
+
+
+def _points_by_response(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> list[str]:
+    """Name of the hit point of each log: the first log with an equal response."""
+    keys = [guess.joints[0].torque.key, *(motion.key for motion in guess.motions)]
+    responses, points = list[ComplexArray](), list[str]()
+    for path in logs:
+        with opened_log(path, form) as log:
+            signals = {g.key: x for g, x in signals_of(log, MAX_SAMPLES)}
+        if not signals.keys() >= set(keys):
+            return [""] * len(logs)
+        G = _response(signals[keys[0]], np.stack([signals[key] for key in keys[1:]], axis=1))
+        firsts = zip(responses, logs, strict=False)
+        points.append(next((first.stem for H, first in firsts if _difference(G, H) < _MIN_DIFFERENCE), path.stem))
+        responses.append(G)
+    return points
+
+
+def _response(force: FloatArray, motions: FloatArray) -> ComplexArray:
+    """Responses (F, n_y) from a force (n,) to motions (n, n_y), averaged over lines; NaN if not excited."""
+    U, Y = np.fft.rfft(force - force.mean()), np.fft.rfft(motions - motions.mean(axis=0), axis=0)
+    window = np.ones(_SMOOTHED_LINES)
+    power = np.convolve(np.abs(U) ** 2, window, "same")
+    cross = np.stack([np.convolve(y * U.conj(), window, "same") for y in Y.T], axis=1)
+    is_excited = power > _MIN_EXCITATION * power.max()
+    return np.where(is_excited[:, None], cross / np.maximum(power, 1e-300)[:, None], np.nan)
+
+
+def _difference(G: ComplexArray, H: ComplexArray) -> float:
+    """Power of the difference of two responses relative to their power; 1 for other frequencies."""
+    if G.shape != H.shape:
+        return 1.0
+    is_excited = np.isfinite(G + H)
+    G, H = G[is_excited], H[is_excited]
+    return float(np.sum(np.abs(G - H) ** 2) / max(np.sum(np.abs(G) ** 2 + np.abs(H) ** 2), 1e-300))

@@ -1,0 +1,75 @@
+"""Combinations of parameters that the data identify, although they do not identify each of the parameters."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elastid.base.display import digits, number
+from elastid.base.errors import Note
+from elastid.base.statistics import QUANTILE_95, known_combinations
+from elastid.fit.result import Result
+from elastid.record import JointLoop
+from elastid.robot import Robot, channel_name
+
+COMBINATION = "fit/combination"
+# Relative std of a parameter, from which on its combination with others is stated.
+_WIDE = 0.25
+
+
+def combination_notes(result: Result) -> Iterator[Note]:
+    """A note for each pair or triple of weakly identified parameters of which one combination is identified well."""
+    names, std, values = result.parameters.free_names, result.std, result.values
+    x, scale = np.array([values[name] for name in names]), np.array([std[name] for name in names])
+    correlation = result.covariance / np.sqrt(np.outer(*[np.diag(result.covariance)] * 2))
+    for known in known_combinations(x, correlation * np.outer(scale, scale)):
+        members = [names[i] for i in known.members]
+        relative = [std[name] / max(abs(values[name]), 1e-300) for name in members]
+        if max(relative) < _WIDE:
+            continue
+        rest = (
+            f"{'-' if w < 0 else '+'} {abs(w):.2g} {name}"
+            for w, name in zip(known.weights[1:], members[1:], strict=True)
+        )
+        unit = result.parameters[members[0]].unit
+        singles = ", ".join(f"{x:.0%}" for x in relative)
+        text = (
+            f"{' '.join([members[0], *rest])} = {_interval(known.value, known.std)} {unit} (95 %) is identified, its "
+            f"members only with stds of {singles}. To separate them, measure another configuration, output or band"
+        )
+        yield Note(COMBINATION, text, severity="information")
+
+
+def loop_note(result: Result, robot: Robot, loop: JointLoop) -> tuple[Note, ...]:
+    r"""The sum of velocity gain and viscous friction of each motor, on the link side, from responses to references.
+
+    With torque u = k_p (r - q) - k_d q' both act as (k_d + n^2 f_m) q', n the gear ratio: an error of the stated k_d is
+    one of f_m. A free gain is included with its covariance.
+    """
+    parts, sensitive = list[str](), list[str]()
+    names, values, std = result.parameters.free_names, result.values, result.std
+    for joint, k_d in zip(robot.driven, loop.kd.tolist(), strict=True):
+        of_friction, of_gain = f"fm_{joint.name}", channel_name("gain", "kd", f"motor {joint.name}")
+        if of_friction not in names or joint.motor is None or robot.gears:
+            continue
+        slopes = {of_friction: joint.motor.ratio**2, of_gain: k_d}
+        members = [name for name in slopes if name in names]
+        index = [names.index(name) for name in members]
+        scale = np.array([slopes[name] * std[name] for name in members])
+        C = result.covariance[np.ix_(index, index)]
+        C = C / np.sqrt(np.outer(np.diag(C), np.diag(C))) * np.outer(scale, scale)
+        value = slopes[of_friction] * values[of_friction] + k_d * values.get(of_gain, 1.0)
+        parts.append(f"motor {joint.name} {_interval(value, float(np.sqrt(C.sum())))}")
+        if of_gain not in names:
+            sensitive.append(f"{100 * slopes[of_friction] * std[of_friction] / k_d:.2g} %")
+    if not parts:
+        return ()
+    unit = result.parameters[f"fm_{robot.driven_names[0]}"].unit if not robot.driven[0].slides else "N*s/m"
+    text = f"The sum k_d + fm (link side) is identified: {', '.join(parts)} {unit} (95 %)"
+    if sensitive:
+        errors = ", ".join(sensitive)
+        text += f". fm alone assumes the stated k_d: an error of {errors} changes fm by one std. Log torques for both"
+    return (Note(COMBINATION, text, severity="information"),)
+
+
+def _interval(value: float, std: float) -> str:
+    return f"{number(value, digits(value, std))} +- {number(QUANTILE_95 * std, 2)}"

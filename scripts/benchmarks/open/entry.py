@@ -1,0 +1,74 @@
+"""What all entries share: run a method on each robot of a seed and write its result as one JSON object.
+
+{"entry": "name", "seed": 0, "robots": {"stiff_gears": {"parameters": {"k_1": [value, std]}, "cpu_s": 1.2}}}
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from engine import PERIOD_S, Array
+from robots import Body, Joint, Motor, Robot, Rod
+
+
+@dataclass(frozen=True)
+class Task:
+    """Public files of a robot."""
+
+    folder: Path
+    robot: dict[str, Any]
+    experiment: dict[str, Any]
+
+    @property
+    def sheet(self) -> Robot:
+        """The data sheet."""
+        return read_robot({key: value for key, value in self.robot.items() if key != "tolerances"})
+
+    @property
+    def period(self) -> int:
+        """Samples in a period."""
+        return round(PERIOD_S * self.experiment["rate_hz"])
+
+    def logs(self, channels: str) -> Iterator[tuple[dict[str, Any], list[Array]]]:
+        """Each file with its channels (samples, n), such as "uq"."""
+        n = range(1, len(self.experiment["torque_rms"]) + 1)
+        with h5py.File(self.folder / "logs.h5") as store:
+            for file in self.experiment["files"]:
+                log = store[file["file"].removesuffix(".csv")]
+                yield file, [np.stack([log[f"{c}_{i}"][()] for i in n], axis=1) for c in channels]
+
+
+def read_robot(row: Mapping[str, Any]) -> Robot:
+    """Read a robot as the files have it."""
+    bodies = []
+    for b in row["bodies"]:
+        joints = tuple(Joint(**(j | {"motor": j["motor"] and Motor(**j["motor"])})) for j in b["joints"])
+        bodies.append(Body(**(b | {"joints": joints})))
+    return Robot(row["name"], tuple(bodies), row["rod"] and Rod(**row["rod"]))
+
+
+def enter(name: str, identify: Callable[[Task], dict[str, Any] | None]) -> None:
+    """Identify the robots below FOLDER/seed-<seed>; None: the method does not apply. Other robots' results stay."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robots", nargs="+")
+    given = parser.parse_args()
+    path = given.folder / "results" / f"{name}-{given.seed}.json"
+    path.parent.mkdir(exist_ok=True)
+    result = json.loads(path.read_text()) if path.exists() else {"entry": name, "seed": given.seed, "robots": {}}
+    for folder in sorted((given.folder / f"seed-{given.seed}").iterdir()):
+        if given.robots and folder.name not in given.robots:
+            continue
+        task = Task(folder, *(json.loads((folder / file).read_text()) for file in ("robot.json", "experiment.json")))
+        begin = time.process_time()
+        if estimates := identify(task):
+            result["robots"][folder.name] = estimates | {"cpu_s": time.process_time() - begin}
+            print(folder.name, {key: value for key, value in estimates.items() if key != "parameters"}, flush=True)
+            path.write_text(json.dumps(result, indent=1))

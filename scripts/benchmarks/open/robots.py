@@ -1,0 +1,314 @@
+"""Twelve elastic robots, drawn by a seed: their true numbers and the data sheet that an entrant is given.
+
+Angles, inertias, stiffnesses and torques of joints are link-side. A joint with a motor has two coordinates in series,
+the motor's angle and the twist of its gear; a bearing has a twist alone; a passive joint has its angle alone.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import mujoco
+import numpy as np
+
+Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+# One standard deviation of a data sheet: relative, and in m.
+TOLERANCES = {"mass": 0.03, "inertia": 0.10, "motor_inertia": 0.05, "center_of_mass": 0.010}
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Rotor and friction: J in kg*m^2, f in N*m*s/rad, F in N*m; presliding: distance z in rad and damping."""
+
+    ratio: float
+    J: float
+    f: float
+    F: float
+    z: float = 0.0
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Twist of a gear or bearing: k in N*m/rad, d in N*m*s/rad; friction in the gear (N*m, rad), transmission error."""
+
+    name: str
+    axis: str
+    k: float = 0.0
+    d: float = 0.0
+    motor: Motor | None = None
+    hysteresis: float = 0.0
+    knee: float = 1e-4
+    error: float = 0.0  # amplitude in rad
+    order: int = 1  # periods in a turn of the motor
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class Body:
+    """Link behind its joints: kg, m, kg*m^2 about the centre of mass."""
+
+    name: str
+    parent: str
+    xyz: tuple[float, ...]
+    joints: tuple[Joint, ...]
+    mass: float
+    com: tuple[float, ...]
+    inertia: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Rod:
+    """Elastic rod between points of two bodies: m, kg, N/m, N*s/m. Its mass acts in halves at both ends."""
+
+    bodies: tuple[str, str]
+    points: tuple[tuple[float, ...], tuple[float, ...]]
+    length: float
+    mass: float
+    k: float
+    d: float
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Bodies from the base on, and perhaps a rod that closes a loop."""
+
+    name: str
+    bodies: tuple[Body, ...]
+    rod: Rod | None = None
+
+    @property
+    def joints(self) -> list[Joint]:
+        """All joints, from the base on."""
+        return [joint for body in self.bodies for joint in body.joints]
+
+    @property
+    def motors(self) -> list[Motor]:
+        """All motors, from the base on."""
+        return [joint.motor for joint in self.joints if joint.motor]
+
+    def truth(self) -> dict[str, float]:
+        """The numbers that are scored."""
+        springs = {f"{letter}_{j.name}": getattr(j, letter) for letter in "kd" for j in self.joints if j.k}
+        return springs | ({"k_rod": self.rod.k} if self.rod else {})
+
+
+@dataclass(frozen=True)
+class Row:
+    """One robot of the benchmark: axes, size, locked-motor frequencies in Hz, Coulomb torque over the rms torque."""
+
+    name: str
+    axes: str
+    size: float = 1.0
+    hz: tuple[float, ...] = (11.0, 17.0)
+    friction: float = 0.1
+    sheet: str = "exact"  # exact, sheet, or wrong: with the mass of the last body 25 % too high
+    route: str = "torque"  # torque, position or command
+    postures: int = 2
+    carrier: float = 0.0  # amplitude in rad of a slow motion of all axes
+    effect: str = ""
+
+
+ROWS = (
+    Row("stiff_gears", "yy", hz=(16.0, 24.0)),
+    Row("soft_gears", "zy", 0.5, (5.0, 9.0), sheet="sheet", postures=3),
+    Row("three_axes", "zyy", 1.3, (9.0, 11.0, 17.0), sheet="sheet", postures=3, effect="bearing"),
+    Row("six_axes", "zyyxyx", 1.0, (9.0, 11.0, 15.0, 20.0, 22.0, 27.0), sheet="sheet"),
+    Row("linkage", "yy", 1.0, (10.0, 14.0), 0.03, postures=4, effect="linkage"),
+    Row("hysteresis", "yy", hz=(10.0, 15.0), effect="hysteresis", carrier=0.04),
+    Row("transmission_error", "yy", hz=(10.0, 15.0), effect="error", carrier=0.04),
+    Row("presliding", "yy", effect="presliding"),
+    Row("late_torque", "zyy", 1.0, (8.0, 10.0, 14.0), sheet="sheet", route="position", carrier=0.02),
+    Row("commands_alone", "yy", 0.5, (10.0, 15.0), 0.0, route="command"),
+    Row("torque_sensors", "yy", 0.5, (9.0, 14.0), 0.3, effect="sensors"),
+    Row("wrong_file", "zyy", 1.0, (9.0, 12.0, 17.0), sheet="wrong", postures=3),
+)
+# Name, offset from the body before, mass, centre of mass, inertia.
+ARM = {
+    "z": ("turret", (0.0, 0.0, 0.35), 55.0, (0.07, 0.01, 0.06), (1.4, 1.6, 1.7)),
+    "y": ("lower", (0.18, 0.0, 0.1), 36.0, (0.31, 0.02, 0.01), (0.35, 2.3, 2.3)),
+    "yy": ("fore", (0.7, 0.0, 0.0), 24.0, (0.32, 0.02, 0.02), (0.15, 1.1, 1.1)),
+    "upper": ("upper", (0.7, 0.0, 0.0), 21.0, (0.13, 0.02, 0.03), (0.22, 0.4, 0.4)),
+    "x": ("roll", (0.28, 0.0, 0.04), 8.5, (0.13, 0.01, 0.01), (0.035, 0.08, 0.08)),
+    "xy": ("pitch", (0.36, 0.0, 0.0), 4.6, (0.05, 0.01, 0.0), (0.014, 0.028, 0.028)),
+    "xyx": ("flange", (0.09, 0.0, 0.0), 6.5, (0.1, 0.05, 0.02), (0.04, 0.05, 0.06)),
+}
+CHAINS = {
+    "yy": ("y", "yy"),
+    "zy": ("z", "yy"),
+    "zyy": ("z", "y", "yy"),
+    "zyyxyx": ("z", "y", "upper", "x", "xy", "xyx"),
+}
+POSTURES = np.array(
+    [[0.0, 0.4, 0.5, 0.4, 0.7, 0.2], [0.5, -0.5, 1.2, -0.8, -0.8, 1.0], [-0.6, 0.9, -0.7, 1.1, 0.4, -0.9]]
+)
+LINKAGE_POSTURES = np.array([[0.0, 0.0], [0.5, -0.1], [-0.4, 0.4], [0.2, 0.8]])
+ACCELERATION = 2.5  # rad/s^2, rms of the torque over the inertia
+
+
+def postures(row: Row) -> dict[str, list[float]]:
+    """Motor angles in rad by the name of the posture."""
+    angles = POSTURES[:, 0 if row.axes[0] == "z" else 1 :] if row.effect != "linkage" else LINKAGE_POSTURES
+    return {f"p{i + 1}": q[: len(row.axes)].tolist() for i, q in enumerate(angles[: row.postures])}
+
+
+def draw(row: Row, seed: int) -> tuple[Robot, Robot, Array]:
+    """Draw the true robot, its data sheet and the rms torques of the excitation (n,)."""
+    rng = np.random.default_rng([seed, ROWS.index(row)])
+    shape = _linkage(row, rng) if row.effect == "linkage" else _serial(row, rng)
+    true, torque = _elastic(row, shape, rng)
+    return true, _sheet(row, true, rng), torque
+
+
+def _serial(row: Row, rng: np.random.Generator) -> Robot:
+    bodies, parent, s = [], "base", row.size
+    for index, (key, axis) in enumerate(zip(CHAINS[row.axes], row.axes, strict=True)):
+        name, xyz, mass, com, inertia = ARM[key]
+        m, length, i = np.exp(0.1 * rng.standard_normal(3)) * [s**3, s, s**5]
+        joints = [Joint(str(index + 1), axis, motor=Motor(float(rng.choice([80, 100, 121, 160])), 1, 0, 0))]
+        if row.effect == "bearing" and index == 1:
+            joints.append(Joint("2x", "x"))
+        place = tuple(np.round(np.multiply(xyz, length), 4).tolist()) if bodies else (0.0, 0.0, s * 0.3)
+        own = tuple(np.multiply(com, length).tolist()), tuple(np.multiply(inertia, i).tolist())
+        bodies.append(Body(name, parent, place, tuple(joints), float(mass * m), *own))
+        parent = name
+    return Robot(row.name, tuple(bodies))
+
+
+def _linkage(row: Row, rng: np.random.Generator) -> Robot:
+    """A lower arm, a crank about the same axis, and a fore arm that the crank moves by a rod."""
+    (a, b, c), (n_1, n_2) = np.exp(0.1 * rng.standard_normal(3)), rng.choice([80.0, 100.0, 121.0], 2)
+    joints = Joint("1", "y", motor=Motor(n_1, 1, 0, 0)), Joint("2", "y", motor=Motor(n_2, 1, 0, 0)), Joint("elbow", "y")
+    lower = Body("lower", "base", (0.0, 0.0, 0.0), joints[:1], 30.0 * a, (0.05, 0.05, 0.35), (1.6, 1.6, 0.2))
+    crank = Body("crank", "base", (0.0, 0.0, 0.0), joints[1:2], 18.0 * b, (-0.3, -0.05, 0.02), (0.2, 0.6, 0.6))
+    fore = Body("fore", "lower", (0.0, 0.0, 0.8), joints[2:], 40.0 * c, (0.33, 0.1, 0.1), (0.8, 4.0, 4.0))
+    ends = (-0.3, 0.0, 0.0), (-0.3, 0.0, 0.0)
+    rod = Rod(("crank", "fore"), ends, 0.8, 0.6, float(8e6 * np.exp(0.2 * rng.standard_normal())), 3000.0)
+    return Robot(row.name, (lower, crank, fore), rod)
+
+
+def _elastic(row: Row, robot: Robot, rng: np.random.Generator) -> tuple[Robot, Array]:
+    """Give each joint the stiffness of its frequency with locked motors, and motors that fit their links."""
+    inertia, hz = composite_inertia(robot, postures(row)["p1"]), iter(row.hz)
+    joints, torque = {}, []
+    for joint in robot.joints:
+        if joint.name == "elbow":
+            continue
+        load = inertia[joint.name]
+        omega = 2 * np.pi * (next(hz) if joint.motor else 24.0) * rng.uniform(0.85, 1.15)
+        k, zeta = load * omega**2, rng.uniform(0.02, 0.05)
+        joint = replace(joint, k=k, d=2 * zeta * k / omega)
+        if joint.motor:
+            J = load * rng.uniform(0.3, 1.0)
+            rms = ACCELERATION * (load + J)
+            torque.append(rms)
+            motor = replace(joint.motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
+            joint = _with_effect(row, replace(joint, motor=motor), rms, rng)
+        joints[joint.name] = joint
+    bodies = [replace(b, joints=tuple(joints.get(j.name, j) for j in b.joints)) for b in robot.bodies]
+    return replace(robot, bodies=tuple(bodies)), np.array(torque)
+
+
+def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -> Joint:
+    motor = joint.motor
+    if row.effect == "hysteresis":
+        return replace(joint, hysteresis=0.05 * rms * rng.uniform(0.7, 1.3), knee=rms / joint.k * rng.uniform(0.1, 0.3))
+    if row.effect == "error":
+        return replace(joint, error=rng.uniform(2e-5, 5e-5), order=int(rng.integers(1, 3)), phase=rng.uniform(0, 6.28))
+    if row.effect == "presliding" and motor:
+        z = 1e-3 * rng.uniform(0.4, 2.0)
+        damping = rng.uniform(0.1, 0.6) * 2 * np.sqrt(motor.F / z * motor.J)  # of critical
+        return replace(joint, motor=replace(motor, z=z, damping=damping))
+    return joint
+
+
+def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
+    """The robot as an entrant knows it: springs off by a factor, no friction but a viscous guess, no effects."""
+    size = 0.0 if row.sheet == "exact" else 1.0
+
+    def off(name: str) -> float:
+        return float(1 + size * TOLERANCES[name] * rng.standard_normal())
+
+    def joint(j: Joint) -> Joint:
+        guess = np.exp(rng.uniform(0.25, 0.6, 2) * rng.choice([-1, 1], 2))
+        motor = j.motor and Motor(j.motor.ratio, j.motor.J * off("motor_inertia"), j.motor.f * guess[1], 0.0)
+        return Joint(j.name, j.axis, j.k * guess[0], j.d * guess[1], motor)
+
+    def body(b: Body) -> Body:
+        com = tuple(float(x + size * TOLERANCES["center_of_mass"] * row.size * rng.standard_normal()) for x in b.com)
+        factor = off("inertia")
+        inertia = tuple(factor * x for x in b.inertia)
+        return replace(b, joints=tuple(map(joint, b.joints)), mass=b.mass * off("mass"), com=com, inertia=inertia)
+
+    bodies = [body(b) for b in robot.bodies]
+    if row.sheet == "wrong":
+        bodies[-1] = replace(bodies[-1], mass=1.25 * bodies[-1].mass)
+    rod = robot.rod and replace(robot.rod, k=robot.rod.k * 1.3)
+    return Robot(robot.name, tuple(bodies), rod)
+
+
+def tag(kind: str, *inside: str, **attributes: Any) -> str:
+    """Write an element of a MuJoCo file."""
+    values = {
+        k: v if isinstance(v, str) else " ".join(f"{x:.17g}" for x in np.atleast_1d(v)) for k, v in attributes.items()
+    }
+    return f"<{kind} {' '.join(f'{name}={value!r}' for name, value in values.items())}>{''.join(inside)}</{kind}>\n"
+
+
+def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
+    """Write the robot for MuJoCo: joints `m...` are motors, `s...` twists; the rod is a tendon."""
+    ends = dict(zip(robot.rod.bodies, robot.rod.points, strict=True)) if robot.rod else {}
+    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+
+    def joint(j: Joint) -> str:
+        motor = (
+            tag("joint", name=f"m{j.name}", axis=axes[j.axis], armature=j.motor.J, damping=j.motor.f) if j.motor else ""
+        )
+        return motor + tag("joint", name=f"s{j.name}", axis=axes[j.axis], stiffness=j.k, damping=j.d)
+
+    def body(b: Body) -> str:
+        inside = [joint(j) for j in b.joints] + [tag("inertial", pos=b.com, mass=b.mass, diaginertia=b.inertia)]
+        if robot.rod and b.name in ends:
+            point = tag("inertial", pos=(0, 0, 0), mass=robot.rod.mass / 2, diaginertia=(1e-9, 1e-9, 1e-9))
+            inside += [tag("site", name=b.name, pos=ends[b.name]), tag("body", point, pos=ends[b.name])]
+        inside += [body(child) for child in robot.bodies if child.parent == b.name]
+        if b is robot.bodies[-1]:
+            inside.append(tag("site", name="tool", pos=2 * np.array(b.com)))
+        return tag("body", *inside, name=b.name, pos=b.xyz)
+
+    rod, tendon, state = robot.rod, "", {"dyntype": "user", "actdim": 1, "gainprm": 0, "biastype": "none"}
+    if rod:
+        sites = [tag("site", site=name) for name in rod.bodies]
+        tendon = tag("tendon", tag("spatial", *sites, stiffness=rod.k, damping=rod.d, springlength=rod.length))
+    rubbing = [f"m{j.name}" for j in robot.joints if j.motor and j.motor.z]
+    rubbing += [f"s{j.name}" for j in robot.joints if j.hysteresis]  # bristles of motors, then gears, as in the engine
+    return tag(
+        "mujoco",
+        tag("compiler", angle="radian", inertiafromgeom="false", balanceinertia="true"),
+        tag("option", tag("flag", contact="disable"), gravity=(0, 0, -9.81), timestep=step, integrator="RK4"),
+        tag("worldbody", *(body(b) for b in robot.bodies if b.parent == "base")),
+        tendon,
+        tag("actuator", *(tag("general", joint=name, **state) for name in rubbing)),
+        model=robot.name,
+    )
+
+
+def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:
+    """Compute the inertia of all that is behind each joint, motors excluded, in a posture."""
+    model = mujoco.MjModel.from_xml_string(mjcf(robot))
+    data = mujoco.MjData(model)
+    for joint, angle in zip([j for j in robot.joints if j.motor], posture, strict=True):
+        data.joint(f"m{joint.name}").qpos = angle
+    if robot.rod:
+        data.joint("selbow").qpos = posture[1] - posture[0]
+    mujoco.mj_forward(model, data)
+    M = mass_matrix(model, data)
+    loads = {j.name: float(M[(i := model.joint(f"s{j.name}").dofadr[0]), i]) for j in robot.joints}
+    return {**loads, "2": loads["2"] + loads["elbow"]} if robot.rod else loads
+
+
+def mass_matrix(model: Any, data: Any) -> Array:
+    """M (n, n) at the present state."""
+    columns = np.eye(model.nv)
+    for row, unit in zip(columns, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    return columns.T

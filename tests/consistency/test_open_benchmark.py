@@ -1,0 +1,40 @@
+"""The open benchmark: records and truths by a seed alone, and a score that follows from both."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+OPEN = Path(__file__).parents[2] / "scripts" / "benchmarks" / "open"
+
+
+def run(script: str, folder: Path, *words: str) -> str:
+    command = [sys.executable, str(OPEN / script), str(folder), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=500).stdout
+
+
+@pytest.mark.slow
+@pytest.mark.oracle("mujoco")
+def test_records_entry_and_score(tmp_path: Path) -> None:
+    """Two stiff gears: SciPy is within 1 % of k; guesses of the data sheet are 20 % off and move the tool otherwise."""
+    run("make.py", tmp_path, "--robots", "stiff_gears")
+    run("by_scipy.py", tmp_path)
+    rows = {row["entry"]: row for row in json.loads(run("score.py", tmp_path).splitlines()[-1])["open"]}
+    assert rows["scipy"]["k_percent"] < 1 < 20 < rows["start"]["k_percent"]
+    assert rows["scipy"]["tool_percent"] < 5 < 20 < rows["start"]["tool_percent"]
+    assert (rows["scipy"]["of"], rows["start"]["inside"]) == (4, 0)
+    truth = json.loads((tmp_path / "truth" / "seed-0" / "stiff_gears.json").read_text())
+    public = "".join(path.read_text() for path in (tmp_path / "seed-0" / "stiff_gears").glob("*.[jx]*"))
+    assert not any(str(value) in public for value in truth["scored"].values())
+
+
+@pytest.mark.slow
+@pytest.mark.oracle("mujoco")
+def test_same_seed_same_bytes_and_a_secret_word_changes_them(tmp_path: Path) -> None:
+    files = []
+    for name, words in (("first", ()), ("second", ()), ("secret", ("--secret", "word"))):
+        run("make.py", tmp_path / name, "--robots", "commands_alone", *words)
+        files.append((tmp_path / name / "seed-0" / "commands_alone" / "logs" / "p1-0-0.csv").read_bytes())
+    assert files[0] == files[1] != files[2]
