@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 VISCOUS = "viscous friction alone"
 SLOPE = "viscous friction at the speeds of the records, without Coulomb friction"
+NOT_SIGNIFICANT = "viscous friction. The Coulomb friction of the motor is not significant and was not compensated"
 OF_LOOP = "; an error of k_d of the controller adds to it"
 
 
@@ -64,7 +65,9 @@ def contents(
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
     taken = () if friction is None else friction.taken_places()
+    tested = () if friction is None or not friction.configurations else friction.places
     words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
+    words |= {name: NOT_SIGNIFICANT for place in tested if (name := place.replace("motor ", "fm_")) in mixed}
     words |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
     and_gain = OF_LOOP if channel_name(DELAY, "r") in parameters.names else ""
     return {

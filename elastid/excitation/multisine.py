@@ -54,13 +54,10 @@ def _sweep(kind: Sweep, n: int, lines: IntArray, odd: bool) -> FloatArray:
 def _binary(n: int, last: int) -> FloatArray:
     """+-1 of a maximum-length sequence whose clock is 2.5 times the highest line or more, stretched over n samples."""
     length = next(bits for bits in _TAPS if 2**bits - 1 >= 2.5 * last or bits == max(_TAPS))
-    register = np.ones(length, dtype=np.int64)
-    sequence = np.empty(2**length - 1)
-    for i in range(len(sequence)):
-        sequence[i] = 2 * register[-1] - 1
-        feedback = register[-1] ^ register[_TAPS[length] - 1]
-        register = np.concatenate([[feedback], register[:-1]])
-    return sequence[np.arange(n) * len(sequence) // n]
+    from scipy.signal import max_len_seq  # slow to load, and seldom needed
+
+    sequence = 2.0 * max_len_seq(length, np.ones(length), taps=[length - _TAPS[length]])[0] - 1
+    return np.asarray(sequence[np.arange(n) * len(sequence) // n])
 
 
 def relative_amplitudes(freq_hz: FloatArray, power: float, table: Sequence[tuple[float, float]]) -> FloatArray:

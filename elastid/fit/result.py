@@ -349,9 +349,9 @@ class Result:
         n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
         by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
         good = n - weak - len(by_prior)
-        if good == n:
-            return f"all {n} parameters identified"
-        parts = [f"{good} of {n} parameters identified"]
+        if len(by_prior) == n:
+            return f"all {n} parameters limited by tolerances of the robot model"
+        parts = [f"{f'all {n}' if good == n else f'{good} of {n}'} parameters identified"]
         parts += [f"{len(by_prior)} limited by tolerances of the robot model ({', '.join(by_prior)})"] * bool(by_prior)
         return ", ".join([*parts, *[f"{weak} weakly identifiable"] * bool(weak)])
 

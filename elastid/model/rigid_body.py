@@ -17,6 +17,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.model.frame_tree import BodyFrame, Tree, Turn, tree, turns
 from elastid.robot import Robot
+from elastid.robot.body import TENSOR
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,6 @@ class BodyInertia:
 
 
 NOTHING = BodyInertia(ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3, 3))
-# Where xx, yy, zz, xy, xz, yz stand in a symmetric tensor.
-TENSOR = [0, 3, 4, 3, 1, 5, 4, 5, 2]
 # The coordinate axes (3, 1).
 UNIT = tuple(ca.DM(axis) for axis in np.eye(3))
 
@@ -48,11 +47,15 @@ def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[Bo
         c = seat.p + ca.DM(seat.R) @ ca.vertcat(*(theta[f"c_{body.name}_{a}"] for a in "xyz"))
         entries = [theta[f"I_{body.name}{suffix}"] for suffix in body.inertia_entries]
         tensor = [*(entries * 3 if len(entries) == 1 else entries), ca.SX(0), ca.SX(0), ca.SX(0)][:6]
-        about_com = ca.reshape(ca.vertcat(*tensor)[TENSOR], 3, 3)
+        about_com = _tensor(ca.vertcat(*tensor))
         h = m * c
         steiner = ca.dot(c, h) * ca.DM.eye(3) - h @ c.T
         carried[seat.frame] += BodyInertia(m, h, ca.DM(seat.R) @ about_com @ ca.DM(seat.R.T) + steiner)
     return tuple(carried)
+
+
+def _tensor(numbers: ca.SX) -> ca.SX:
+    return ca.reshape(numbers[TENSOR.ravel().tolist()], 3, 3)
 
 
 def composites(layout: Tree, carried: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> tuple[BodyInertia, ...]:
@@ -192,9 +195,8 @@ def regressor(robot: Robot) -> ca.Function:
     q, v, a = (ca.SX.sym(name, n) for name in "qva")
     pi = ca.SX.sym("pi", 10, n)
     carried = []
-    for m, hx, hy, hz, xx, yy, zz, xy, xz, yz in (ca.vertsplit(column) for column in ca.horzsplit(pi)):
-        tensor = ca.reshape(ca.vertcat(xx, yy, zz, xy, xz, yz)[TENSOR], 3, 3)
-        carried.append(BodyInertia(m, ca.vertcat(hx, hy, hz), tensor))
+    for column in ca.horzsplit(pi):
+        carried.append(BodyInertia(column[0], column[1:4], _tensor(column[4:])))
     layout = tree(robot)
     tau = bias(layout, tuple(carried), turns(layout, q), v, np.array(robot.gravity), a)
     return ca.Function("regressor", [q, v, a], [ca.jacobian(tau, ca.vec(pi))], ["q", "v", "a"], ["Y"])

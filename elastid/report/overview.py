@@ -206,9 +206,9 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
         return ""  # the verdicts say more
     others = [row for row in rows if row not in judged and not row.has_coulomb]
     all_others = max(map(half_width, others), default=math.inf)
-    last = f", all {len(others)} other parameters to ±{percent(all_others)}" if all_others <= WIDTH_CLASSES[-1] else ""
+    last = f", all {len(others)} other parameters of ±{percent(all_others)} or less"
     first = _of_width(judged, kind)
-    return first and f"{first}{last} (half-width of the 95 % interval)"
+    return first and f"{first}{last if all_others <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
 
 
 def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
@@ -218,9 +218,9 @@ def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
         within = sum(width <= limit for width in widths)
         if within >= max(len(rows) / 2, 1):
             count = f"all {within}" if within == len(rows) else f"{within} of {len(rows)}"
-            names = f"the parameters {' and '.join(row.name for row in rows)}"
-            named = names if within == len(rows) == 2 else f"{count} {kind}"
-            return f"{named} are identified to ±{percent(limit)} or better"
+            is_few, names = within == len(rows) <= 2, " and ".join(row.name for row in rows)
+            named = f"the parameter{'s' * (len(rows) > 1)} {names}" if is_few else f"{count} {kind}"
+            return f"{named} {'has an interval' if len(rows) == 1 else 'have intervals'} of ±{percent(limit)} or less"
     return ""
 
 

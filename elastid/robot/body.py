@@ -21,6 +21,8 @@ PAYLOAD = "payload"
 # The frame that a payload is fixed to unless said otherwise.
 TOOL = "tool"
 TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
+# Which of these numbers stands where in a symmetric tensor.
+TENSOR = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 def six_numbers(tensor: FloatArray) -> tuple[float, float, float, float, float, float]:
@@ -101,8 +103,7 @@ class Body:
         """Inertia tensor (3, 3) about the centre of mass, in the body's axes."""
         if not isinstance(self.inertia, tuple):
             return float(self.inertia) * np.eye(3)
-        xx, yy, zz, xy, xz, yz = (*self.inertia, 0.0, 0.0, 0.0)[:6]
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=float)
+        return np.asarray(np.array((*self.inertia, 0.0, 0.0, 0.0), dtype=float)[TENSOR])
 
     @property
     def numbers(self) -> Numbers:

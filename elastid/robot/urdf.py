@@ -19,7 +19,7 @@ from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
-from elastid.robot.body import BASE, Body, Frame, Payload, possible, six_numbers
+from elastid.robot.body import BASE, TENSOR, TENSOR_LETTERS, Body, Frame, Payload, possible, six_numbers
 from elastid.robot.joint import Joint, Limits, Motor, Spring
 from elastid.robot.placement import Acceleration3, Placement
 from elastid.robot.robot import Robot
@@ -328,9 +328,8 @@ def _body(link: UrdfElement, parent: str, placement: Placement, joints: tuple[Jo
     mass, tensor = inertial.first("mass"), inertial.first("inertia")
     if mass is None or tensor is None:
         raise inertial.wrong(f"<inertial> of link {body.name} needs <mass> and <inertia>")
-    xx, yy, zz, xy, xz, yz = (tensor.number(f"i{axes}", "0") for axes in ("xx", "yy", "zz", "xy", "xz", "yz"))
-    origin = _origin(inertial)
-    inertia = origin.rotation @ possible(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])) @ origin.rotation.T
+    entries, origin = np.array([tensor.number(f"i{axes}", "0") for axes in TENSOR_LETTERS]), _origin(inertial)
+    inertia = origin.rotation @ possible(entries[TENSOR]) @ origin.rotation.T
     try:
         return replace(body, mass=mass.number("value"), center_of_mass=origin.xyz, inertia=six_numbers(inertia))
     except ValueError as error:

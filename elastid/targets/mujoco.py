@@ -39,6 +39,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.kinematics import frame_poses
 from elastid.robot import BASE, Body, Joint, Loop, Placement, Robot, Rod, unit_axis
+from elastid.robot.body import six_numbers
 from elastid.store.files import write_text
 from elastid.targets.numbers import in_full, known_numbers
 
@@ -138,7 +139,7 @@ def _inertial(element: ET.Element, body: Body) -> None:
     R = body.mounting.rotation
     I = R @ body.inertia_matrix @ R.T  # noqa: E741
     I = I + max(0.0, MIN_INERTIA - np.linalg.eigvalsh(I)[0]) * np.eye(3)  # noqa: E741
-    entries = in_full((I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]))
+    entries = in_full(six_numbers(I))
     center, mass = np.array(body.mounting.xyz) + R @ body.center_of_mass, float(max(body.mass, MIN_INERTIA))
     ET.SubElement(element, "inertial", pos=in_full(center), mass=repr(mass), fullinertia=entries)
 

@@ -98,7 +98,7 @@ def axes(path: Path) -> None:
         ax.set(aspect="equal", xlim=(-0.85, 1.3), ylim=(-0.4, 1.25), title=words)
         ax.axis("off")
     figure.suptitle(
-        "the link stands at offset + q (drawn for q = 0 and 30 deg); axes of elastic joints turn by q alone",
+        "angle of the link: offset + q (here q = 0 and 30 deg); axes of elastic joints rotate by q, without offset",
         fontsize=10,
     )
     figure.savefig(path, dpi=110)

@@ -7,7 +7,7 @@ import pytest
 from plants.taken_friction import taken_friction
 from plants.two_mass_gear import RATIO, Gear, robot
 
-from elastid.app.identified_robot import SLOPE, contents, truth, with_findings
+from elastid.app.identified_robot import NOT_SIGNIFICANT, SLOPE, contents, truth, with_findings
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs
@@ -31,7 +31,7 @@ PARAMETERS = Parameters(tuple(Parameter(name, 1e-3) for name in NAMES))
 
 def test_of_a_recorded_robot_no_motor_is_known_to_be_without_friction() -> None:
     marked = contents(ROBOT, False, taken_friction(), PARAMETERS)
-    assert (marked["fm_1"], marked["fm_2"], marked["fm_3"]) == (SLOPE, WITH_COULOMB, WITH_COULOMB)
+    assert (marked["fm_1"], marked["fm_2"], marked["fm_3"]) == (SLOPE, NOT_SIGNIFICANT, WITH_COULOMB)
     assert "f_1" not in marked
     assert truth(ROBOT, None, ()) is None
 

@@ -14,6 +14,7 @@ from elastid.base.display import capital
 from elastid.base.errors import FitError, MisfitError, notes_of
 from elastid.base.names import SEPARATOR
 from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
@@ -174,7 +175,6 @@ SYMBOLS = (
     ("body {}", None, {"m": "mass", "I": "inertia"}),
     ("the outputs relative to the inputs", None, {"delay": "time delay"}),
 )  # fmt: skip
-NAMED = 4  # values that the fit varied within their tolerances, from which on their number stands for their names
 STD_PARTS = {
     "std_noise": "measurement noise",
     "std_prior": "tolerances of the robot model",
@@ -201,7 +201,7 @@ def _legend(
     meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "other systematic errors"])}
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
-        more = ", ".join(varied) if len(varied) < NAMED else f"{len(varied)} values of the robot model"
+        more = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
         yield f"The fit also varied {more} within the tolerances (default tolerances, if the robot model states none)"
         yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
     profiles = zip(rows, result.profile95, strict=False)

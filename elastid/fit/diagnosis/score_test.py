@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
+from elastid.robot.body import TENSOR_LETTERS
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ def free_drop(A: FloatArray, b: FloatArray, free: BoolArray) -> float:
 
 MASS_KG, DISTANCE_M = 5.0, 0.3  # usual ones of a load from a body's centre
 LEAST = 1e-3  # of the body's mass: nobody forgets a smaller load, and other causes look like one
-STARTS = ((3.0, (0.3, 0.0, 0.0)), (3.0, (0.0, 0.3, 0.0)), (3.0, (0.0, 0.0, 0.3)), (3.0, (-0.3, 0.0, 0.0)))
+STARTS = [(3.0, DISTANCE_M * axis) for axis in (*np.eye(3), np.array([-1.0, 0.0, 0.0]))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,10 +233,6 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
     return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ J)
 
 
-# Second moments in the order of `_moments`.
-_PAIRS = (("x", "x"), ("y", "y"), ("z", "z"), ("x", "y"), ("x", "z"), ("y", "z"))
-
-
 def _moments(p: FloatArray) -> FloatArray:
     """mu times 1, rho and its products in pairs (10,), of mu, rho (4,)."""
     mu, x, y, z = p
@@ -249,8 +246,8 @@ def _of_moments(numbers: list[HeldNumber]) -> FloatArray:
     J["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
     for i, axis in enumerate("xyz"):
         J[f"I{axis}{axis}"] = {4 + j: 1.0 for j in range(3) if j != i}
-    for k, (a, b) in enumerate(_PAIRS[3:], start=7):
-        J[f"I{a}{b}"] = J[f"I{b}{a}"] = {k: -1.0}
+    for k, pair in enumerate(TENSOR_LETTERS[3:], start=7):
+        J[f"I{pair}"] = J[f"I{pair[::-1]}"] = {k: -1.0}
     A = np.zeros((len(numbers), 10))
     for row, number in zip(A, numbers, strict=True):
         for place, factor in J.get(_key(number.name), {}).items():

@@ -18,22 +18,21 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note, StudyError
 from elastid.parameters import Parameters
 from elastid.robot import Robot
+from elastid.robot.body import TENSOR
 
 BARRIER_WEIGHT = 1e-2
 BORDER = 1e-5  # of the second moments, by which the border is farther for a body that starts as a plate or a rod
-_TENSOR = {"_xx": (0, 0), "_yy": (1, 1), "_zz": (2, 2), "_xy": (0, 1), "_xz": (0, 2), "_yz": (1, 2)}
 
 
 @dataclass(frozen=True)
 class BodyInertia:
-    """The inertia of one body in a configuration: the places in theta of its entries, and theirs in the tensor.
+    """The inertia of one body in a configuration: the places in theta of its entries.
 
     beyond: how far the border lies beyond that of possible inertias, relative to the second moments.
     """
 
     name: str
     places: tuple[int, ...]
-    entries: tuple[tuple[int, int], ...]
     configuration: str = ""
     beyond: float = 0.0
 
@@ -62,9 +61,7 @@ class BodyInertia:
     @property
     def directions(self) -> FloatArray:
         """d Sigma / d entry (n_entries, 3, 3)."""
-        tensors = np.zeros((len(self.entries), 3, 3))
-        for tensor, (i, j) in zip(tensors, self.entries, strict=True):
-            tensor[i, j] = tensor[j, i] = 1.0
+        tensors = (np.arange(len(self.places))[:, None, None] == TENSOR).astype(float)
         traces = np.trace(tensors, axis1=1, axis2=2)
         return np.asarray(0.5 * traces[:, None, None] * np.eye(3) - tensors)
 
@@ -73,12 +70,12 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
     """The bodies with a tensor of which the fit moves at least one entry, once for each that configurations have."""
     inertias: list[BodyInertia] = []
     for body in robot.bodies:
-        names = {f"I_{body.name}{suffix}": _TENSOR[suffix] for suffix in body.inertia_entries if suffix in _TENSOR}
+        names = [f"I_{body.name}{suffix}" for suffix in body.inertia_entries if suffix]
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
-            if names.keys() & set(parameters.moved(where)):
+            if set(names) & set(parameters.moved(where)):
                 places = tuple(parameters.index(name) for name in names)
-                inertia = BodyInertia(body.name, places, tuple(names.values()), where)
+                inertia = BodyInertia(body.name, places, where)
                 is_flat = abs(inertia.roundness(parameters, parameters.x)) < BORDER
                 inertias.append(replace(inertia, beyond=BORDER * is_flat))
     return tuple(inertias)
