@@ -42,8 +42,8 @@ class ChannelSpec:
         "`r` the injected torque, and `y` a position, velocity or acceleration. `d` is a measured disturbance torque "
         "that u does not include. `reference` is the commanded position, an instrument of the estimator joint. "
         "Friction studies also use `t` (joint temperature), and `d` with sign -1 for a torque sensor behind the gear.",
-        "u is the torque at the motor, measured or computed from current; r is added to the controller's output; d is a "
-        "measured external force.")]
+        "u is the torque at the motor, measured or computed from current; r is added to the controller's output; d is "
+        "a measured external force.")]
     at: Annotated[Name, Key("Location on the robot: `motor 1`, `joint 1`, `body arm z`, `frame tool x`, or "
         "`accelerometer tool x` for a sensor that measures gravity; without a robot any name.", "location of the "
         "sensor; a motor encoder displayed as joint angle is `motor 1` with side: link.")]
