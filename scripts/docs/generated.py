@@ -260,7 +260,7 @@ def open_benchmark(folder: Path) -> str:
     figure.savefig(folder / "open_benchmark.png", dpi=110)
     plt.close(figure)
     text = (
-        "Results of ``scripts/benchmarks/open``, made with ``score.py --save``. Errors are the largest of a robot, medians "
+        "Results of ``scripts/benchmarks/open``, made with ``score.py --save``: the largest errors of a robot, medians "
         "over the seeds. :doc:`/howto/neighbours` describes robots, entries and rules.\n"
     )
     picture = (
