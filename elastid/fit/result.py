@@ -158,8 +158,7 @@ OTHER_JOINTS = (
 )
 OTHER_AMPLITUDE = (
     "To find the cause of the model error, measure again at half the torque. If the residuals relative "
-    "to |G| change, the cause is "
-    "nonlinear; otherwise it is linear, for example a missing elastic joint"
+    "to |G| change, the cause is nonlinear; otherwise it is linear, for example a missing elastic joint"
 )
 
 
