@@ -199,7 +199,7 @@ def _legend(
     if groups:
         yield f"Names: {'; '.join(groups)}"
     errors = ["the assumed model error"] * (result.model_error > 0)
-    errors += ["residuals above the noise"] * result.exceeds_noise
+    errors += ["residuals above the noise"] * (result.exceeds_noise and not result.is_within_declared)
     errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
     errors += ["unexplained distortion"] * (DISTORTED in result.verdicts)
     meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "tolerances that more data reduce"])}
