@@ -69,7 +69,7 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
             left = np.mean(np.abs(e - friction) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
             w = np.sqrt(weights(left, excited))[:, None]
-            e, X = (w * e).ravel(), (w * of_shapes[group]).reshape(len(group), -1)
+            e, X = (w * e).ravel(), (w * of_shapes[group]).reshape(len(group), e.size)
             for m in range(M):
                 rows = np.flatnonzero(fold == m)
                 # Real and imaginary parts side by side: X X^T is Re X^* X^T with a quarter of the work.
