@@ -3,11 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from elastid.app.identified_robot import with_identified_friction
+import numpy as np
+
+from elastid.app.identified_robot import MOTOR_SIDE, with_identified_friction
+from elastid.base.arrays import FloatArray
 from elastid.friction_study.commanded import DELAY
-from elastid.friction_study.result import RIGID_TERMS, FrictionResult, JointFriction
-from elastid.robot import Body, Joint, Motor, Robot
+from elastid.friction_study.result import RIGID_TERMS, FrictionResult
+from elastid.robot import BASE, Body, Joint, Robot, unit_axis
 from elastid.robot.simplified import with_joints
+from elastid.study.robots import yaml_text
 
 
 def rigid_numbers(result: FrictionResult) -> dict[tuple[str, str], float]:
@@ -42,26 +46,90 @@ def with_armatures(robot: Robot, result: FrictionResult) -> Robot:
 def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
     """The robot with all numbers of a friction study.
 
-    If a study by commands has found the inertia of each joint as a whole, the bodies of the file are replaced: each
-    joint is a pendulum about y with the inertia and gravity of the study.
+    If a study by commands has found the inertia of each joint as a whole, bodies on the base have the inertia and the
+    gravity of the study; the bodies of other robots are replaced by pendulums about y.
     """
     values = rigid_numbers(result)
-    if command_delay(result) is None or any((name, "inertia") not in values for name in robot.driven_names):
+    if not _has_whole_inertias(robot, result):
         return with_armatures(robot, result)
-    return Robot(robot.name, tuple(_pendulum(joint, result.at(joint.name), values) for joint in robot.driven))
+    identified = with_identified_friction(robot, result)
+    if not _stands_on_base(robot, result):
+        joints = (replace(joint, axis="x" if joint.slides else "y", spring=None) for joint in identified.driven)
+        identified = Robot(robot.name, tuple(Body(f"{joint.name} body", joints=(joint,)) for joint in joints))
+    return _with_pendulums(identified, values)
 
 
-def _pendulum(joint: Joint, found: JointFriction, values: Mapping[tuple[str, str], float]) -> Body:
-    """A body on a joint about y, or along x: u = J q'' + G cos q + H sin q + friction, half of J in the rotor."""
-    J, G, H = (values.get((joint.name, path), 0.0) for path in ("inertia", "gravity.cos", "gravity.sin"))
-    motor = Motor(J / 2, 1.0, found.viscous or 0.0, friction=found.friction)
-    if joint.slides:
-        return Body(
-            f"{joint.name} body", joints=(Joint(joint.name, "x", motor=motor, motion="translation"),), mass=J / 2
-        )
-    g = 9.81
-    mass = max(2 * (G**2 + H**2) / (g**2 * J), 1e-9)
-    inertia = J / 2 - (G**2 + H**2) / (g**2 * mass)
-    center = (-G / (mass * g), 0.0, -H / (mass * g))
-    axis = Joint(joint.name, "y", motor=motor)
-    return Body(f"{joint.name} body", joints=(axis,), mass=mass, center_of_mass=center, inertia=max(inertia, 0.0))
+def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
+    """Return the robot file with friction, rotor inertias and, for bodies on the base, inertia and gravity.
+
+    name: study.
+    """
+    is_whole = _has_whole_inertias(robot, result)
+    identified = commanded_robot(robot, result) if _stands_on_base(robot, result) else with_armatures(robot, result)
+    found = [joint.joint for joint in result.joints if joint.friction is not None and joint.viscous is not None]
+    comments = [
+        f"Robot {robot.name} with the friction that study {name} has identified at the motors of "
+        f"joints {', '.join(found) or 'none'}.",
+        f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
+    ]
+    if is_whole and _stands_on_base(robot, result):
+        comments.append("Inertia and gravity of each joint are identified; half of the inertia is in the rotor.")
+    comments += [
+        "On the side of the link, with standard deviation and 95 % interval:",
+        *(
+            f"  {row.name} = {row.value:.9g} {row.unit}, std {row.std:.3g}, {row.low:.6g} to {row.high:.6g}"
+            for row in result.numbers
+        ),
+    ]
+    return yaml_text(identified, tuple(comments))
+
+
+def _has_whole_inertias(robot: Robot, result: FrictionResult) -> bool:
+    """True for a study by commands that has found the inertia of every driven joint with its link."""
+    values = rigid_numbers(result)
+    return command_delay(result) is not None and all((name, "inertia") in values for name in robot.driven_names)
+
+
+def _stands_on_base(robot: Robot, result: FrictionResult) -> bool:
+    """True if every body stands on the base, with one driven joint across whose axis an identified gravity acts."""
+    values = rigid_numbers(result)
+    return all(
+        body.parent == BASE
+        and len(body.joints) == 1
+        and body.joints[0].motor is not None
+        and (_across(robot, body)[1] > 0 or (body.joints[0].name, "gravity.cos") not in values)
+        for body in robot.bodies
+    )
+
+
+def _across(robot: Robot, body: Body) -> tuple[FloatArray, float]:
+    """Gravity (3,) across the axis of a body's joint at angle 0, as a direction and a size in m/s^2."""
+    axis, down = unit_axis(body.joints[0].axis), body.placement.rotation.T @ np.asarray(robot.gravity)
+    down = down - (down @ axis) * axis
+    g = float(np.linalg.norm(down))
+    return (down / g, g) if g > 1e-6 else (0 * down, 0.0)
+
+
+def _with_pendulums(robot: Robot, values: Mapping[tuple[str, str], float]) -> Robot:
+    r"""The robot with the identified inertia and gravity of each body on the base, half of the inertia in the rotor.
+
+    With e1 along gravity across the axis a at q = 0, e2 = a x e1 and c = (H e1 + G e2) / (m g) the torque is
+    G cos q + H sin q.
+    """
+
+    def with_numbers(body: Body) -> Body:
+        (joint,) = body.joints
+        J, G, H = (values.get((joint.name, path), 0.0) for path in ("inertia", "gravity.cos", "gravity.sin"))
+        assert joint.motor is not None
+        rotor = replace(joint.motor, inertia=J / 2 / joint.motor.ratio**2)
+        joints, (down, g) = (replace(joint, motor=rotor),), _across(robot, body)
+        if joint.slides:
+            return replace(body, joints=joints, mass=J / 2)
+        if not g:
+            return replace(body, joints=joints, center_of_mass=(0.0, 0.0, 0.0), inertia=J / 2)
+        mass = max(2 * (G**2 + H**2) / (g**2 * J), 1e-9)
+        lever = (H * down + G * np.cross(unit_axis(joint.axis), down)) / (mass * g)
+        inertia = max(J / 2 - mass * float(lever @ lever), 0.0)
+        return replace(body, joints=joints, mass=mass, center_of_mass=tuple(lever.tolist()), inertia=inertia)
+
+    return replace(robot, bodies=tuple(map(with_numbers, robot.bodies)))

@@ -30,6 +30,7 @@ class Console:
     def __init__(self, verbosity: int = 0) -> None:
         self.verbosity = verbosity
         self.shows_tables = True
+        self._warned: set[str] = set()
         self._log = logging.getLogger("elastid.app.run")
         self._log.propagate = False
         self._log.setLevel(logging.DEBUG)
@@ -69,7 +70,10 @@ class Console:
             print(f"  {printable(text)}", flush=True)
 
     def warn(self, text: str) -> None:
-        """Warn of something that must be read and does not stop the work."""
+        """Warn of something that must be read and does not stop the work; the same text once."""
+        if text in self._warned:
+            return
+        self._warned.add(text)
         self._log.warning(text)
         if self.verbosity >= -1:
             print(f"warning: {printable(text)}", file=sys.stderr, flush=True)

@@ -5,10 +5,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from elastid.app.commanded_robot import command_delay, with_armatures
+from elastid.app.commanded_robot import command_delay, robot_of_friction, with_armatures
 from elastid.app.identified_robot import (
     robot_of_fit,
-    robot_of_friction,
     with_findings,
     with_identified_friction,
 )

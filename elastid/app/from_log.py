@@ -19,7 +19,7 @@ from elastid.app.from_responses import texts_from_responses, texts_from_universa
 from elastid.app.measurements import Run, Signals, headings_of, hit_place, hit_runs, in_two_files, runs_by_name
 from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quoted, relative_paths
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
@@ -70,7 +70,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     """
     first = logs[0]
     if lost := [path for path in logs if not path.exists()]:
-        raise DataError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
+        raise StudyError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
@@ -262,7 +262,7 @@ def _unused(
     """The columns of a log that its study does not use, a line for each reason."""
     used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
-    used |= {channel.key for channel in guess.references}
+    used |= {channel.key for channel in (*guess.references, *guess.sensors)}
     known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
     if other := [one_line(name) for name in shapes if name not in known]:
         reasons["times, or no numbers that change"] = other
@@ -338,9 +338,14 @@ def _study(
             place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
             yield channel_line(role, place, named)
         return
+    by_torque = dict(zip((joint.torque.name for joint in guess.joints), guess.sensors, strict=False))
     for name, joint in zip(names, guess.joints, strict=True):
         yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield channel_line("y", f"motor {name}", joint.motion)
+        if sensor := by_torque.get(joint.torque.name):
+            line = channel_line("d", f"motor {name}", sensor)
+            comment = "    # for k and d without friction, role u without sign, and no motor torque:"
+            yield from (line,) if guess.is_motion else (comment, line.replace("- ", "# ", 1))
         for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):
             as_motion = replace(reference, unit=joint.motion.unit, ratio=joint.motion.ratio)
             yield channel_line("reference", f"motor {name}", as_motion)

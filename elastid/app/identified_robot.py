@@ -101,22 +101,6 @@ def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
     return with_laws(robot, _identified(robot, result))
 
 
-def robot_of_friction(name: str, robot: Robot, result: "FrictionResult") -> str:
-    """Return the robot file. name: study."""
-    laws = _identified(robot, result)
-    comments = (
-        f"Robot {robot.name} with the friction that study {name} has identified at the motors of "
-        f"joints {', '.join(laws) or 'none'}.",
-        f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
-        "On the side of the link, with standard deviation and 95 % interval:",
-        *(
-            f"  {row.name} = {row.value:.9g} {row.unit}, std {row.std:.3g}, {row.low:.6g} to {row.high:.6g}"
-            for row in result.numbers
-        ),
-    )
-    return yaml_text(with_identified_friction(robot, result), comments)
-
-
 def robot_files(
     name: str,
     robot: Robot,

@@ -54,8 +54,8 @@ Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad,
 def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     """Find the springs of motors whose friction was compensated, or of all where V or distortion is above the noise.
 
-    Returns the assembly with springs and its start x (n_x,); None without any, for forces at the tool and load tests,
-    where no noise is known, and where another cause has better odds.
+    Returns the assembly with springs and its start x (n_x,); None without any, for references, forces at the tool and
+    load tests, where no noise is known, and where another cause has better odds.
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
@@ -77,7 +77,7 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
     """Joints whose motors may have presliding friction."""
     places = set[str]()
     for response in assembly.responses:
-        if any(map(is_load, response.inputs)):
+        if any(map(is_load, response.inputs)) or response.controller is not None:
             return ()
         bias = response.bias[:-1] if response.bias is not None and is_friction_taken_out(response) else None
         places |= {

@@ -53,12 +53,14 @@ class LogGuess:
     """The joints or inputs and outputs of a log.
 
     is_motion: they move as robots do, so that friction can be found.  references: commanded positions of the joints.
+    sensors: torque sensors behind the gears of the joints, next to the torques of their motors.
     """
 
     joints: tuple[JointGuess, ...]
     further: tuple[ChannelGuess, ...]
     is_motion: bool
     references: tuple[ChannelGuess, ...] = ()
+    sensors: tuple[ChannelGuess, ...] = ()
 
     @property
     def is_hit(self) -> bool:
@@ -159,7 +161,9 @@ def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
     """Guess the joints of a log, each with torque and motion channel; None if nothing identifies the channels."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
-    drives, motions = _best_family(guesses, DRIVES), _best_family(guesses, MOTIONS)
+    of_motors = [g for g in guesses if not g.is_torque_sensor]
+    has_motors = any(g.quantity in DRIVES and g.rank >= 0 for g in of_motors)
+    drives, motions = _best_family(of_motors if has_motors else guesses, DRIVES), _best_family(guesses, MOTIONS)
     if bool(drives) != bool(motions):
         drives, motions = _completed(drives, motions, [g for g, x in signals if not is_clock(x)])
     if not drives:
@@ -181,7 +185,19 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
     half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
     is_motion = bool(np.all(half_hz < _MOTION_HZ)) and given == "position"
-    return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
+    sensors = _sensors(guesses, joints) if has_motors else ()
+    return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints), sensors)
+
+
+def _sensors(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
+    """Torque sensor behind the gear of each joint, by the numbers in its name; none unless each joint has one."""
+    sensors = _best_family([g for g in guesses if g.is_torque_sensor and g.rank >= 0], ("torque",))
+    by_number = {tuple(re.findall(r"\d+", g.parts[1])): g for g in sensors}
+    members = [by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))) for joint in joints]
+    if None in members or len(sensors) != len(joints):
+        return ()
+    why = "by its name a torque sensor behind the gear"
+    return tuple(replace(g, unit=g.unit or "N*m", sign=-1, why=why) for g in members if g)
 
 
 def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:

@@ -74,6 +74,12 @@ class ChannelGuess:
         return re.sub(rf"(?<![A-Za-z]){words[-1]}(?![a-z])|(?<=[a-z]){words[-1]}(?![a-z])", "#", bare), words[-1]
 
     @property
+    def is_torque_sensor(self) -> bool:
+        """True for a torque that may be measured behind the gear, by its name."""
+        words = set(re.split(r"[^a-z]+", _split(self.name).lower()))
+        return self.quantity == "torque" and bool(words & {"sensor", "jts", "link"} or {"tau", "j"} <= words)
+
+    @property
     def place(self) -> str:
         """The name of a place in a study without a robot, without the unit behind it."""
         name = re.sub(r"(?<=\w)\s*[\[(][^\])]*[\])]\s*$", "", self.name) if self.unit else self.name

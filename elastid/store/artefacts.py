@@ -14,7 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from elastid.base.errors import DataError, ElastidError
+from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.base.files import replacing, require_own_data
 from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_checksum
 
@@ -77,7 +77,7 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     if path.is_dir():
         raise DataError("files/kind", "is a folder; name one of the files in it", path)
     if not path.is_file():
-        raise DataError("files/missing", "no such file", path)
+        raise StudyError("files/missing", "no such file", path)
     # Before HDF5 looks at it: some damages end the process there.
     if not is_intact(path):
         raise DataError("files/damaged", "its content has changed since it was written; delete it and run again", path)

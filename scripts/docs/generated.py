@@ -9,6 +9,8 @@ from itertools import groupby
 from pathlib import Path
 
 import click
+import matplotlib.pyplot as plt
+import numpy as np
 from plain_text import escaped, restructured
 
 import elastid
@@ -18,6 +20,7 @@ from elastid.study.reference import StudyKey, explain, keys_of, list_keys
 from elastid.study.sections import Study
 
 PACKAGE = Path(elastid.__file__).parent
+BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "open"
 # Artefacts of a run that the page of files shows, in the order of the stages.
 HDF5 = {
     "tiny": ("plan.h5",),
@@ -211,3 +214,56 @@ robot: robot.yml
 excitation: {rate_hz: 500, period: 2 s, band_hz: [2, 80], torque_rms: 0.5}
 experiment: {configurations: {bench: [0]}, simulated: {noise: {torque_std: 0.01, angle_std: 1e-6}}}
 """
+
+
+# Numbers of an entry of the open benchmark: heading, key, digits.
+SCORES = (
+    ("k error, %", "k_percent"),
+    ("d error, %", "d_percent"),
+    ("tool error, %", "tool_percent"),
+    ("error / std (rms)", "error_over_std"),
+    ("CPU, s", "cpu_s"),
+)
+
+
+def open_benchmark(folder: Path) -> str:
+    """Results of the open benchmark by robot and entry, medians over the seeds, as a figure and a table."""
+    rows = json.loads((BENCHMARK / "results.json").read_text())["open"]
+    entries = list(dict.fromkeys(row["entry"] for row in rows))
+    robots = list(dict.fromkeys(row["robot"] for row in rows))
+    figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    head = ["robot", "entry", "seeds", "intervals with the true value", *(heading for heading, _ in SCORES)]
+    table = "".join(f"{'   * - ' if i == 0 else '     - '}{text}\n" for i, text in enumerate(head))
+    for robot in robots:
+        for entry in entries:
+            of = [row for row in rows if (row["robot"], row["entry"]) == (robot, entry)]
+            if not of:
+                continue
+            medians = {
+                key: np.median([row[key] for row in of if row[key] is not None] or [np.nan]) for _, key in SCORES
+            }
+            inside = f"{sum(row['inside'] for row in of)} of {sum(row['of'] for row in of)}"
+            cells = ["" if np.isnan(value) else f"{value:.2g}" for value in medians.values()]
+            table += "".join(
+                f"{'   * - ' if i == 0 else '     - '}{text}\n"
+                for i, text in enumerate([f"``{robot}``", entry, str(len(of)), inside, *cells])
+            )
+            axes.semilogy(
+                robots.index(robot), medians["k_percent"], "osD^"[entries.index(entry)], c=f"C{entries.index(entry)}"
+            )
+    for index, entry in enumerate(entries):
+        axes.semilogy([], [], "osD^"[index], c=f"C{index}", label=entry)
+    axes.set_xticks(range(len(robots)), robots, rotation=30, ha="right")
+    axes.set(ylabel="largest error of a stiffness, %", title="Open benchmark: medians over the seeds")
+    axes.legend()
+    axes.grid(axis="y", alpha=0.3)
+    figure.savefig(folder / "open_benchmark.png", dpi=110)
+    plt.close(figure)
+    text = (
+        "Results of ``scripts/benchmarks/open``, made with ``score.py --save``: the largest errors of a robot, medians "
+        "over the seeds. :doc:`/howto/neighbours` describes robots, entries and rules.\n"
+    )
+    picture = (
+        ".. image:: /pictures/open_benchmark.png\n   :alt: Largest errors of the stiffnesses by robot and entry.\n"
+    )
+    return "\n".join([title("Open benchmark"), text, picture, ".. list-table::\n   :header-rows: 1\n", table])

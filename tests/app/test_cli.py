@@ -326,3 +326,11 @@ def _descendants(pid: int) -> list[int]:
             child = int(status.parent.name)
             found += [child, *_descendants(child)]
     return found
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["new {0}/s --from {0}/log.csv", "inspect {0}/fit.h5", "check {0}/study.yml", "predict {0}/r.yml --log {0}/a"],
+)
+def test_missing_files_have_one_exit_code(words: str, tmp_path: Path) -> None:
+    assert run_command(words.format(tmp_path).split()) == 2

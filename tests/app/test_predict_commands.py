@@ -1,6 +1,7 @@
 """A model judged on logs from commands alone, by the command line: robot.yml, URDF and MJCF."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,14 @@ import pytest
 from plants.commanded_joint import CommandedJoint
 
 from elastid.app import cli
-from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers
+from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers, robot_of_friction
 from elastid.friction_study.commanded import DELAY
 from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
 from elastid.model.formulation import formulate
-from elastid.robot import Body, Friction, Joint, Motor, Robot
+from elastid.robot import Axis, Body, Friction, Joint, Motor, Placement, Robot
 from elastid.robot.simplified import without_friction
 from elastid.simulation.controller import feed_forward
+from elastid.study import load_robot
 from elastid.study.robots import yaml_text
 
 URDF = """<robot name="leg"><link name="base"/><link name="shank"><inertial><mass value="1"/>
@@ -119,9 +121,14 @@ def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) 
     assert content["tests"][0]["quantity"] == "kp"
 
 
-def test_numbers_of_a_study_by_commands_make_pendulums() -> None:
-    """J q'' + f q' + G cos q + H sin q of each joint, whatever the file has; a delay, and offsets apart."""
-    file = Robot("leg", (Body("shank", joints=(Joint("knee", motor=Motor(9.0, -3.0)),), mass=5.0),))
+@pytest.mark.parametrize("axis", ["z", "y", (0.6, 0.0, 0.8)])
+def test_numbers_of_a_study_by_commands_make_pendulums(axis: Axis, tmp_path: Path) -> None:
+    """J q'' + f q' + G cos q + H sin q of each joint, whatever the file has; a delay, and offsets apart.
+
+    identified_robot.yml has these numbers if gravity acts across the axis.
+    """
+    body = Body("shank", joints=(Joint("knee", axis, motor=Motor(9.0, -3.0)),), mass=5.0)
+    file = Robot("leg", (replace(body, placement=Placement(rpy=(0.3, 0.0, 0.2))) if axis != "z" else body,))
     values = {"inertia": 0.02, "gravity.cos": 1.1, "gravity.sin": -0.7, "offset": 0.3, DELAY: 0.005}
     numbers = [
         FrictionNumber(term.name("knee"), term.symbol, "", "", value, 0.1, 0.0, 1.0, "")
@@ -134,7 +141,11 @@ def test_numbers_of_a_study_by_commands_make_pendulums() -> None:
     assert rigid_numbers(result)["knee", "offset"] == 0.3
     robot = commanded_robot(file, result)
     assert robot.driven[0].motor is not None
-    assert robot.driven[0].motor.friction == Friction(0.15)
+    assert robot.driven[0].motor.friction is not None
+    assert robot.driven[0].motor.friction.coulomb == pytest.approx(0.05)
+    if axis != "z":
+        (tmp_path / "robot.yml").write_text(robot_of_friction("s", file, result))
+        robot = load_robot(tmp_path / "robot.yml")
     model = formulate(without_friction(robot))
     q = np.linspace(-2, 2, 5)[:, None]
     still = np.zeros_like(q)

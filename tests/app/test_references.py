@@ -2,17 +2,24 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from plants.commanded_arm import arm
 from plants.referenced_joint import ReferencedJoint
+from plants.referenced_robot import write
 
+from elastid import choose, identify
 from elastid.app import cli
 from elastid.fit.result import Result
+from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
+from elastid.study import load_robot
 
+LINKAGE = Path(__file__).parents[2] / "configs/robots/irb4400_linkage.yml"
 JOINT = ReferencedJoint(delay_s=0.0073)
 GAINS = {f"gain_{gain}_motor_1": {"prior": {"std": 0.2}} for gain in ("kp", "kd")}
 
@@ -105,6 +112,53 @@ def test_sum_of_damping_gain_and_friction_is_stated_for_free_gains(
     value, half = combination(result)
     assert abs(value - JOINT.fm - JOINT.kd) < 2 * half
     assert half < 1.96 * result.std["fm_1"] / 4
+
+
+@pytest.mark.slow
+def test_torques_and_references_in_one_fit_identify_gains_and_friction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gains that are 20 % off: references alone know k_d + f, with torques of other records each is known to 1 %."""
+    stated = JOINT.kp / 1.2, JOINT.kd / 1.2
+    responses = []
+    for name, options in (("a", {"torque": True, "seed": 5}), ("b", {"stated": stated})):
+        study = JOINT.write(tmp_path / name, **options)
+        monkeypatch.chdir(study.parent)
+        for stage in ("measure", "estimate"):
+            cli.run_command(["run", study.name, stage])
+        (response,) = read_responses(study.parent / "runs" / "referenced" / "frf.h5")
+        responses.append(replace(response, configuration=replace(response.configuration, name=name)))
+    robot = load_robot(tmp_path / "a" / "robot.yml")
+    parameters = choose(robot, "k_1", "d_1", "fm_1", "delay_r", *GAINS)
+    result = identify(responses, robot, parameters, starts=2, profile=[])
+    assert result.status == "converged"
+    truth = {"k_1": JOINT.k, "d_1": JOINT.d, "fm_1": JOINT.fm, "delay_r": JOINT.delay_s} | dict.fromkeys(GAINS, 1.2)
+    assert max(map(abs, distances(result, **truth).values())) < 4
+    assert max(result.std[name] for name in GAINS) < 0.01
+    alone = identify(responses, robot, choose(robot, "k_1", "d_1", "fm_1"), starts=2, profile=[])
+    assert alone.status in ("misfit", "model_error")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "postures"),
+    [
+        ("extended joint", {"a": [0.0, 0.4], "b": [0.5, -0.6]}),
+        ("linkage", {"a": [0.0, 0.2, -0.1], "b": [0.4, -0.4, 0.3], "c": [-0.3, 0.7, 0.1]}),
+    ],
+)
+def test_numbers_of_arms_from_references_are_true(
+    name: str, postures: dict[str, list[float]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An elastic joint without a motor, and a closed loop: all numbers within 4 std; stiffness 0.5 %, delay 1 us."""
+    robot = arm(friction=0.0) if name == "extended joint" else load_robot(LINKAGE)
+    result = fitted(write(tmp_path / "a", robot, postures, 0.006), monkeypatch)
+    assert result.status == "converged"
+    truth = {n: robot.parameters()[n][0] for n in result.parameters.free_names if n != "delay_r"} | {"delay_r": 0.006}
+    assert max(map(abs, distances(result, **truth).values())) < 4
+    values = result.parameters.as_dict(result.x)
+    assert all(values[n] == pytest.approx(truth[n], rel=5e-3) for n in truth if n.startswith("k_"))
+    assert values["delay_r"] == pytest.approx(0.006, abs=1e-6)
 
 
 def combination(result: Result) -> tuple[float, float]:

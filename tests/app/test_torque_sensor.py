@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
+from elastid.study import load_with_logs
 
 RATE, N, PERIODS = 1000, 4000, 5
 K, D, INERTIA, VISCOUS = 20e3, 15.0, 1.8, 0.5  # of the spring, the link and its bearing
@@ -73,3 +74,57 @@ def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp
         estimate = summary["parameters"][name]
         assert estimate["value"] == pytest.approx(truth, rel=limit)
         assert abs(estimate["value"] - truth) < 3 * estimate["std"]
+
+
+TORQUES = {"coulomb": (0.9, 0.5), "viscous": (0.3, 0.2), "armature": (0.05, 0.03)}  # in front of the sensors
+
+
+def write_arm_log(path: Path, noise: float = 0.01) -> None:
+    """A planar arm under gravity: torques of its motors, and of sensors behind their gears, which carry the links."""
+    rng, t = np.random.default_rng(0), np.arange(0, 40, 1 / 500)
+    q, v, a = np.zeros((3, 2, len(t)))
+    for k in range(2):
+        w = 2 * np.pi * np.array([0.11, 0.23, 0.41]) * (1 + 0.17 * k)
+        wave = np.exp(1j * (np.outer(w, t) + rng.uniform(0, 6, (3, 1))))
+        q[k], v[k], a[k] = (np.array([0.6, 0.3, 0.1]) @ ((1j * w[:, None]) ** m * wave).imag for m in range(3))
+    # Torques of the links: masses of 1.2 and 0.6 kg, 0.25 m apart, at 0.12 and 0.10 m.
+    h, b12 = 0.015 * np.sin(q[1]), 0.009 + 0.015 * np.cos(q[1])
+    g2 = 0.6 * 0.10 * 9.81 * np.cos(q[0] + q[1])
+    links = np.stack([
+        (0.06378 + 0.03 * np.cos(q[1])) * a[0] + b12 * a[1] - h * (2 * v[0] * v[1] + v[1] ** 2)
+        + (1.2 * 0.12 + 0.6 * 0.25) * 9.81 * np.cos(q[0]) + g2,
+        b12 * a[0] + 0.009 * a[1] + h * v[0] ** 2 + g2,
+    ])  # fmt: skip
+    friction = np.stack(
+        [F * np.tanh(x / 1e-3) + f * x for F, f, x in zip(TORQUES["coulomb"], TORQUES["viscous"], v, strict=True)]
+    )
+    motors = links + np.array(TORQUES["armature"])[:, None] * a + friction
+    torques = np.vstack([motors, links]) + noise * rng.standard_normal((4, len(t)))
+    rows = np.vstack([t, torques[:2], q + 1e-5 * rng.standard_normal(q.shape), torques[2:]]).T
+    head = "time,motor_torque_1,motor_torque_2,q_1,q_2,torque_sensor_1,torque_sensor_2"
+    np.savetxt(path, rows, "%.9g", ",", header=head, comments="")
+
+
+def test_sensors_next_to_motor_torques_are_found(tmp_path: Path) -> None:
+    """Each with the sign of the torque that the links exert on the motor."""
+    write_arm_log(tmp_path / "arm.csv")
+    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
+    study = load_with_logs(tmp_path / "s" / "study.yml").study
+    sensors = [(c.at, c.channel, c.sign) for c in study.experiment.as_recorded().channels if c.role == "d"]
+    assert sensors == [(f"motor {i}", f"torque_sensor_{i}", -1) for i in (1, 2)]
+    assert len([c for c in study.experiment.as_recorded().channels if c.role == "u"]) == 2
+
+
+@pytest.mark.slow
+def test_friction_in_front_of_sensors_needs_no_model_of_the_links(tmp_path: Path) -> None:
+    """Coulomb and viscous friction of both joints within 1 %; the links and gravity are in the sensors' torques."""
+    write_arm_log(tmp_path / "arm.csv")
+    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
+    assert run_command(["run", str(tmp_path / "s" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["status"] == "identified"
+    for name, term in (("Fc", "coulomb"), ("f", "viscous")):
+        for i, truth in enumerate(TORQUES[term], start=1):
+            estimate = summary["parameters"][f"{name}_m{i}"]
+            assert estimate["value"] == pytest.approx(truth, rel=0.01)
+            assert estimate["interval95"][0] <= truth <= estimate["interval95"][1]

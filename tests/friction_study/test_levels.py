@@ -15,7 +15,7 @@ from plants.friction_records import records, simulated, template
 from plants.marks import slow
 from plants.refusals import refused
 
-from elastid.app.identified_robot import robot_of_friction
+from elastid.app.commanded_robot import robot_of_friction
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import StaticLaw

@@ -46,8 +46,8 @@ class ReferencedJoint:
         late = np.exp(-2j * np.pi * freq_hz * self.delay_s)
         return X[:, row] * (self.kp + self.forward * self.kd * D) * late / (1 + fed_back)
 
-    def log(self, seed, periods=3, noise=1e-6, rms=2e-3, row=0):
-        """Reference and angle (periods N, 2) of a multisine, after the transient."""
+    def log(self, seed, periods=3, noise=1e-6, rms=2e-3, row=0, torque=False):
+        """Reference, or torque, and angle (periods N, 2) of a multisine, after the transient."""
         rng = np.random.default_rng(seed)
         lines = np.arange(round(BAND[0] * N / RATE), round(BAND[1] * N / RATE) + 1)
         omega, phases = 2 * np.pi * lines * RATE / N, rng.uniform(0, 2 * np.pi, len(lines))
@@ -61,20 +61,22 @@ class ReferencedJoint:
         r, late, before = wave(t), wave(t - self.delay_s), wave(t - self.delay_s - 1 / RATE)
         command = (self.kp * late + self.forward * self.kd * RATE * (late - before)).tolist()
         (A, B), x, old, q = self.sampled, np.zeros(4), 0.0, np.zeros((periods + 2) * N)
+        u = np.zeros_like(q)
         for i in range(len(q)):
             q[i] = x[row]
             velocity = x[2] if self.exact_velocity else RATE * (x[0] - old)
             old = x[0]
-            x = A @ x + B * (command[i % N] - self.kp * x[0] - self.kd * velocity)
+            u[i] = command[i % N] - self.kp * x[0] - self.kd * velocity
+            x = A @ x + B * u[i]
         y = q[2 * N :] + noise * rng.standard_normal(periods * N)
-        return np.column_stack([np.tile(r, periods), y])
+        return np.column_stack([u[2 * N :] if torque else np.tile(r, periods), y])
 
-    def write(self, folder, logs=3, stated=None, every=1, seed=0, sensor="motor 1", noise=1e-6, **fit):
+    def write(self, folder, logs=3, stated=None, every=1, seed=0, sensor="motor 1", noise=1e-6, torque=False, **fit):
         """Logs, robot.yml and study.yml in a folder; stated: gains that do not act.  every: of the samples."""
         folder.mkdir(parents=True, exist_ok=True)
         row = int(sensor.startswith("joint"))
         for i in range(logs):
-            rows = self.log(1000 * seed + i, noise=noise, row=row)[::every]
+            rows = self.log(1000 * seed + i, noise=noise, row=row, torque=torque)[::every]
             np.savetxt(folder / f"m{i}.csv", rows, "%.14g", ",", header="command,angle", comments="")
         kp, kd = stated or (self.kp, self.kd)
         controller = {"position_gain": kp / kd, "velocity_gain": kd, "velocity_feedforward": self.forward}
@@ -86,8 +88,9 @@ class ReferencedJoint:
         joint = {"name": "1", "axis": "z", "motor": motor, "spring": spring | {"damping": 1.5 * self.d}}
         body = {"name": "load", "inertia": self.load, "joints": [joint]}
         place = {"quantity": "position", "unit": "rad"}
+        drive = {"role": "u", "hold": "zero-order"} if torque else {"role": "reference", **place}
         channels = [
-            {"role": "reference", "at": "motor 1", "channel": "command", **place},
+            {"at": "motor 1", "channel": "command", **drive},
             {"role": "y", "at": sensor, "channel": "angle", **place},
         ]
         files = [{"path": f"m{i}.csv", "configuration": "c", "realisation": i} for i in range(logs)]

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
+from elastid.app.commanded_robot import robot_of_friction
 from elastid.app.console import Console, result_table
-from elastid.app.identified_robot import robot_of_friction, with_identified_friction
+from elastid.app.identified_robot import with_identified_friction
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.stages.measure import measure_parts, report_count
 from elastid.app.stages.report import page_artefacts

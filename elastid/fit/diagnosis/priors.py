@@ -56,7 +56,8 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
 def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     r"""A note if numbers of the robot model leave their tolerances: all (chi-square test, 1/700), one, or by effect.
 
-    Of distances d over their tolerances d^T d has the expectation tr(1 - P), P being the covariance of d that is left.
+    Of distances d over their tolerances d^T d has the expectation tr(1 - P), P being the covariance of d that is left;
+    a number that scattering gear ratios move by more than its tolerance (P > 1) counts as one.
     They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
     tolerances explain this step has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
@@ -64,7 +65,8 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])
     if not len(s) == len(d) > 0 or not np.isfinite(C).all():
         return ()
-    dof, square = max(float(np.sum(1 - np.diag(C)[n:] / s**2)), 1.0), float(d @ d)
+    left = np.diag(C)[n:] / s**2
+    dof, square = max(float(np.sum(np.where(left > 1, 1.0, 1 - left))), 1.0), float(d @ d)
     limit = chi_square_limit(dof, LIMITS.tail)
     L = np.linalg.solve(C[n:, n:], C[n:, :n]).T
     moved, by_tolerances = L @ (d * s), np.einsum("ij,jk,ik->i", L, np.diag(s**2) - C[n:, n:], L)

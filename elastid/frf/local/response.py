@@ -190,7 +190,7 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
     return cut, (Note("frf/window", text, where),)
 
 
-def _spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> ComplexArray:
+def spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> ComplexArray:
     r"""Complex amplitudes (B, c) of samples of signals (n, c), P periods of N, at bins b, one channel after the other.
 
     Near the lines b = k P + r a few offsets r suffice: with the sums of period p turned by them, a DFT of N samples,
@@ -232,7 +232,7 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
         inner = np.arange(1, n // 2)
     rest = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
     wanted = np.concatenate([bins, rest])
-    Y, U, R = (None if x is None else _spectra_at(x, used, wanted, P) for x in (record.y, record.u, record.r))
+    Y, U, R = (None if x is None else spectra_at(x, used, wanted, P) for x in (record.y, record.u, record.r))
     with np.errstate(divide="ignore", invalid="ignore"):
         Z = np.concatenate([Y, U], axis=1) * unit_scale(record, wanted * record.rate_hz / n, quantity)
     at_lines, between = np.split(Z, [len(bins)])

@@ -32,8 +32,8 @@ def robot_file(robot: dict[str, Any], is_sensed: bool) -> dict[str, Any]:
     file = {"name": robot["name"], "bodies": bodies}
     if rod := robot["rod"]:
         ends = [{"body": name, "point": point} for name, point in zip(rod["bodies"], rod["points"], strict=True)]
-        half = rod["length"] / 2  # the mass is in both ends
-        numbers = {"length": rod["length"], "mass": rod["mass"], "center": half, "inertia": rod["mass"] * half**2}
+        inertia = rod["mass"] * (rod["length"] / 2) ** 2  # the mass is in both ends
+        numbers = {"length": rod["length"], "mass": rod["mass"], "center": 0.5, "inertia": inertia}
         file["loops"] = [{"name": "rod", "ends": ends, "rod": numbers | {"stiffness": rod["k"], "damping": rod["d"]}}]
     return file if robot["tolerances"] else file | {"tolerances": "exact"}
 

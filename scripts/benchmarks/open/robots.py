@@ -182,7 +182,7 @@ def _linkage(row: Row, rng: np.random.Generator) -> Robot:
     crank = Body("crank", "base", (0.0, 0.0, 0.0), joints[1:2], 18.0 * b, (-0.3, -0.05, 0.02), (0.2, 0.6, 0.6))
     fore = Body("fore", "lower", (0.0, 0.0, 0.8), joints[2:], 40.0 * c, (0.33, 0.1, 0.1), (0.8, 4.0, 4.0))
     ends = (-0.3, 0.0, 0.0), (-0.3, 0.0, 0.0)
-    rod = Rod(("crank", "fore"), ends, 0.8, 0.6, float(8e6 * np.exp(0.2 * rng.standard_normal())), 3000.0)
+    rod = Rod(("crank", "fore"), ends, 0.8, 6.0, float(8e6 * np.exp(0.2 * rng.standard_normal())), 3000.0)
     return Robot(row.name, (lower, crank, fore), rod)
 
 

@@ -6,7 +6,7 @@ For each robot: the largest errors of stiffnesses and dampings in %, how many of
 the truth, the rms of error over std, the tool error and the CPU seconds. Tool error: in 50 postures that no record has,
 the motors are locked and a force pushes the tool for 20 ms; the tool's deviation in 0.5 s of the engine with estimated
 instead of true springs, rms over rms. Without files: all of FOLDER/results, and the guesses of the data sheet as an
-entry `start`. The last line is one JSON object.
+entry `start`. The last line is one JSON object; --save writes it to a file, which the documentation shows.
 """
 
 import argparse
@@ -102,6 +102,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("results", nargs="*", type=Path)
+    parser.add_argument("--save", type=Path)
     given = parser.parse_args()
     results = [json.loads(p.read_text()) for p in given.results or sorted((given.folder / "results").glob("*.json"))]
     if not given.results:
@@ -115,6 +116,8 @@ def main() -> None:
             cells = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
             print(f"{entry:8s} {seed} {name:18s} {row['inside']} of {row['of']} inside, {', '.join(cells)}", flush=True)
             rows.append(row)
+    if given.save:
+        given.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
     print(json.dumps({"open": rows}))
 
 

@@ -12,7 +12,7 @@ from plants.random_plants import periods_of, record_of, two_modes
 from plants.refusals import refused
 
 from elastid.frf.estimate import estimate
-from elastid.frf.local.response import local_response, merge_repeats, settled_spectra
+from elastid.frf.local.response import local_response, merge_repeats, settled_spectra, spectra_at
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 
@@ -180,3 +180,13 @@ def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> 
     with refused("frf/records", place="configuration c"):
         estimate([a, b, c], spec)
     assert estimate([a, b, c], replace(spec, method="h1")).n_lines > 10
+
+
+@pytest.mark.parametrize(("P", "N"), [(200, 100), (331, 64), (7, 300)])
+def test_spectra_near_lines_are_those_of_the_whole_record(P: int, N: int) -> None:
+    """Also for lengths with a large prime factor, and where all bins are wanted."""
+    signals = np.random.default_rng(0).normal(size=(P * N + 37, 2))
+    lines, used = np.arange(3, N // 2 - 1, 4), slice(20, 20 + P * N)
+    bins = np.unique((lines[:, None] * P + np.arange(-9, 10)).ravel())
+    whole = np.fft.rfft(signals[used], axis=0) * 2 / (P * N)
+    np.testing.assert_allclose(spectra_at(signals, used, bins, P), whole[bins], atol=1e-14)
