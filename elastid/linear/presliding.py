@@ -70,4 +70,6 @@ def _padded(slope: Slope, n_s: int) -> Slope:
 
 
 def _pad(matrix: FloatArray, rows: int, columns: int) -> FloatArray:
-    return np.pad(matrix, ((0, rows), (0, columns)))
+    larger = np.zeros((matrix.shape[0] + rows, matrix.shape[1] + columns))
+    larger[: matrix.shape[0], : matrix.shape[1]] = matrix
+    return larger

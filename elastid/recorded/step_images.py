@@ -18,7 +18,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec, Places
@@ -115,6 +114,8 @@ def _lateness(
 
     every: torques of R (F, n_u) at the line and at its images.
     """
+    from scipy.optimize import minimize_scalar  # slow to load, for logs without images
+
     numbers, each = zip(*every, strict=True)
     torques, turns = np.stack(each) * R, -2j * np.pi * (freq_hz + np.array(numbers)[:, None] / cycle)
 

@@ -129,10 +129,9 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     friction = {name: value for name, value in values.items() if name in friction_numbers(robot)}
     singles = [{name: value} for name, value in values.items() if name not in friction]
     # Together they may be possible where one alone is not, as the three inertias of a slender body.
-    refused = [_refusal(robot, tried) for tried in (values, *singles, friction)]
-    if not refused[0]:
+    if (refusal := _refusal(robot, values)) is None:
         return []
-    error, name = next(filter(None, refused[1:]), refused[0])
+    error, name = next(filter(None, (_refusal(robot, tried) for tried in (*singles, friction))), refusal)
     return [Problem((*_TRUTH, name), f"no robot has this value: {error}")]
 
 

@@ -117,7 +117,7 @@ def main() -> None:
             print(f"{entry:8s} {seed} {name:18s} {row['inside']} of {row['of']} inside, {', '.join(cells)}", flush=True)
             rows.append(row)
     if given.save:
-        given.save.write_text(json.dumps({"open": rows}, indent=1, default=float) + "\n")
+        given.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
     print(json.dumps({"open": rows}))
 
 
