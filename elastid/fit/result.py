@@ -157,8 +157,8 @@ OTHER_JOINTS = (
     "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
 )
 OTHER_AMPLITUDE = (
-    "To find the cause of the model error, measure again at half the torque. If the residuals change, the cause is "
-    "nonlinear; otherwise it is linear, for example a missing elastic joint"
+    "To find the cause of the model error, measure again at half the torque. If the residuals relative "
+    "to |G| change, the cause is nonlinear; otherwise it is linear, for example a missing elastic joint"
 )
 
 

@@ -332,12 +332,12 @@ def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber
     ends = np.searchsorted(tau, gear.peak * np.arange(4) / 3).clip(0, 600)
     for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
         if high > low:
-            meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
+            meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} N*m"
             secant, row = ((x[high] - x[low]) / (delta[high] - delta[low]) for x in (tau, rows))
             numbers.append(gear.number(replace(SECANT, prefix=f"K{i}_", meaning=meaning), float(secant), row))
     if not has_gap:  # a secant is softer than k, beyond the gap
         share, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
-        meaning = f"hardening of the secant stiffness up to {gear.peak:.3g} Nm"
+        meaning = f"hardening of the secant stiffness up to {gear.peak:.3g} N*m"
         numbers.append(gear.number(replace(STIFFENING, meaning=meaning), share - 1, row))
     return numbers
 

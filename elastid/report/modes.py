@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import field
 from itertools import pairwise
@@ -159,7 +160,10 @@ class ModeRow:
         if not self.coordinates:
             return [""] * len(self.frequency_hz)
         return [
-            ", ".join(f"{self.coordinates[i]} {shape[i].real:+.2f}" for i in _largest(np.abs(shape), MIN_MOTION))
+            ", ".join(
+                f"{self.coordinates[i]} {math.copysign(abs(shape[i]), shape[i].real):+.2f}"
+                for i in _largest(np.abs(shape), MIN_MOTION)
+            )
             for shape in self.shapes.T
         ]
 

@@ -120,7 +120,9 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     most = widest(rows)
     if result.status != "converged":
         if result.meaning == CONTRADICTED:
-            return "Only if the value that the data require is correct. The robot model states a different value."
+            required, is_number, _ = result.cause[0].removeprefix(REQUIRED).strip().partition(" instead of ")
+            value = required if is_number else "the value that the data require"
+            return f"Only if {value} is correct. The robot model states a different value."
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
     if most is None:
         return "No parameter was identified."

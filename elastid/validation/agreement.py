@@ -303,7 +303,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     if not math.isnan(p):
         test = f"residuals {color}, {math.sqrt(ratio):.3g} times the noise (rms)"
     where = f"configuration {names}, which was not fitted"
-    return f"Validation {verdict}. The model predicts {where}: {test}; {error} including noise."
+    return f"Validation {verdict}. The model predicts {where}: {test}. Error of the FRFs: {error} including noise."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:

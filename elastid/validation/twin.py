@@ -96,10 +96,12 @@ class TwinRun:
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         loop = errors.pop(TORQUE) if held else []
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
-        of_loop = f" The torque of this loop is at most {max(loop):.3g} % of the logged torque (rms)." if loop else ""
+        of_loop = (
+            f" The torque of the position loop is at most {max(loop):.3g} % of the logged torque (rms)." if loop else ""
+        )
         return (
-            f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{held}. Rms errors relative to the rms "
-            f"of the signal: {', '.join(parts)}.{of_loop}"
+            f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{held}. Rms errors in percent "
+            f"of the rms signal: {', '.join(parts)}.{of_loop}"
         )
 
 

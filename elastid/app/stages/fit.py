@@ -19,7 +19,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.result import HELD_AS_EXACT, Result
+from elastid.fit.result import DISTORTED, HELD_AS_EXACT, Result
 from elastid.nonlinear.effects import notes_before_gears
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
@@ -163,11 +163,13 @@ def conclude(run: Run) -> None:
     run.console.say(f"{status}: {result.message if explained else meaning}")
 
 
-OF_JOINTS = {"k": "stiffness", "d": "damping", "f": "viscous friction"}
+OF_JOINTS = {"k": "stiffness", "d": "damping"}
+OF_BEARINGS = {"f": "viscous friction"}
 # Owner, whether it is a joint with a motor, and families of parameters.
 SYMBOLS = (
     ("joint {} between motor and link (link side)", True, OF_JOINTS),
-    ("elastic joint {} (bearing or link, no motor)", False, OF_JOINTS),
+    ("joint {} behind the gear (link side)", True, OF_BEARINGS),
+    ("elastic joint {} (bearing or link, no motor)", False, {**OF_JOINTS, **OF_BEARINGS}),
     (
         "motor {} (motor side)", None,
         {"fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft"},
@@ -176,8 +178,8 @@ SYMBOLS = (
     ("the outputs relative to the inputs", None, {"delay": "time delay"}),
 )  # fmt: skip
 STD_PARTS = {
-    "std_noise": "measurement noise",
-    "std_prior": "tolerances of the robot model",
+    "std_noise": "measured variance of the FRFs (noise, and distortion between realisations)",
+    "std_prior": "tolerances of the robot model that more data do not reduce",
 }
 
 
@@ -197,12 +199,15 @@ def _legend(
     if groups:
         yield f"Names: {'; '.join(groups)}"
     errors = ["the assumed model error"] * (result.model_error > 0)
+    errors += ["residuals above the noise"] * (result.exceeds_noise and not result.is_within_declared)
     errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
-    meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "other systematic errors"])}
+    errors += ["unexplained distortion"] * (DISTORTED in result.verdicts)
+    meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "tolerances that more data reduce"])}
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
         more = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
-        yield f"The fit also varied {more} within the tolerances (default tolerances, if the robot model states none)"
+        gains = " (gain_u: logged torque / true torque)" if "gain_u" in more else ""
+        yield f"The fit also varied {more}{gains}. Prior std: the tolerance in the robot model, otherwise the default"
         yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
     profiles = zip(rows, result.profile95, strict=False)
     if by_profile := ", ".join(row.name for row, ends in profiles if not np.isnan(ends).any()):

@@ -126,7 +126,7 @@ class HeatSpec:
 
 @section
 class CarrierSpec:
-    """A slow movement of every driven joint around its configuration, so that friction slides instead of sticking."""
+    """A slow movement of every driven joint around its configuration, so that the joint slides instead of sticking."""
 
     # fmt: off
     amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Link-side amplitude of a sine, one for "

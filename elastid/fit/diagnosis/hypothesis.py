@@ -43,7 +43,8 @@ SCALE = "scale"  # family of channels in another unit, whose readings follow fro
 # Remedies; a command to copy is at the end, after a colon.
 FREE_MOTORS = "Free the viscous friction of all motors, which the robot model lacks: `--set 'fit.parameters.fm_*={}'`"
 CHECK_OR_PRIOR = (
-    "Correct {name} in the robot model, or estimate it (prior: value of the robot model, std {size}): "
+    "Correct {name} in the robot model, or estimate it (prior: value of the robot model; std {size}, wide enough "
+    "for this change): "
     "`--set 'fit.parameters.{name}={{prior: {{std: {usual:g}}}}}'`"
 )
 
@@ -229,7 +230,7 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
     alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
     same = f", or {', or '.join(alternatives)} (indistinguishable)" if alternatives else ""
     tolerance = tolerance_of(index, result)
-    of_tolerance = f"; the std of its prior is {tolerance}" if tolerance else ""
+    of_tolerance = f"; its prior std in this fit is {tolerance}" if tolerance else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f"changes {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
     named = f"{phrase(index, evidence)}{same}{of_tolerance}"

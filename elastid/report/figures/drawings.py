@@ -65,8 +65,8 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("identifiability", "fit", caption, partial(fit.identifiability, content.result))
     if content.forecast is not None:
         caption = (
-            "Distribution of the expected Fisher information over the fitted configurations and octaves, in %: mean "
-            "over the distributions of all parameters."
+            "Share of each fitted configuration and octave in the expected Fisher information, in %, averaged over all "
+            "parameters."
         )
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
     if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():

@@ -147,6 +147,7 @@ def meanings(content: ReportContent) -> dict[str, str]:
     springs = spring_names(content.robot)
     words = {name: f"stiffness, {spring}" for name, spring in springs.items()}
     words |= {f"d{name[1:]}": f"damping, {spring}" for name, spring in springs.items()}
+    words |= {f"f_{joint.name}": f"viscous friction, joint {joint.name} (link side)" for joint in content.robot.joints}
     return words | {f"fm_{joint.name}": f"viscous friction, motor {joint.name}" for joint in content.robot.joints}
 
 
