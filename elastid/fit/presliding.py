@@ -256,11 +256,12 @@ def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
     numbers: list[Parameter] = []
     for spring, (s, a) in springs.items():
         (stiffness, damping), time = spring.names, relaxation(spring.joint)
+        start = min(max(1 / a, times[0]), times[1])  # a rate at its bound, but for rounding
         prior = Prior(s, STIFFNESS_STD)
         numbers += [
             Parameter(stiffness, s, "N*m/rad", 1e-4 * s, 1e4 * s, True, prior=prior, is_nuisance=True),
             Parameter(damping, s / a, "N*m*s/rad", log=True, tie=Tie(stiffness, 1.0, time)),
-            Parameter(time, 1 / a, "s", *times, True, prior=middle, ratio=True, is_nuisance=True),
+            Parameter(time, start, "s", *times, True, prior=middle, ratio=True, is_nuisance=True),
         ]
     every = assembly.parameters.parameters
     at = [p.name for p in every].index(DELAY)

@@ -24,11 +24,15 @@ from elastid.robot import Joint, Robot
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault."""
+    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault.
+
+    is_weak: by a torque of a joint while others moved, which one log does not show.
+    """
 
     channel: int | None
     key: str
     text: str
+    is_weak: bool = False
 
 
 def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
@@ -191,10 +195,10 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
         names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
         if relation.is_against_motion:
             text = f"{names} give a negative inertia or friction. Give one of them sign: -1"
-            yield Doubt(joint.torque if is_consistent else i, "sign", text)
+            yield Doubt(joint.torque if is_consistent else i, "sign", text, relation.is_shared)
         elif relation.is_before_gear(joint.joint, joint.ratio):
             text = f"{names} give an inertia below the rotor's own. If they are logged before the gear, set side: motor"
-            yield Doubt(joint.torque, "side", text)
+            yield Doubt(joint.torque, "side", text, relation.is_shared)
 
 
 def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:

@@ -205,7 +205,7 @@ def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:
         unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
     except ValueError as error:
         raise StudyError("study/recorded", str(error), channel.full_name) from None
-    return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)
+    return channel.sign * channel.scale * unit * (1.0 if channel.torque_constant is None else channel.torque_constant)
 
 
 def _gear_factor(channel: ChannelSpec, robot: Places) -> float:

@@ -24,6 +24,7 @@ MIN_EXPLAINED = 0.75
 MIN_BY_INERTIA = 0.2
 # Acceleration of another joint over its own, from which on it may move it; what viscous friction must explain then.
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
+MIN_ALONE = 0.03  # of the variance of an acceleration, that the other columns do not explain
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class TorqueRelation:
     inertia, largest_inertia: J in the band where it carries most of the torque, and its upper limit (three standard
     errors) over all bands where it carries enough, infinite without one, as where friction carries a slow motion.
     is_against_motion: J is negative, or friction gives power, and neither contradicts the other.  by_inertia: fraction
-    of the torque's variance that only the acceleration explains.
+    of the torque's variance that only the acceleration explains.  is_shared: other joints moved as well.
     """
 
     explained: float = 0.0
@@ -49,6 +50,7 @@ class TorqueRelation:
     largest_inertia: float = np.inf
     is_against_motion: bool = False
     by_inertia: float = 0.0
+    is_shared: bool = False
 
     def is_before_gear(self, joint: Joint, ratio: float, scale: float = 1.0) -> bool:
         """True if J / scale is below half the rotor's inertia as a link-side number, but not as a motor-side one."""
@@ -122,6 +124,8 @@ def _relation_at(
     q = derivative(y, -order, rate_hz, width) if turns and order < 2 else np.zeros(1)
     if np.ptp(q) > 0.3:  # from so many rad on gravity changes as a cosine
         columns += [np.cos(q), np.sin(q)]
+    every = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
+    moving = [x for x in every if np.std(x) > MIN_MOVING * np.std(a)]
     A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     theta = np.linalg.lstsq(A / size, torque, rcond=1e-9)[0] / size
@@ -133,13 +137,19 @@ def _relation_at(
     variance = score @ score + 2 * sum((1 - k / 10) * float(score[k:] @ score[:-k]) for k in range(1, 10))
     std = float(np.sqrt(max(variance, 0.0))) / max(float(alone @ alone), 1e-300)
     by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
-    moved = any(np.std(derivative(x, 2 - k, rate_hz, width)) > MIN_MOVING * np.std(a) for x, k in others)
-    friction = slice(2 if moved and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
+    friction = slice(2 if moving and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
     parts = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
     signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
     shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
     is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1
-    return TorqueRelation(explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia)
+    if is_against and moving:  # joints that move in proportion show the sign of none of them
+        B = np.stack([np.ones_like(torque), *(x[:: int(width / 2)] for x in moving)], axis=1)
+        own, left = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
+        is_seen = np.var(own[:, 0]) > MIN_ALONE * np.var(A[:, 0])
+        is_against = bool(is_seen and min(np.linalg.lstsq(own, left, rcond=1e-9)[0] * np.std(own, axis=0)) < 0)
+    return TorqueRelation(
+        explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)
+    )
 
 
 def travel(x: FloatArray) -> float:

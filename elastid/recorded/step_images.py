@@ -8,13 +8,14 @@ rate 1 / T folds them onto f:
 
 since only the inertia J of a motor follows so fast. L_m: logged channel at the image over that at f; a channel that is
 late by tau turns an image by exp(-2 pi j m tau / T) more. Images are coherent with the excitation: neither noise nor
-distortion shows them. Logged references and torques give tau and the feed-forward. References R that are not logged
-follow from torques and positions, whatever the friction. An error of K_v then cancels in the part of the torques:
+distortion shows them. Logged references and positions give the commanded torques C_ff F_r R - C_fb Q; the logged ones
+then show tau, the feed-forward and the scale of K_v. References R that are not logged follow from torques and
+positions, whatever the friction. An error of K_v then cancels in the part of the torques:
 
 .. math:: R = \frac{U_{log} + C_{fb} Q}{C_{ff} F_r + \sum_{m \ne 0} L_m S_m C_{ff} F_r}
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,7 @@ _LOWEST, _MIN_EXPLAINED, _SMALLEST = 0.05, 0.25, 0.03
 # Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
 # before it.
 _TORQUE_LAG_S = 3e-4
+_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # that a reference is logged before or after it acts
 _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, and no torque shows its reference
 
 
@@ -68,10 +70,12 @@ def without_step_images(
     is_at_cycle = abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR
     positions = {channels[i].at: i for i in roles["y"] if channels[i].quantity == "position"}
     is_slow = controller.cycle > 2 * np.pi * _TORQUE_LAG_S  # else the unknown lag dominates the images
-    if is_at_cycle and is_slow and not roles["r"] and all(channels[i].at in positions for i in u):
+    f, Q = np.maximum(freq_hz, freq_hz[1] / 2), np.zeros(0, complex)
+    if has_positions := all(channels[i].at in positions for i in u):
         q = signals[:, [positions[channels[i].at] for i in u]]
         Q = np.fft.rfft(q - np.linspace(q[0], q[-1], n), axis=0)  # without the jump from the end to the start
-        C_fb, C_ff = _controlled(usual, np.maximum(freq_hz, freq_hz[1] / 2), robot, len(u))
+    if is_at_cycle and is_slow and not roles["r"] and has_positions:
+        C_fb, C_ff = _controlled(usual, f, robot, len(u))
         per_reference = C_ff + images
         R = (U + C_fb * Q) * per_reference.conj() / (np.abs(per_reference) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
         return _subtracted(signals, u, images * R, text, log)
@@ -79,16 +83,25 @@ def without_step_images(
     if is_at_cycle and R.shape == U.shape:
         above = freq_hz > _LOWEST * rate_hz
         lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * np.abs(R[above]).max()))
-        matches = []
-        for share in (stated,) if stated else (0.0, 1.0):
-            every = _logged(_with_feed_forward(controller, share), freq_hz[lines], robot, channels, u, rate_hz)
-            tau, explained = _lateness(every, freq_hz[lines], R[lines], U[lines], controller.cycle)
-            matches.append((explained, tau, share))
-        explained, tau, share = max(matches)
+        filters, matches = _low_passes(channels, u, f[lines]), []
+        for share in dict.fromkeys((stated, 0.0, 1.0)):
+            cascade = _with_feed_forward(controller, share)
+            numbers, each = zip(*_logged(cascade, f[lines], robot, channels, u, rate_hz), strict=True)
+            torques = np.stack(each) * R[lines] / filters
+            turns = -2j * np.pi * (f[lines] + np.array(numbers)[:, None] * rate_hz)
+            C_fb, C_ff = _controlled(cascade, f[lines], robot, len(u))
+            for cycles in _REFERENCE_CYCLES if has_positions else (0,):
+                turn = np.exp(-2j * np.pi * f[lines, None] * controller.cycle * cycles)
+                commanded = torques * turn
+                if has_positions:  # whatever the robot
+                    commanded[numbers.index(0)] = C_ff * R[lines] * turn - C_fb * Q[lines]
+                matches.append((_lateness(commanded, turns, U[lines], controller.cycle), share, cycles))
+        (explained, tau, scale), share, cycles = max(matches, key=lambda match: match[0][0])
         if explained > _MIN_EXPLAINED:
             cascade = _with_feed_forward(controller, share)
             images, _ = _per_reference(cascade, freq_hz, robot, channels, u, rate_hz, tau)
-            return _subtracted(signals, u, images * R, text, log)
+            turn = np.exp(-2j * np.pi * freq_hz[:, None] * controller.cycle * cycles)
+            return _subtracted(signals, u, images * R * turn * scale, text, log)
         text = f"{text}. The logged references and the stated controller explain {100 * explained:.0f} % of the torques"
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
@@ -108,25 +121,27 @@ def _with_feed_forward(controller: CascadeSpec, share: float) -> CascadeSpec:
 
 
 def _lateness(
-    every: Iterable[tuple[int, ComplexArray]], freq_hz: FloatArray, R: ComplexArray, U: ComplexArray, cycle: float
-) -> tuple[float, float]:
-    """Delay of the torques U (F, n_u) in s, between -2 and 4 cycles, and the part of their power that is explained.
+    torques: ComplexArray, turns: ComplexArray, U: ComplexArray, cycle: float
+) -> tuple[float, float, FloatArray]:
+    """Part of the power of the torques U (F, n_u) that is explained, their delay in s, and the scale (n_u,) of K_v.
 
-    every: torques of R (F, n_u) at the line and at its images.
+    torques (m, F, n_u): at the line and at its images; turns (m, F): -j omega of each.  Delays of -2 to 4 cycles.
     """
-    from scipy.optimize import minimize_scalar  # slow to load, for logs without images
+    from scipy.optimize import minimize_scalar  # 0.05 s, which a study without images need not load
 
-    numbers, each = zip(*every, strict=True)
-    torques, turns = np.stack(each) * R, -2j * np.pi * (freq_hz + np.array(numbers)[:, None] / cycle)
+    def modelled(tau: float) -> tuple[ComplexArray, FloatArray]:
+        M = np.sum(torques * np.exp(turns * tau)[..., None], axis=0)
+        scale = np.sum((M.conj() * U).real, axis=0) / np.maximum(np.sum(np.abs(M) ** 2, axis=0), 1e-300)
+        return M, np.maximum(scale, 0.0)
 
     def unexplained(tau: float) -> float:
-        modelled = np.sum(torques * np.exp(turns * tau)[..., None], axis=0)
-        return float(np.sum(np.abs(U - modelled) ** 2) / np.sum(np.abs(U) ** 2))
+        M, scale = modelled(tau)
+        return float(np.sum(np.abs(U - M * scale) ** 2) / np.sum(np.abs(U) ** 2))
 
-    grid = cycle * np.arange(-2, 4, 0.05)
+    grid = cycle * np.arange(-2, 4, 0.1)
     best = grid[int(np.argmin([unexplained(tau) for tau in grid]))]
-    end = minimize_scalar(unexplained, bounds=(best - 0.05 * cycle, best + 0.05 * cycle), method="bounded")
-    return float(end.x), 1 - float(end.fun)
+    end = minimize_scalar(unexplained, bounds=(best - 0.1 * cycle, best + 0.1 * cycle), method="bounded")
+    return 1 - float(end.fun), float(end.x), modelled(end.x)[1]
 
 
 def _per_reference(

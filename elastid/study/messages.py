@@ -26,11 +26,15 @@ _OF_KEY = "[key]"
 
 @dataclass(frozen=True)
 class Problem:
-    """One error: the key path, a sentence, and True if the key (not its value) is at fault."""
+    """One error: the key path, a sentence, and True if the key (not its value) is at fault.
+
+    is_weak: of several logs, more than one must show it.
+    """
 
     path: KeyPath
     message: str
     at_key: bool = False
+    is_weak: bool = False
 
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:

@@ -63,7 +63,7 @@ class ChannelSpec:
         "opposite phase far below the first resonance.")] = 1
     torque_constant: Annotated[TorqueConstant | None, Key("Torque constant of a current channel, on the motor side "
         "(default: none; needed for a current).", "from the data sheet; its error scales a column of the response, and "
-        "gain_u_motor_1 in fit.parameters estimates it.")] = None
+        "gain_u_motor_1 in fit.parameters estimates it.", above=0)] = None
     side: Annotated[Literal["link", "motor"], Key("Side of the gear on which the signal is measured; with coupled "
         "gears, `motor` is the shaft of each motor.", "`motor` for raw drive signals: angles are then divided by the "
         "ratio, torques multiplied by it.")] = "link"

@@ -92,7 +92,7 @@ class FileSpec:
         "recorded.time, by torques and accelerations, or by row number.", "for signals of another logger; log r, "
         "reference or a motion in both files if it started at another time.")] = ()
     period: Annotated[Period | None, Key("Period of the excitation in this file (default: period of the section).",
-        "for files with different excitations; `none` for a transient.")] = None
+        "for files with different excitations; `none` for a transient.", most=1e6)] = None
     period_samples: Annotated[float | None, Key("Period of the excitation in this file in samples (default: "
         "period_samples of the section).", "for one file with a drifting clock.")] = None
     joint: Annotated[str, Key("Name of the joint that moves (default: every moving joint with torque and position).",
@@ -133,7 +133,7 @@ class RecordedSpec:
     # fmt: off
     rate_hz: Annotated[Frequency | Literal["unknown"], Key("Sampling rate of the logs, or `unknown` (frequencies are "
         "then relative to it).", "an error scales all frequencies, and all stiffnesses by its square; `unknown` only "
-        "for structures without a robot.", above=0)]
+        "for structures without a robot.", above=0, most=1e9)]
     channels: Annotated[tuple[ChannelSpec, ...], Key("Signals of the logs.", "at least one torque (u) and one "
         "position, velocity or acceleration (y); add the injected torque (r) for closed-loop estimators. References "
         "of a known controller may replace the torques.")]
@@ -141,7 +141,7 @@ class RecordedSpec:
         "are numbered from 0 in each configuration.")]
     period: Annotated[Period | None, Key("Period of the excitation, `find` to estimate it from the torques, or `none` "
         "for an aperiodic record such as noise or a sweep from rest (default: none).", "the period of the signal "
-        "generator is best; `find` needs two periods and distinct lines.")] = None
+        "generator is best; `find` needs two periods and distinct lines.", most=1e6)] = None
     period_samples: Annotated[float | None, Key("Period of the excitation in samples, also fractional, instead of "
         "period (default: period).", "if the clocks of generator and logger differ, such as 12480.02 samples.")] = None
     text: Annotated[TextFormatSpec, Key("Format of CSV files.", "if `elastid inspect` shows one column instead of "

@@ -161,6 +161,8 @@ class ArrayLog:
 
     def _column(self, channel: ChannelSpec, name: str, matrix: FloatArray) -> FloatArray:
         n, columns = matrix.shape
+        if 0 in matrix.shape:
+            raise self._refusal(f"channel {name} contains no samples. Measure again")
         if channel.column is None and columns > 1:
             raise self._refusal(
                 f"channel {name} contains {columns} signals of {n} samples. Give column: 1 to {columns}"

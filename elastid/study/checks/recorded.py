@@ -4,6 +4,7 @@ The section `experiment.recorded` against its logs, opened: channels, rate, peri
 """
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -195,10 +196,13 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         seen.add(samples)
     chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
     problems: dict[KeyPath, Problem] = {}
+    counts: Counter[KeyPath] = Counter()
     for i in map(int, chosen):
         for problem in _check_log(study, recorded, i, base):
             problems.setdefault(problem.path, problem)
-    yield from problems.values()
+            counts[problem.path] += 1
+    least = min(2, len(chosen))
+    yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= least)
     several = next((i for i, file in enumerate(recorded.files) if file.also), None)
     if several is not None and not problems and study.friction is None:
         yield from _check_start(study, recorded, several, base)
@@ -277,7 +281,7 @@ def _check_content(
         doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
         for doubt in (doubt for doubt in doubts if not rates or doubt.channel is not None):
             at = ("rate_hz",) if doubt.channel is None else ("channels", members[doubt.channel], doubt.key)
-            yield Problem((*_RECORDED, *at), f"{doubt.text} ({place.name})")
+            yield Problem((*_RECORDED, *at), f"{doubt.text} ({place.name})", is_weak=doubt.is_weak)
 
 
 def _check_period(
