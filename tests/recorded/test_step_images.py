@@ -50,15 +50,18 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         u, y = record.u[::4], record.y[::4]
         table = np.hstack([u, y, references(rig.plan, None, trial)[first : first + len(u)]])
         header = ",".join(channel.channel for channel in (*U, *Y, *R))
-        np.savetxt(folder / f"{trial.name}.csv", table, delimiter=",", header=header, comments="")
+        # Torques a quarter of a cycle late, references a cycle before they act; all repeat.
+        late = np.hstack([np.roll(record.u, 1, axis=0)[::4], y, np.roll(table[:, -2:], -1, axis=0)])
+        for name, rows in ((trial.name, table), (f"{trial.name}-late", late)):
+            np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=header, comments="")
     return folder
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_logged", [True, False])
-def test_images_of_reference_steps_are_subtracted(is_logged: bool, logs: Path) -> None:
-    """Torques at the cycle without a filter, delay free: k within 1 % and 3 std, references logged or not."""
-    files = tuple(FileSpec(f"{p}-r{m}-e{e}.csv", p, m, e) for p in POSTURES for m in range(2) for e in range(2))
+@pytest.mark.parametrize(("is_logged", "suffix"), [(True, ""), (False, ""), (True, "-late")])
+def test_images_of_reference_steps_are_subtracted(is_logged: bool, suffix: str, logs: Path) -> None:
+    """Torques at the cycle without a filter, delay free: k within 0.2 % and 3 std, logged references or not, late."""
+    files = tuple(FileSpec(f"{p}-r{m}-e{e}{suffix}.csv", p, m, e) for p in POSTURES for m in range(2) for e in range(2))
     channels = (*U, *Y, *(R if is_logged else ()))
     recorded = RecordedSpec(1 / CYCLE, channels, files, period=1.0, controller=CONTROLLER)
     rig = RecordedRig(ROBOT, ExperimentSpec(POSTURES, recorded=recorded), logs)
@@ -71,5 +74,5 @@ def test_images_of_reference_steps_are_subtracted(is_logged: bool, logs: Path) -
     start = ROBOT.with_parameters({"k_1": 2.4e5, "k_2": 2.4e5})
     result = fit_parameters(responses, start, FitSpec(parameters=free, starts=1))
     truth = {name: ROBOT.parameters()[name][0] for name in ("k_1", "k_2")}
-    assert max(abs(result.values[name] / k - 1) for name, k in truth.items()) < 0.01
+    assert max(abs(result.values[name] / k - 1) for name, k in truth.items()) < 2e-3
     assert max(deviation(result, name, k) for name, k in truth.items()) < 3
