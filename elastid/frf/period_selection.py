@@ -267,7 +267,8 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, other
     return Note(
         "frf/periods-discarded",
         f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. The {channels[worst]} deviates there "
-        f"from {others} by up to {100 * D[worst]:.2g} % of its rms. These other periods deviate from each other by "
-        f"{100 * measured.typical[worst]:.2g} % (median; limit from their scatter {100 * limit[worst]:.2g} %)",
+        f"from {others} by up to {100 * D[worst]:.2g} % of its rms. A period is discarded above "
+        f"{100 * limit[worst]:.2g} %, because the other periods deviate from each other by "
+        f"{100 * measured.typical[worst]:.2g} % (median)",
         f"record {record.name}",
     )

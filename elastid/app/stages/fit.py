@@ -202,12 +202,16 @@ def _legend(
     errors += ["residuals above the noise"] * (result.exceeds_noise and not result.is_within_declared)
     errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
     errors += ["unexplained distortion"] * (DISTORTED in result.verdicts)
-    meanings = {**STD_PARTS, "std_systematic": ", ".join([*errors, "tolerances that more data reduce"])}
+    meanings = {
+        **STD_PARTS,
+        "std_systematic": ", ".join([*errors, "the part of the tolerances that longer measurements reduce"]),
+    }
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
         more = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
         gains = " (gain_u: logged torque / true torque)" if "gain_u" in more else ""
-        yield f"The fit also varied {more}{gains}. Prior std: the tolerance in the robot model, otherwise the default"
+        tolerance = "their tolerance in the robot model, or the default if it states none"
+        yield f"The fit also varied {more}{gains}, with a prior. Std of the prior: {tolerance}"
         yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
     profiles = zip(rows, result.profile95, strict=False)
     if by_profile := ", ".join(row.name for row, ends in profiles if not np.isnan(ends).any()):

@@ -78,9 +78,9 @@ class FileSpec:
         "otherwise, and for joints without a channel).", "a name of experiment.configurations; logs of one "
         "configuration are estimated together.")] = ""
     realisation: Annotated[int, Key("Number of the realisation of the phases, from 0.", "a new number for new random "
-        "phases.")] = 0
+        "phases.", least=0)] = 0
     experiment: Annotated[int, Key("Number of the experiment in its realisation, from 0.", "as many as motors unless a "
-        "local method is used; equal numbers are further periods of one experiment.")] = 0
+        "local method is used; equal numbers are further periods of one experiment.", least=0)] = 0
     at: Annotated[dict[str, str], Key("Locations of hammer and sensors in this file, by `at` of their channels "
         "(default: the locations in channels).", "{hammer: point 2} for the file of the second hit "
         "point; each point needs its own experiment number.")] = field(default_factory=dict)
