@@ -291,7 +291,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
     """
     poor = widest(rows)
     candidates = [_of_cause(result), _action_of_status(result)]
-    if result.cause[0].startswith(NO_CAUSE):
+    if result.cause[0].startswith(NO_CAUSE) or candidates[1] is OPEN_GEARS:  # which a warning names, too
         candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(
