@@ -8,15 +8,15 @@ rate 1 / T folds them onto f:
 
 since only the inertia J of a motor follows so fast. L_m: logged channel at the image over that at f; a channel that is
 late by tau turns an image by exp(-2 pi j m tau / T) more. Images are coherent with the excitation: neither noise nor
-distortion shows them. Logged references and positions give the commanded torques C_ff F_r R - C_fb Q; the logged ones
-then show tau, the feed-forward and the scale of K_v. References R that are not logged follow from torques and
-positions, whatever the friction. An error of K_v then cancels in the part of the torques:
+distortion shows them. Logged references and positions give the commanded torques C_ff F_r R - C_fb Q. Compared with
+them, the logged torques show tau, the feedforward, the scale of K_v and the delay of R. References R that are not
+logged follow from torques and positions, whatever the friction. An error of K_v then cancels in the torques:
 
 .. math:: R = \frac{U_{log} + C_{fb} Q}{C_{ff} F_r + \sum_{m \ne 0} L_m S_m C_{ff} F_r}
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,13 +29,13 @@ from elastid.response import STEP_IMAGES
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 
-# Lowest frequency over the rate, below which friction dominates; the least part of the power that references explain;
-# smallest amplitude of a reference over its largest, of the lines that decide.
-_LOWEST, _MIN_EXPLAINED, _SMALLEST = 0.05, 0.25, 0.03
+# Lines that decide: from this part of the rate on, since friction dominates below, and with a reference of this part of
+# the largest one. Their power that the controller must explain.
+_LOWEST, _SMALLEST, _MIN_EXPLAINED = 0.05, 0.03, 0.25
 # Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
 # before it.
 _TORQUE_LAG_S = 3e-4
-_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # that a reference is logged before or after it acts
+_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # from the log of a reference to the path that it takes
 _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, and no torque shows its reference
 
 
@@ -48,61 +48,33 @@ def without_step_images(
     robot: Places,
     log: Log,
 ) -> FloatArray:
-    """Signals (n, c) without images of their references, whose size is reported."""
+    """Subtract the images of references from the torques in signals (n, c), or report their size."""
     controller, u, n = recorded.controller, roles["u"], len(signals)
-    # From four samples in a cycle on, images are below a sixteenth.
     if not isinstance(robot, Robot) or controller is None or recorded.has_commands_alone:
         return signals
-    if not 0 < rate_hz * controller.cycle < 4:
+    # From four samples in a cycle on, images are below a sixteenth.
+    if controller.reference is None or not 0 < rate_hz * controller.cycle < 4:
         return signals
     freq_hz = np.fft.rfftfreq(n, 1 / rate_hz).astype(np.float64)
-    U = np.fft.rfft(signals[:, u], axis=0)
+    U, R = (np.fft.rfft(signals[:, places], axis=0) for places in (u, roles["r"]))
     stated = controller.velocity_feedforward
-    assert controller.reference is not None
-    usual = _with_feed_forward(controller, stated or controller.reference.velocity_feedforward)
-    images, forward = _per_reference(usual, freq_hz, robot, channels, u, rate_hz)
-    power = np.cumsum(np.sum(np.abs(U[1:]) ** 2, axis=1))
-    edge = 1 + int(np.argmax(power >= 0.99 * power[-1]))
-    seen = 1 / (1 + images[edge] / forward[edge])
-    gain, shift_s = np.max(np.abs(np.abs(seen) - 1)), np.max(np.abs(np.angle(seen))) / (2 * np.pi * freq_hz[edge])
-    text = f"{100 * gain:.2g} % and {1e3 * shift_s:.2g} ms at {freq_hz[edge]:.3g} Hz"
-    text = f"aliases of the reference's steps change the response by {text}"
-    is_at_cycle = abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR
+    usual = stated or controller.reference.velocity_feedforward
+    drives = _Drives(controller, robot, [channels[i] for i in u], rate_hz).with_feedforward(usual)
+    text = _size(drives, freq_hz, U)
     positions = {channels[i].at: i for i in roles["y"] if channels[i].quantity == "position"}
-    is_slow = controller.cycle > 2 * np.pi * _TORQUE_LAG_S  # else the unknown lag dominates the images
-    f, Q = np.maximum(freq_hz, freq_hz[1] / 2), np.zeros(0, complex)
-    if has_positions := all(channels[i].at in positions for i in u):
+    Q = None
+    if all(channels[i].at in positions for i in u):
         q = signals[:, [positions[channels[i].at] for i in u]]
         Q = np.fft.rfft(q - np.linspace(q[0], q[-1], n), axis=0)  # without the jump from the end to the start
-    if is_at_cycle and is_slow and not roles["r"] and has_positions:
-        C_fb, C_ff = _controlled(usual, f, robot, len(u))
-        per_reference = C_ff + images
-        R = (U + C_fb * Q) * per_reference.conj() / (np.abs(per_reference) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
-        return _subtracted(signals, u, images * R, text, log)
-    R = np.fft.rfft(signals[:, roles["r"]], axis=0)
-    if is_at_cycle and R.shape == U.shape:
-        above = freq_hz > _LOWEST * rate_hz
-        lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * np.abs(R[above]).max()))
-        filters, matches = _low_passes(channels, u, f[lines]), []
-        for share in dict.fromkeys((stated, 0.0, 1.0)):
-            cascade = _with_feed_forward(controller, share)
-            numbers, each = zip(*_logged(cascade, f[lines], robot, channels, u, rate_hz), strict=True)
-            torques = np.stack(each) * R[lines] / filters
-            turns = -2j * np.pi * (f[lines] + np.array(numbers)[:, None] * rate_hz)
-            C_fb, C_ff = _controlled(cascade, f[lines], robot, len(u))
-            for cycles in _REFERENCE_CYCLES if has_positions else (0,):
-                turn = np.exp(-2j * np.pi * f[lines, None] * controller.cycle * cycles)
-                commanded = torques * turn
-                if has_positions:  # whatever the robot
-                    commanded[numbers.index(0)] = C_ff * R[lines] * turn - C_fb * Q[lines]
-                matches.append((_lateness(commanded, turns, U[lines], controller.cycle), share, cycles))
-        (explained, tau, scale), share, cycles = max(matches, key=lambda match: match[0][0])
-        if explained > _MIN_EXPLAINED:
-            cascade = _with_feed_forward(controller, share)
-            images, _ = _per_reference(cascade, freq_hz, robot, channels, u, rate_hz, tau)
-            turn = np.exp(-2j * np.pi * freq_hz[:, None] * controller.cycle * cycles)
-            return _subtracted(signals, u, images * R * turn * scale, text, log)
-        text = f"{text}. The logged references and the stated controller explain {100 * explained:.0f} % of the torques"
+    if abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR:
+        is_slow = controller.cycle > 2 * np.pi * _TORQUE_LAG_S  # else the unknown lag dominates the images
+        if not roles["r"] and Q is not None and is_slow:
+            return _subtracted(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
+        if R.shape == U.shape:
+            images, explained = _images_by_references(drives, stated, freq_hz, U, R, Q)
+            if images is not None:
+                return _subtracted(signals, u, images, text, log)
+            text = f"{text}. The logged references and the stated controller explain {100 * explained:.0f} % of them"
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
@@ -115,75 +87,145 @@ def _subtracted(signals: FloatArray, u: Sequence[int], images: ComplexArray, tex
     return signals
 
 
-def _with_feed_forward(controller: CascadeSpec, share: float) -> CascadeSpec:
-    assert controller.reference is not None
-    return replace(controller, reference=replace(controller.reference, velocity_feedforward=share))
+@dataclass(frozen=True, eq=False)
+class _Drives:
+    """Controller of a robot, with the path of its references, and the channels of the torques in a log."""
+
+    controller: CascadeSpec
+    robot: Robot
+    torques: Sequence[ChannelSpec]
+    rate_hz: float
+
+    def with_feedforward(self, alpha: float) -> "_Drives":
+        """Drives with another velocity feedforward."""
+        assert self.controller.reference is not None
+        reference = replace(self.controller.reference, velocity_feedforward=alpha)
+        return replace(self, controller=replace(self.controller, reference=reference))
+
+    def controlled(self, f: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Compute C_fb and C_ff F_r (F, n_u) with the lag of the torque loop."""
+        controller, loop = self.controller, loop_of(self.controller, len(self.torques))
+        joints, tick_hz = self.robot.driven_names, controller.tick_hz
+        C_fb, C_ff = sampled_responses(joints, loop, controller.spec, f, tick_hz, "position")
+        T = _TORQUE_LAG_S / 2 if controller.low_pass_hz else _TORQUE_LAG_S
+        lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
+        return C_fb * lag, C_ff * lag
+
+    def low_passes(self, f: FloatArray) -> ComplexArray:
+        """Filters (F, n_u) of the channels."""
+        s = (2j * np.pi * f).astype(np.complex128)
+        times = [sum(error.low_pass for error in channel.errors) for channel in self.torques]
+        return np.stack([low_pass_response(s, T) for T in times], axis=1)
+
+    def logged(self, f: FloatArray) -> Iterator[tuple[int, ComplexArray]]:
+        """Yield m and the logged torques (F, n_u) of a reference at f + m times the rate of the log, 0 its line."""
+        locations = self.robot.motor_locations
+        motors = [self.robot.driven[locations.index(channel.at)].motor for channel in self.torques]
+        J = np.array([0.0 if motor is None else motor.inertia * motor.ratio**2 for motor in motors])
+        half, filters = round(self.controller.tick_hz / self.rate_hz) // 2, self.low_passes(f)
+        for m in range(-half, half + 1):
+            f_m = f + m * self.rate_hz
+            C_fb, C_ff = self.controlled(f_m)
+            S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
+            yield m, np.asarray(S * C_ff * self.low_passes(f_m) / filters)
+
+    def per_reference(self, freq_hz: FloatArray, tau: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
+        """Sum up the torques (F, n_u) of all images in a log that is late by tau; and those of the lines."""
+        f = _positive(freq_hz)
+        images = line = np.zeros((len(f), len(self.torques)), complex)
+        for m, torques in self.logged(f):
+            late = torques * np.exp(-2j * np.pi * (f[:, None] + m * self.rate_hz) * tau)
+            images, line = (images + late, line) if m else (images, late)
+        return images, line
 
 
-def _lateness(
-    torques: ComplexArray, turns: ComplexArray, U: ComplexArray, cycle: float
-) -> tuple[float, float, FloatArray]:
-    """Part of the power of the torques U (F, n_u) that is explained, their delay in s, and the scale (n_u,) of K_v.
+def _positive(freq_hz: FloatArray) -> FloatArray:
+    """Frequencies with half a line in place of 0, where an inertia has no response."""
+    return np.maximum(freq_hz, float(freq_hz[1]) / 2)
 
-    torques (m, F, n_u): at the line and at its images; turns (m, F): -j omega of each.  Delays of -2 to 4 cycles.
+
+def _size(drives: _Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
+    """The change of the response by images at the upper edge of the torques' band, in words."""
+    images, line = drives.per_reference(freq_hz)
+    power = np.cumsum(np.sum(np.abs(U[1:]) ** 2, axis=1))
+    edge = 1 + int(np.argmax(power >= 0.99 * power[-1]))
+    ratio = 1 / (1 + images[edge] / line[edge])
+    gain, shift_s = np.max(np.abs(np.abs(ratio) - 1)), np.max(np.abs(np.angle(ratio))) / (2 * np.pi * freq_hz[edge])
+    sizes = f"{100 * gain:.2g} % and {1e3 * shift_s:.2g} ms at {freq_hz[edge]:.3g} Hz"
+    return f"aliases of the reference steps in the torques change the response by {sizes}"
+
+
+def _images_by_torques(drives: _Drives, freq_hz: FloatArray, U: ComplexArray, Q: ComplexArray) -> ComplexArray:
+    """Images (F, n_u) of references that are not logged."""
+    C_fb, C_ff = drives.controlled(_positive(freq_hz))
+    images, _ = drives.per_reference(freq_hz)
+    both = C_ff + images
+    R = (U + C_fb * Q) * both.conj() / (np.abs(both) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
+    return images * R
+
+
+def _images_by_references(
+    drives: _Drives, stated: float, freq_hz: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None
+) -> tuple[ComplexArray | None, float]:
+    """Images (F, n_u) of logged references, and the part of the torques' power that the controller explains.
+
+    The feedforward, `stated` or another one, is that which explains most; None if this is little.
     """
-    from scipy.optimize import minimize_scalar  # 0.05 s, which a study without images need not load
-
-    def modelled(tau: float) -> tuple[ComplexArray, FloatArray]:
-        M = np.sum(torques * np.exp(turns * tau)[..., None], axis=0)
-        scale = np.sum((M.conj() * U).real, axis=0) / np.maximum(np.sum(np.abs(M) ** 2, axis=0), 1e-300)
-        return M, np.maximum(scale, 0.0)
-
-    def unexplained(tau: float) -> float:
-        M, scale = modelled(tau)
-        return float(np.sum(np.abs(U - M * scale) ** 2) / np.sum(np.abs(U) ** 2))
-
-    grid = cycle * np.arange(-2, 4, 0.1)
-    best = grid[int(np.argmin([unexplained(tau) for tau in grid]))]
-    end = minimize_scalar(unexplained, bounds=(best - 0.1 * cycle, best + 0.1 * cycle), method="bounded")
-    return 1 - float(end.fun), float(end.x), modelled(end.x)[1]
-
-
-def _per_reference(
-    controller: CascadeSpec, freq_hz: FloatArray, robot: Robot, channels: Sequence[ChannelSpec], u: Sequence[int],
-    rate_hz: float, tau: float = 0.0,
-) -> tuple[ComplexArray, ComplexArray]:  # fmt: skip
-    """Torques (F, n_u) of all images that a log late by tau folds, and of the line, without the channel's filter."""
-    f = np.maximum(freq_hz, freq_hz[1] / 2)
-    filters = _low_passes(channels, u, f)
-    images = line = 0 * filters
-    for m, torques in _logged(controller, f, robot, channels, u, rate_hz):
-        late = torques * np.exp(-2j * np.pi * (f[:, None] + m * rate_hz) * tau) / filters
-        images, line = (images + late, line) if m else (images, late)
-    return images, line
+    above = freq_hz > _LOWEST * drives.rate_hz
+    largest = np.abs(R[above]).max(initial=0.0)
+    lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * largest))
+    if not lines.size:
+        return None, 0.0
+    matches = []
+    for alpha in dict.fromkeys((stated, 0.0, 1.0)):
+        candidate = drives.with_feedforward(alpha)
+        of_lines = R[lines], None if Q is None else Q[lines]
+        matches.append((*_explained(candidate, freq_hz[lines], U[lines], *of_lines), candidate))
+    explained, delay_s, scale, candidate = max(matches, key=lambda match: match[0])
+    if explained < _MIN_EXPLAINED:
+        return None, explained
+    images, _ = candidate.per_reference(freq_hz, delay_s)
+    return images * R * scale, explained
 
 
-def _logged(
-    controller: CascadeSpec, f: FloatArray, robot: Robot, channels: Sequence[ChannelSpec], u: Sequence[int],
-    rate_hz: float,
-) -> Iterator[tuple[int, ComplexArray]]:  # fmt: skip
-    """Logged torques (F, n_u) of a reference at f and at each image, at f + m times the rate of the log, with m."""
-    motors = [robot.driven[robot.motor_locations.index(channels[i].at)].motor for i in u]
-    J = np.array([0.0 if motor is None else motor.inertia * motor.ratio**2 for motor in motors])
+def _explained(
+    drives: _Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None
+) -> tuple[float, float, FloatArray]:
+    r"""Fit delays and scales (n_u,) of the commanded torques to the logged ones U (F, n_u).
 
-    half = round(controller.tick_hz / rate_hz) // 2
-    for m in range(-half, half + 1):
-        f_m = f + m * rate_hz
-        C_fb, C_ff = _controlled(controller, f_m, robot, len(u))
-        S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
-        yield m, np.asarray(S * C_ff * _low_passes(channels, u, f_m))
+    .. math:: U = K e^{-s \tau} \Big[ C_{ff} F_r e^{-s \tau_r} R - C_{fb} Q \Big] + images(\tau + \tau_r)
 
+    Returns the part of the power of U that this explains, tau + tau_r in s, and K. tau_r is the time from the log of a
+    reference to its path. Without positions Q, the first term is that of an inertia, and tau_r is 0.
+    """
+    from scipy.optimize import minimize  # 0.05 s, which a study without images need not load
 
-def _controlled(controller: CascadeSpec, f: FloatArray, robot: Robot, n_u: int) -> tuple[ComplexArray, ComplexArray]:
-    """C_fb and C_ff F_r (F, n_u) with the lag of the torque loop."""
-    loop = loop_of(controller, n_u)
-    C_fb, C_ff = sampled_responses(robot.driven_names, loop, controller.spec, f, controller.tick_hz, "position")
-    T = _TORQUE_LAG_S / 2 if controller.low_pass_hz else _TORQUE_LAG_S
-    lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
-    return C_fb * lag, C_ff * lag
+    cycle = drives.controller.cycle
+    numbers, each = zip(*drives.logged(f), strict=True)
+    torques, omega = np.stack(each) * R, 2 * np.pi * (f + np.array(numbers)[:, None] * drives.rate_hz)
+    line = numbers.index(0)
+    C_fb, C_ff = drives.controlled(f)
+    forward = torques[line] if Q is None else C_ff * R
+    feedback = 0 * forward if Q is None else C_fb * Q
 
+    def scaled(tau: float, tau_r: float) -> tuple[ComplexArray, FloatArray]:
+        late, of_reference, of_log = (np.exp(-1j * w * t)[..., None] for w, t in (
+            (omega, tau + tau_r), (omega[line], tau_r), (omega[line], tau)))  # fmt: skip
+        late[line] = 0.0
+        M = np.sum(torques * late, axis=0) + (forward * of_reference - feedback) * of_log
+        K = np.sum((M.conj() * U).real, axis=0) / np.maximum(np.sum(np.abs(M) ** 2, axis=0), 1e-300)
+        return M, np.maximum(K, 0.0)
 
-def _low_passes(channels: Sequence[ChannelSpec], u: Sequence[int], f: FloatArray) -> ComplexArray:
-    s = (2j * np.pi * f).astype(np.complex128)
-    times = [sum(error.low_pass for error in channels[i].errors) for i in u]
-    return np.stack([low_pass_response(s, T) for T in times], axis=1)
+    def unexplained(delays: Sequence[float]) -> float:
+        M, K = scaled(delays[0], 0.0 if Q is None else delays[1])
+        return float(np.sum(np.abs(U - M * K) ** 2) / np.maximum(np.sum(np.abs(U) ** 2), 1e-300))
+
+    cycles = (0,) if Q is None else _REFERENCE_CYCLES
+    starts = [(tau, k * cycle) for k in cycles for tau in np.arange(-2, 4, 0.1) * cycle]
+    start = np.array(min(starts, key=unexplained))
+    simplex = start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])
+    end = minimize(
+        unexplained, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3 * cycle}
+    )
+    tau, tau_r = end.x[0], 0.0 if Q is None else end.x[1]
+    return 1 - float(end.fun), float(tau + tau_r), scaled(tau, tau_r)[1]
