@@ -73,9 +73,11 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
     ]
     if is_whole and _stands_on_base(robot, result):
-        comments.append("Inertia and gravity of each joint are identified; half of the inertia is in the rotor.")
+        comments.append(
+            "Inertia and gravity of each joint are identified. Half of the inertia is assigned to the rotor."
+        )
     comments += [
-        "On the side of the link, with standard deviation and 95 % interval:",
+        "Link-side values, with standard deviation and 95 % interval:",
         *(
             f"  {row.name} = {row.value:.9g} {row.unit}, std {row.std:.3g}, {row.low:.6g} to {row.high:.6g}"
             for row in result.numbers
@@ -118,6 +120,7 @@ def _with_pendulums(robot: Robot, values: Mapping[tuple[str, str], float]) -> Ro
     """
 
     def with_numbers(body: Body) -> Body:
+        """Body with the identified J, G and H of its joint."""
         (joint,) = body.joints
         J, G, H = (values.get((joint.name, path), 0.0) for path in ("inertia", "gravity.cos", "gravity.sin"))
         assert joint.motor is not None

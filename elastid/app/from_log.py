@@ -127,13 +127,13 @@ def _of_torques(
     paths = [relative_paths(measurement, folder) for measurement in read.measurements]
     yield from _files(paths, names, hits or [Run({}, *run[1:]) for run in runs])
     if hits and not is_universal_file(logs[0]):
-        yield "# modal: {geometry: {points: {p1: [0, 0, 0]}, motion: {p1: [p1, z]}}} # for shapes in motion"
+        yield "# modal: {geometry: {points: {p1: [0, 0, 0]}, motion: {p1: [p1, z]}}} # to animate the shapes"
     elif guess.is_hit and len(logs) > 1 and not hits:
         place = guess.joints[0].torque.place
         yield f"      # hit at another point: {{..., at: {{{place}: point 2}}, experiment: 1}}"
     yield from _FIT if robot is not None else ()
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
-        yield "estimator: {method: auto} # one that needs no period, or fewer logs than inputs"
+        yield "estimator: {method: auto} # selects a method that fits logs without a period, or fewer logs than inputs"
 
 
 def _without_pair(signals: Sequence[ChannelGuess]) -> str:
@@ -141,7 +141,7 @@ def _without_pair(signals: Sequence[ChannelGuess]) -> str:
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
-        missing = "power spectra have no phase and no input. Name the log of the accelerations with their input instead"
+        missing = "power spectra have no phase and no input. Give --from the time histories of force and accelerations"
     elif signals and {signal.quantity for signal in signals} == {"acceleration"}:
         missing = (
             "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same "
@@ -149,8 +149,8 @@ def _without_pair(signals: Sequence[ChannelGuess]) -> str:
         )
     else:
         missing = (
-            "names and units show no torque (motor, hammer, shaker) with a motion, and no command for each position. "
-            "Name them tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
+            "no input and output recognised: neither a torque (force) with a motion, nor a command for each position. "
+            "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
         )
     return f"{missing}. Varying channels: {named}"
 
@@ -165,7 +165,7 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
     first, *others = (headings_of(path, form) for path in logs)
     for path, row in zip(logs[1:], others, strict=True):
         if (lost := names - {*row}) and not (may_differ and len(row) == len(first)):
-            problem = f"it has no channel {min(lost)}, which {logs[0]} has. Rename it, or write a study for each"
+            problem = f"channel {min(lost)} of {logs[0]} is missing. Rename the column, or write one study per log"
             raise DataError("records/channels", problem, path)
     is_alike = all(names <= {*row} for row in others)
     return {} if is_alike else {name: i for i, name in enumerate(first, start=1)}
@@ -344,7 +344,7 @@ def _study(
         yield channel_line("y", f"motor {name}", joint.motion)
         if sensor := by_torque.get(joint.torque.name):
             line = channel_line("d", f"motor {name}", sensor)
-            comment = "    # for k and d without friction, role u without sign, and no motor torque:"
+            comment = "    # for k and d: use this channel with role u and without sign, and delete the motor torque:"
             yield from (line,) if guess.is_motion else (comment, line.replace("- ", "# ", 1))
         for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):
             as_motion = replace(reference, unit=joint.motion.unit, ratio=joint.motion.ratio)
@@ -380,7 +380,7 @@ def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Seq
     why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
     why = " # guessed by the names of the files" if runs else why
     if any(run.at for run in runs):
-        why = " # guessed by the names of the files or their responses: at is where hammer or sensors are in a file"
+        why = " # at: locations of hammer and sensors, guessed from headings, file names or responses"
     yield "    files:" + (why if states and len(paths) > 1 else "")
     for i, (path, *also) in enumerate(paths):
         keys: dict[str, object] = {"also": f"[{', '.join(map(quoted, also))}]" if also else None}

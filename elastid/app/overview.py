@@ -78,8 +78,8 @@ def _margin(study: Study, excitation: MultisineSpec) -> str:
     problem = problem_of(study)
     use = expected_use(problem.rig(problem.plan(study.experiment)), excitation.margin)
     return (
-        f"  {use.closest}: sum of the peak values of motion and multisine, for loop gains up to 30 % off. The stage "
-        "design simulates the runs near a limit"
+        f"  {use.closest}: peak of the slow motion plus peak of the multisine, for loop-gain errors up to 30 %. The "
+        "stage design simulates the runs near a limit"
     )
 
 

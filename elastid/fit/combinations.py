@@ -21,20 +21,21 @@ def combination_notes(result: Result) -> Iterator[Note]:
     names, std, values = result.parameters.free_names, result.std, result.values
     x, scale = np.array([values[name] for name in names]), np.array([std[name] for name in names])
     correlation = result.covariance / np.sqrt(np.outer(*[np.diag(result.covariance)] * 2))
-    for known in known_combinations(x, correlation * np.outer(scale, scale)):
-        members = [names[i] for i in known.members]
+    for combination in known_combinations(x, correlation * np.outer(scale, scale)):
+        members = [names[i] for i in combination.members]
         relative = [std[name] / max(abs(values[name]), 1e-300) for name in members]
         if max(relative) < _WIDE:
             continue
         rest = (
             f"{'-' if w < 0 else '+'} {abs(w):.2g} {name}"
-            for w, name in zip(known.weights[1:], members[1:], strict=True)
+            for w, name in zip(combination.weights[1:], members[1:], strict=True)
         )
         unit = result.parameters[members[0]].unit
-        singles = ", ".join(f"{x:.0%}" for x in relative)
+        singles = ", ".join(f"{name} {x:.0%}" for name, x in zip(members, relative, strict=True))
+        interval = f"{_interval(combination.value, combination.std)} {unit} (95 % interval)"
         text = (
-            f"{' '.join([members[0], *rest])} = {_interval(known.value, known.std)} {unit} (95 %) is identified, its "
-            f"members only with stds of {singles}. To separate them, measure another configuration, output or band"
+            f"only the combination {' '.join([members[0], *rest])} = {interval} is well identified. Relative std of "
+            f"each parameter: {singles}. To separate them, add a configuration, an output or a wider band"
         )
         yield Note(COMBINATION, text, severity="information")
 
@@ -58,16 +59,19 @@ def loop_note(result: Result, robot: Robot, loop: JointLoop) -> tuple[Note, ...]
         C = result.covariance[np.ix_(index, index)]
         C = C / np.sqrt(np.outer(np.diag(C), np.diag(C))) * np.outer(scale, scale)
         value = slopes[of_friction] * values[of_friction] + k_d * values.get(of_gain, 1.0)
-        parts.append(f"motor {joint.name} {_interval(value, float(np.sqrt(C.sum())))}")
+        parts.append(f"{_interval(value, float(np.sqrt(C.sum())))} (motor {joint.name})")
         if of_gain not in names:
-            sensitive.append(f"{100 * slopes[of_friction] * std[of_friction] / k_d:.2g} %")
+            sensitive.append(f"{100 * slopes[of_friction] * std[of_friction] / k_d:.2g} % (motor {joint.name})")
     if not parts:
         return ()
     unit = result.parameters[f"fm_{robot.driven_names[0]}"].unit if not robot.driven[0].slides else "N*s/m"
-    text = f"The sum k_d + fm (link side) is identified: {', '.join(parts)} {unit} (95 %)"
+    text = f"identified: velocity_gain + ratio^2 fm = {', '.join(parts)} {unit} (link side, 95 % interval)"
+    text += ", with any Coulomb friction"
     if sensitive:
-        errors = ", ".join(sensitive)
-        text += f". fm alone assumes the stated k_d: an error of {errors} changes fm by one std. Log torques for both"
+        text += (
+            f". fm alone assumes an exact velocity_gain: an error of {', '.join(sensitive)} changes fm by one std. To "
+            "identify velocity_gain and fm separately, log the motor torques"
+        )
     return (Note(COMBINATION, text, severity="information"),)
 
 

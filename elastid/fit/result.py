@@ -133,7 +133,7 @@ MEANING: dict[Status, str] = {
     "residuals. To test the model, measure two periods or more, or give the covariance",
     "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
     "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "the model error is significant and can bias the parameters; do not use them. Correct the likely cause, "
+    "misfit": "significant model error: the estimates can be biased; do not use the results. Correct the likely cause, "
     "and fit again",
     "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
     "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",

@@ -266,9 +266,8 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, other
     numbers = [str(n) for n in spectra.periods[left_out] + 1]
     return Note(
         "frf/periods-discarded",
-        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}. The {channels[worst]} deviates there "
-        f"from {others} by up to {100 * D[worst]:.2g} % of its rms. A period is discarded above "
-        f"{100 * limit[worst]:.2g} %, because the other periods deviate from each other by "
-        f"{100 * measured.typical[worst]:.2g} % (median)",
+        f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}: {channels[worst]} deviates from "
+        f"{others} by up to {100 * D[worst]:.2g} % of its rms (limit {100 * limit[worst]:.2g} %; median deviation of "
+        f"the other periods from each other {100 * measured.typical[worst]:.2g} %)",
         f"record {record.name}",
     )

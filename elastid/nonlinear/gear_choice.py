@@ -45,7 +45,7 @@ MIN_GAIN = 12.0  # of V of realisations that the levels were not fitted to, by w
 MIN_GAIN_OF_SPRING = 60.0  # by the law of a spring
 MIN_GAIN_FRACTION = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
 MIN_PERIOD_FRACTION = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
-# Std of ln k of a gear with other effects than friction: 0.05 to 0.11 % off in six robots of another engine.
+# Std of ln k of a gear with effects beside friction: errors were 0.05 to 0.11 % in six robots simulated by MuJoCo.
 STIFFNESS_ERROR_OF_EFFECTS = 5e-4
 _LOST = 10.0  # times smaller than the start
 _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end

@@ -26,7 +26,7 @@ from elastid.robot import Joint, Robot
 class Doubt:
     """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault.
 
-    is_weak: by a torque of a joint while others moved, which one log does not show.
+    is_weak: from the torque of a joint while other joints moved; a second log must confirm it.
     """
 
     channel: int | None

@@ -117,7 +117,7 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
     if not unit:
         return signals
     members, (si, scale, _) = {g.key for g, _ in axes}, units[unit]
-    why = f"{unit}, since gravity is {gravity:.4g}"
+    why = f"unit {unit}: the mean acceleration is {gravity:.4g}"
     return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
 
 
@@ -196,7 +196,7 @@ def _sensors(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> t
     members = [by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))) for joint in joints]
     if None in members or len(sensors) != len(joints):
         return ()
-    why = "by its name a torque sensor behind the gear"
+    why = "torque sensor behind the gear, by its name"
     return tuple(replace(g, unit=g.unit or "N*m", sign=-1, why=why) for g in members if g)
 
 

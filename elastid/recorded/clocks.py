@@ -87,9 +87,7 @@ def slowest_ms(log: TextLog) -> float:
 def clock_of(log: Log) -> Clock:
     """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name."""
     if isinstance(log, TextLog) and log.sample_ms:
-        return Clock(
-            float(f"{1e3 / slowest_ms(log):.6g}"), "sample time of the slowest of the channels with a quantity"
-        )
+        return Clock(float(f"{1e3 / slowest_ms(log):.6g}"), "sample time of the slowest channel with a known quantity")
     shapes = log.shapes()
     unnamed = [name for name in shapes if not guess_by_name(name, None).quantity]
     for name in (*filter(is_time, shapes), *unnamed):

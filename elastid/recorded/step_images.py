@@ -7,10 +7,10 @@ rate 1 / T folds them onto f:
           \qquad s_m = 2 \pi j \Big(f + \frac{m}{T}\Big)
 
 since only the inertia J of a motor follows so fast. L_m: logged channel at the image over that at f; a channel that is
-late by tau turns an image by exp(-2 pi j m tau / T) more. Images are coherent with the excitation: neither noise nor
-distortion shows them. Logged references and positions give the commanded torques C_ff F_r R - C_fb Q. Compared with
-them, the logged torques show tau, the feedforward, the scale of K_v and the delay of R. References R that are not
-logged follow from torques and positions, whatever the friction. An error of K_v then cancels in the torques:
+late by tau multiplies image m by exp(-2 pi j m tau / T). Images are coherent with the excitation, and therefore in
+neither noise nor distortion. Logged references and positions give the commanded torques C_ff F_r R - C_fb Q. Their
+comparison with the logged torques gives tau, the feedforward, the scale of K_v and the delay of R. References R that
+are not logged follow from torques and positions, whatever the friction. An error of K_v then cancels in the torques:
 
 .. math:: R = \frac{U_{log} + C_{fb} Q}{C_{ff} F_r + \sum_{m \ne 0} L_m S_m C_{ff} F_r}
 """
@@ -29,8 +29,8 @@ from elastid.response import STEP_IMAGES
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 
-# Lines that decide: from this part of the rate on, since friction dominates below, and with a reference of this part of
-# the largest one. Their power that the controller must explain.
+# DFT lines of the comparison: from this part of the rate on, since friction dominates below, and with a reference of at
+# least this part of the largest one. Part of their power that the controller must explain.
 _LOWEST, _SMALLEST, _MIN_EXPLAINED = 0.05, 0.03, 0.25
 # Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
 # before it.
@@ -74,7 +74,8 @@ def without_step_images(
             images, explained = _images_by_references(drives, stated, freq_hz, U, R, Q)
             if images is not None:
                 return _subtracted(signals, u, images, text, log)
-            text = f"{text}. The logged references and the stated controller explain {100 * explained:.0f} % of them"
+            part = f"{100 * explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
+            text = f"{text}. They are not subtracted: the logged references and the controller explain {part}"
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
@@ -130,7 +131,7 @@ class _Drives:
             yield m, np.asarray(S * C_ff * self.low_passes(f_m) / filters)
 
     def per_reference(self, freq_hz: FloatArray, tau: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
-        """Sum up the torques (F, n_u) of all images in a log that is late by tau; and those of the lines."""
+        """Compute the torques (F, n_u) of all images in a log late by tau, and of the lines."""
         f = _positive(freq_hz)
         images = line = np.zeros((len(f), len(self.torques)), complex)
         for m, torques in self.logged(f):

@@ -208,7 +208,7 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
         return ""  # the verdicts say more
     others = [row for row in rows if row not in judged and not row.has_coulomb]
     all_others = max(map(half_width, others), default=math.inf)
-    last = f", all {len(others)} other parameters of ±{percent(all_others)} or less"
+    last = f", and all {len(others)} other parameters of ±{percent(all_others)} or less"
     first = _of_width(judged, kind)
     return first and f"{first}{last if all_others <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
 

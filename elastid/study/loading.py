@@ -223,7 +223,7 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
         re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment),
         [p for p in problems if is_missing(p)],
     )
-    origin = f" (origin, from the comment of the study: {stated[1]})" if stated else ""
+    origin = f" (origin stated in the study: {stated[1]})" if stated else ""
     return [replace(p, message=p.message + origin * (p in missing[:1])) for p in problems]
 
 

@@ -28,7 +28,7 @@ _OF_KEY = "[key]"
 class Problem:
     """One error: the key path, a sentence, and True if the key (not its value) is at fault.
 
-    is_weak: of several logs, more than one must show it.
+    is_weak: a second log must confirm it.
     """
 
     path: KeyPath

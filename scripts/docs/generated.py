@@ -218,8 +218,8 @@ experiment: {configurations: {bench: [0]}, simulated: {noise: {torque_std: 0.01,
 
 # Numbers of an entry of the open benchmark: heading, key, digits.
 SCORES = (
-    ("k error, %", "k_percent"),
-    ("d error, %", "d_percent"),
+    ("largest error of k, %", "k_percent"),
+    ("largest error of d, %", "d_percent"),
     ("tool error, %", "tool_percent"),
     ("error / std (rms)", "error_over_std"),
     ("CPU, s", "cpu_s"),
@@ -232,7 +232,13 @@ def open_benchmark(folder: Path) -> str:
     entries = list(dict.fromkeys(row["entry"] for row in rows))
     robots = list(dict.fromkeys(row["robot"] for row in rows))
     figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    head = ["robot", "entry", "seeds", "intervals with the true value", *(heading for heading, _ in SCORES)]
+    head = [
+        "robot",
+        "entry",
+        "seeds",
+        "95 % intervals that contain the true value",
+        *(heading for heading, _ in SCORES),
+    ]
     table = "".join(f"{'   * - ' if i == 0 else '     - '}{text}\n" for i, text in enumerate(head))
     for robot in robots:
         for entry in entries:
@@ -260,8 +266,9 @@ def open_benchmark(folder: Path) -> str:
     figure.savefig(folder / "open_benchmark.png", dpi=110)
     plt.close(figure)
     text = (
-        "Results of ``scripts/benchmarks/open``, made with ``score.py --save``: the largest errors of a robot, medians "
-        "over the seeds. :doc:`/howto/neighbours` describes robots, entries and rules.\n"
+        "Results of ``scripts/benchmarks/open``, made with ``score.py --save``. For each robot and entry: the largest "
+        "error of all stiffnesses k and of all dampings d, median over the seeds. :doc:`/howto/neighbours` describes "
+        "robots, entries and rules.\n"
     )
     picture = (
         ".. image:: /pictures/open_benchmark.png\n   :alt: Largest errors of the stiffnesses by robot and entry.\n"

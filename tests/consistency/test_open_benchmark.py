@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from elastid.app.cli import run_command
+
 OPEN = Path(__file__).parents[2] / "scripts" / "benchmarks" / "open"
 
 
@@ -38,3 +40,17 @@ def test_same_seed_same_bytes_and_a_secret_word_changes_them(tmp_path: Path) -> 
         run("make.py", tmp_path / name, "--robots", "commands_alone", *words)
         files.append((tmp_path / name / "seed-0" / "commands_alone" / "logs" / "p1-0-0.csv").read_bytes())
     assert files[0] == files[1] != files[2]
+
+
+@pytest.mark.slow
+@pytest.mark.oracle("mujoco")
+def test_torques_that_are_late_by_a_part_of_a_cycle(tmp_path: Path) -> None:
+    """Three axes, references without feedforward: `check` accepts the logs, k within 2 %, five intervals of six."""
+    run("make.py", tmp_path, "--robots", "late_torque", "--seed", "2")
+    run("by_elastid.py", tmp_path, "--seed", "2")
+    assert run_command(["check", str(tmp_path / "seed-2" / "late_torque" / "study.yml")]) == 0
+    rows = json.loads(run("score.py", tmp_path).splitlines()[-1])["open"]
+    row = next(row for row in rows if row["entry"] == "elastid")
+    assert (row["status"], row["of"]) == ("converged", 6)
+    assert row["inside"] >= 5
+    assert row["k_percent"] < 2

@@ -8,8 +8,11 @@ import pytest
 from plants.data_sheet_arm import POSTURES, SPEC, arm, measure
 from plants.dry_friction import CONFIGURATIONS, robot, simulated
 
+from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters, identify
+from elastid.fit.parameter_choice import choose
+from elastid.fit.presliding import rate_band, with_presliding
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
@@ -47,6 +50,17 @@ def with_springs(responses: list[Response]) -> list[Response]:
 def fitted(is_exact: bool) -> tuple[Result, list[Response]]:
     responses = with_springs(measure(arm(), np.random.default_rng(4), 0.003))
     return fit_parameters(responses, arm(None if is_exact else Tolerances()), SPEC), responses
+
+
+def test_a_rate_at_its_bound_is_a_start() -> None:
+    """Its time 1 / a is beyond the bound by rounding."""
+    responses = measure(arm(), np.random.default_rng(4), 0.003)
+    assembly = Assembly.of(responses, arm(), SPEC, choose(SPEC, arm()))
+    _, high = rate_band(responses)
+    for k in range(9):
+        a = 2.4 * high * (1 + k * 2.0**-52)
+        parameters = with_presliding(assembly, {RelaxingSpring("2"): (6e3, a)}).parameters
+        assert parameters["relaxation_2"].value == pytest.approx(1 / (2.4 * high))
 
 
 @pytest.mark.slow

@@ -67,6 +67,8 @@ def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expe
     assert numbers["k_1"] == pytest.approx(gear.k, rel=1e-3)
     assert numbers["d_1"] == pytest.approx(gear.d, rel=2e-2)
     assert np.isfinite(levels.covariance).all()
+    std = np.sqrt(levels.covariance[(i := levels.parameters.free_names.index("k_1")), i])
+    assert (std >= 5e-4) == bool({*expected} - {"friction", "behind"})  # 0.05 % of k beside other effects
 
 
 @pytest.mark.parametrize(

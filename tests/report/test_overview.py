@@ -178,5 +178,8 @@ def test_a_misfit_never_ends_in_numbers_to_be_used():
     rows = rows_of(result)
     bent = replace(result, verdicts=(DISTORTED,))
     assert next_steps(bent, rows)[0].text == "--set 'gears={}'"
+    caused = replace(bent, notes=(Note("fit/likely-cause", "f_1. Free it: `--set 'fit.parameters.f_1={}'`"),))
+    keys = [step.text.partition("=")[0] for step in next_steps(caused, rows)]
+    assert keys == ["--set 'gears", "--set 'fit.parameters.f_1"]
     opened = replace(bent, message=f"{bent.message}; {NOT_EXPLAINED}")
     assert not any("gears" in action.text for action in next_steps(opened, rows))

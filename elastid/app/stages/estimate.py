@@ -99,6 +99,7 @@ def _artefacts(
     friction: FrictionTakenOut | None = None,
 ) -> Artefacts:
     def report(console: Console) -> None:
+        """Print the notes, the number of responses and lines, and the compensated friction."""
         console.notes((note for note in notes if note.code == "frf/method"), on_page=True)
         console.notes(note for note in notes if note.code != "frf/method")
         lines = {r.configuration.name: r.n_lines for r in responses}

@@ -179,7 +179,7 @@ SYMBOLS = (
 )  # fmt: skip
 STD_PARTS = {
     "std_noise": "measured variance of the FRFs (noise, and distortion between realisations)",
-    "std_prior": "tolerances of the robot model that more data do not reduce",
+    "std_prior": "contribution of the tolerances that more data do not reduce",
 }
 
 
@@ -204,18 +204,18 @@ def _legend(
     errors += ["unexplained distortion"] * (DISTORTED in result.verdicts)
     meanings = {
         **STD_PARTS,
-        "std_systematic": ", ".join([*errors, "the part of the tolerances that longer measurements reduce"]),
+        "std_systematic": ", ".join([*errors, "contribution of the tolerances that longer measurements reduce"]),
     }
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
         more = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
         gains = " (gain_u: logged torque / true torque)" if "gain_u" in more else ""
-        tolerance = "their tolerance in the robot model, or the default if it states none"
-        yield f"The fit also varied {more}{gains}, with a prior. Std of the prior: {tolerance}"
+        tolerance = "tolerance in the robot model, otherwise the default tolerance"
+        yield f"The fit also varied {more}{gains}, with a prior. Std of each prior: {tolerance}"
         yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
     profiles = zip(rows, result.profile95, strict=False)
     if by_profile := ", ".join(row.name for row, ends in profiles if not np.isnan(ends).any()):
-        yield f"95 % intervals of {by_profile}: by profile likelihood, not symmetric to the estimate"
+        yield f"95 % intervals of {by_profile}: from the profile likelihood, not symmetric about the estimate"
     if not stds and result.exceeds_noise:
         yield "std: computed from the differences between blocks of the data (configuration and frequency band)"
 

@@ -41,16 +41,16 @@ class ChannelSpec:
     role: Annotated[Literal["r", "u", "d", "y", "t", "reference"], Key("Role of the signal. `u` is the acting torque, "
         "`r` the injected torque, and `y` a position, velocity or acceleration. `d` is a measured disturbance torque "
         "that u does not include. `reference` is the commanded position, an instrument of the estimator joint. "
-        "Friction studies also use `t` (joint temperature), and `d` with sign -1 for a torque sensor behind the gear.",
-        "u is the torque at the motor, measured or computed from current; r is added to the controller's output; d is "
-        "a measured external force.")]
+        "Friction studies also use `t` (joint temperature). A torque sensor behind the gear is `u` in a study without "
+        "motor torques, and `d` with sign -1 in a friction study with motor torques.",
+        "u is the torque at the motor, measured or computed from current; r is added to the controller's output.")]
     at: Annotated[Name, Key("Location on the robot: `motor 1`, `joint 1`, `body arm z`, `frame tool x`, or "
         "`accelerometer tool x` for a sensor that measures gravity; without a robot any name.", "location of the "
         "sensor; a motor encoder displayed as joint angle is `motor 1` with side: link.")]
     channel: Annotated[str, Key("Name of the signal in the file: MATLAB variable (`theta_m`, `rec.torque`), CSV "
         "column heading or HDF5 path (default: the key column).", "copy the name from `elastid inspect FILE`.")] = ""
     column: Annotated[int | None, Key("Number of the column in a matrix, from 1 (default: none; then channel).",
-        "for files without headings; for a matrix, in addition to its name; alone, the number of the signal.")] = None
+        "number of the signal in a file without headings, or the column of a matrix if `channel` names one.")] = None
     quantity: Annotated[Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration",
         "temperature"], Key("Quantity of the channel; voltage, and current without torque_constant, only in studies "
         "without a robot.", "the default is torque; prefer logged positions, whose derivative is exact at the DFT "
@@ -94,7 +94,7 @@ class ChannelSpec:
         if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):
             raise ValueError(
                 f"role {self.role} contradicts quantity {self.quantity}: r, u, d are torques, y a motion, t a "
-                "temperature, reference a position. A torque sensor behind the gear has role u, next to motor torques d"
+                "temperature, reference a position. A torque sensor behind the gear is u, or d beside motor torques"
             )
         if self.role == "t" and self.side == "motor":
             raise ValueError("a temperature has no side. Omit side with role t")

@@ -20,8 +20,8 @@ class CascadeSpec(GainsSpec):
     """
 
     # fmt: off
-    velocity_feedforward: Annotated[float, Key("Velocity feed-forward s of the channels with role reference, 0 to 1.",
-        "1 for controllers without velocity lag; a value that is too small shows as a position error proportional to "
+    velocity_feedforward: Annotated[float, Key("Velocity feedforward (factor s) of channels with role reference.",
+        "1 for controllers without velocity lag; a value that is too small causes a position error proportional to "
         "speed. It replaces reference.velocity_feedforward.", least=0, most=1)] = 0.0
     reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: unknown).",
         "if the log has the rate of the references: images of their steps are then in the torques; elastid subtracts "

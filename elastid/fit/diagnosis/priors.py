@@ -56,8 +56,8 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
 def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     r"""A note if numbers of the robot model leave their tolerances: all (chi-square test, 1/700), one, or by effect.
 
-    Of distances d over their tolerances d^T d has the expectation tr(1 - P), P being the covariance of d that is left;
-    a number that scattering gear ratios move by more than its tolerance (P > 1) counts as one.
+    Distances d over their tolerances: d^T d has the expectation tr(1 - P), P: posterior covariance of d. A number that
+    scattering gear ratios move by more than its tolerance (P > 1) counts as one.
     They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
     tolerances explain this step has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """

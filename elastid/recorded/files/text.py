@@ -207,7 +207,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     headings = _headings(lines[:first], text, n_columns)
     units, sample_ms = _units(lines[:first], text, headings), _sample_times(lines[:first], text, n_columns)
     if sample_ms and delimiter is None:  # an empty cell moves those behind it
-        problem = "channels of several sample times between blanks. Export it with tabs or semicolons"
+        problem = "channels have different sample times, and blanks do not show empty cells. Export the log with tabs"
         raise DataError("records/text", problem, path)
     yield TextLog(path, text, numbers, headings, first, n_columns, units, sample_ms)
 

@@ -65,7 +65,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("identifiability", "fit", caption, partial(fit.identifiability, content.result))
     if content.forecast is not None:
         caption = (
-            "Share of each fitted configuration and octave in the expected Fisher information, in %, averaged over all "
+            "Fraction of the expected Fisher information by fitted configuration and octave, in %, averaged over all "
             "parameters."
         )
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))

@@ -68,7 +68,7 @@ static Status get_values(Unit *unit, const Reference r[], size_t n, double value
     if (!robot_start(&ready)) memcpy(unit->robot.value, ready.value, sizeof ready.value);
   }
   for (size_t i = 0; i < n; i++) {
-    if (r[i] >= N_VALUES) return refuse(unit, "a value reference that no " REAL_VARIABLE " has");
+    if (r[i] >= N_VALUES) return refuse(unit, "the value reference belongs to no " REAL_VARIABLE);
     value[i] = unit->robot.value[r[i]];
   }
   return OK;
@@ -77,7 +77,7 @@ static Status get_values(Unit *unit, const Reference r[], size_t n, double value
 static Status set_values(Unit *unit, const Reference r[], size_t n, const double value[]) {
   for (size_t i = 0; i < n; i++) {
     if (r[i] >= N_VALUES || !robot_may_set((int)r[i], unit->robot.started))
-      return refuse(unit, "a variable that cannot be set, or not any more");
+      return refuse(unit, "the variable is read-only, or can be set only before the start");
     unit->robot.value[r[i]] = value[i];
   }
   return OK;
@@ -85,7 +85,7 @@ static Status set_values(Unit *unit, const Reference r[], size_t n, const double
 
 static Status get_configuration(Unit *unit, const Reference r[], size_t n, int32_t value[]) {
   for (size_t i = 0; i < n; i++) {
-    if (r[i] != N_VALUES) return refuse(unit, "a value reference that no " INTEGER_VARIABLE " has");
+    if (r[i] != N_VALUES) return refuse(unit, "the value reference belongs to no " INTEGER_VARIABLE);
     value[i] = unit->robot.configuration;
   }
   return OK;
@@ -93,7 +93,7 @@ static Status get_configuration(Unit *unit, const Reference r[], size_t n, int32
 
 static Status set_configuration(Unit *unit, const Reference r[], size_t n, const int32_t value[]) {
   for (size_t i = 0; i < n; i++) {
-    if (r[i] != N_VALUES || unit->robot.started) return refuse(unit, "a configuration is chosen before the start");
+    if (r[i] != N_VALUES || unit->robot.started) return refuse(unit, "the configuration must be set before the start");
     unit->robot.configuration = value[i];
   }
   return OK;
@@ -153,7 +153,7 @@ EXPORT Status FMI_STATE(Serialize, )(Instance c, void *state, Byte bytes[], size
 }
 
 EXPORT Status DESERIALIZE(Instance c, const Byte bytes[], size_t size, void **state) {
-  if (size != sizeof(Robot)) return refuse(c, "these bytes are not of a state of this unit");
+  if (size != sizeof(Robot)) return refuse(c, "the serialized state has the wrong size");
   if (!*state) *state = malloc(sizeof(Robot));
   if (!*state) return refuse(c, "no memory is left for a state");
   memcpy(*state, bytes, sizeof(Robot));

@@ -1,8 +1,8 @@
-"""Entry of an afternoon with SciPy: responses by FFT, MuJoCo's linearisation of the data sheet, weighted least squares.
+"""Entry of a simple SciPy method: responses by FFT, MuJoCo's linearisation of the data sheet, weighted least squares.
 
     uv run --all-groups python scripts/benchmarks/open/by_scipy.py FOLDER [--seed 0] [--robots ...]
 
-Friction is not compensated and the data sheet is believed. Records without torques at the motors are left out.
+Friction is not compensated, and the data sheet is assumed exact. Records without torques at the motors are left out.
 """
 
 from typing import Any

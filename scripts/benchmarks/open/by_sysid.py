@@ -2,8 +2,8 @@
 
     uv run --group oracles --with "mujoco[sysid]" python scripts/benchmarks/open/by_sysid.py FOLDER --robots stiff_gears
 
-Free are springs, dampers, viscous and dry friction; the data sheet is believed. One period of each log counts, after
-the period that settles. A first fit gives the weight of each channel. It takes ten minutes and more a robot.
+Free are springs, dampers, viscous and dry friction; the data sheet is assumed exact. One period of each log counts,
+after the period that settles. A first fit gives the weight of each channel. It takes ten minutes and more a robot.
 """
 
 import logging

@@ -43,7 +43,7 @@ def build(robot: Robot) -> Plant:
 
 @contextmanager
 def physics(plant: Plant) -> Iterator[None]:
-    """Add to the engine what it does not have: dry friction of motors, bristles, hysteresis, transmission errors.
+    """Add motor friction, presliding, hysteresis of gears and transmission errors to MuJoCo.
 
     A bristle has z' = v - |v| z / z_s and the torque F z / z_s + damping z'; without a presliding distance the
     torque is F tanh(v / v_s). Hysteresis of a gear is the same law of its twist. With a transmission error e(theta) the

@@ -1,4 +1,4 @@
-"""What all entries share: run a method on each robot of a seed and write its result as one JSON object.
+"""Common code of all entries: run a method on each robot of a seed and write the result as one JSON object.
 
 {"entry": "name", "seed": 0, "robots": {"stiff_gears": {"parameters": {"k_1": [value, std]}, "cpu_s": 1.2}}}
 """

@@ -10,8 +10,8 @@ Below FOLDER/seed-<seed>/<robot>:
   of files. Each log begins at rest; its first period settles.
 - logs/*.csv: a column a channel; logs.h5: the same numbers, one group a log.
 
-FOLDER/truth/seed-<seed>/<robot>.json has what is scored and all other true numbers. Public seeds are 0 to 9. A judge
-who wants records that nobody has seen gives a secret word: it changes all seeds and appears in no file.
+FOLDER/truth/seed-<seed>/<robot>.json contains the scored parameters and all other true values. Public seeds are 0 to 9.
+A judge who wants records that nobody has seen gives a secret word: it changes all seeds and appears in no file.
 """
 
 import argparse
@@ -74,12 +74,12 @@ def write(folder: Path, row: Row, seed: int, secret: str) -> None:
 
 
 def tolerances(row: Row) -> dict[str, float]:
-    """Standard deviations of the data sheet; none where it is exact."""
+    """Standard deviations of the data sheet; empty for an exact one."""
     return {} if row.sheet == "exact" else TOLERANCES
 
 
 def describe(row: Row, kp: list[float], kd: list[float], torque: Array) -> dict[str, object]:
-    """What an entrant is told about the experiments."""
+    """Return the public description of the experiments."""
     units = UNITS | ({} if row.route == "torque" else {"r": "rad"})
     sides = {"q": "motor"}
     return {

@@ -17,14 +17,14 @@ TOLERANCES = {"mass": 0.03, "inertia": 0.10, "motor_inertia": 0.05, "center_of_m
 
 @dataclass(frozen=True)
 class Motor:
-    """Rotor and friction: J in kg*m^2, f in N*m*s/rad, F in N*m; presliding: distance z in rad and damping."""
+    """Rotor and friction: J in kg*m^2, f in N*m*s/rad, F in N*m."""
 
     ratio: float
     J: float
     f: float
     F: float
-    z: float = 0.0
-    damping: float = 0.0
+    z: float = 0.0  # presliding distance in rad
+    damping: float = 0.0  # of presliding, in N*m*s/rad
 
 
 @dataclass(frozen=True)

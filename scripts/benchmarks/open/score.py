@@ -89,7 +89,7 @@ def score(truth: Mapping[str, Any], estimates: Mapping[str, Any], seed: int) -> 
 
 
 def guesses(folder: Path, seed: int) -> dict[str, Any]:
-    """The entry of one who believes the data sheet."""
+    """Return the entry `start`: the start values of the data sheet."""
     rows = {}
     for file in sorted((folder / f"seed-{seed}").glob("*/robot.json")):
         robot = read_robot({key: value for key, value in json.loads(file.read_text()).items() if key != "tolerances"})

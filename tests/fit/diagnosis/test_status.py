@@ -13,6 +13,7 @@ from plants.elastic_arm import measure, pendulum
 from plants.faults import SPEC, drawn, faulty, rubbing, true_case
 from plants.measured_robots import responses_of
 
+from elastid.fit.diagnosis.priors import contradicted_tolerances
 from elastid.fit.diagnosis.status import bound_notes
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
@@ -121,6 +122,19 @@ def test_numbers_within_their_tolerances_that_move_a_stiffness_together_are_seen
     numbers = {name: value for name, value in moved.items() if name in {*FILE.numbers, *FILE.geometry}}
     result = identify(measured(FILE.with_parameters(numbers)), FILE, OF_SHEET)
     assert [note.place for note in result.notes if note.code == "fit/tolerances"] == ["k_2"] * is_beyond
+
+
+def test_numbers_that_ratios_move_beyond_their_tolerances_count_as_one_each() -> None:
+    """All 1.3 tolerances off, with variances of 26 tolerances squared by scattering ratios: within chance."""
+    true = identify(measured(), FILE, OF_SHEET)
+    n, s = (
+        len(true.parameters.asked),
+        np.array([p.prior.std for p in true.parameters.free[len(true.parameters.asked) :]]),
+    )
+    x, C = true.x.copy(), true.covariance.copy()
+    x[n:] += 1.3 * s * np.resize([1, -1], len(s))
+    C[n:, n:] += 25 * np.diag(s**2)
+    assert not contradicted_tolerances(replace(true, x=x, covariance=C))
 
 
 def test_motors_exchanged_in_one_configuration_are_named_with_it() -> None:

@@ -110,6 +110,9 @@ OF_ALL = (
     Mistake("sign of an angle", PHI_1, PHI_1.replace("unit: deg", "unit: deg, sign: -1")),
     Mistake("order of torques", "channel: tau_1", "channel: tau_2", "channel: tau_2"),
     Mistake("constant channel", "channel: phi_1", "channel: spare"),
+    Mistake("torque constant of zero", "channel: tau_1,", "channel: tau_1, quantity: current, torque_constant: 0,"),
+    Mistake("rate of no log", "rate_hz: 250", "rate_hz: 1e30"),
+    Mistake("negative realisation", "path: log.csv", "path: log.csv, realisation: -1"),
 )
 OF_TIME = (
     Mistake("rate by the time", "rate_hz: ", "rate_hz: 700 # "),
