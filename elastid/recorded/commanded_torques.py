@@ -139,7 +139,7 @@ def match_torques(
 
 
 def report_controller(match: Match, log: Log) -> None:
-    """Report motors whose logged torques are those of other gains than the study has."""
+    """Report motors whose logged torques need other gains than the controller of the study."""
     if match.explained < _MIN_CERTAIN:
         return
     names = "position_gain", "velocity_gain"
