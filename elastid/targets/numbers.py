@@ -67,7 +67,7 @@ def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     head = f"Numbers of the fit ({ended}), SI, with standard deviation and 95 % interval; all others were held:"
     rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.words}" for number in numbers]
     presliding = [
-        f"  {f.place}: presliding friction of {f.stiffness:.3g} {f.unit} that relaxes at {f.rate:.3g} 1/s was estimated "
+        f"  {f.place}: presliding friction of {f.stiffness:.3g} {f.unit} relaxing at {f.rate:.3g} 1/s was estimated "
         "too, and is not part of this file. Do not use the Coulomb torque of this motor"
         for f in result.presliding
         if f.stiffness > 0
