@@ -145,17 +145,24 @@ def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
 
 
 def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Signals named as commands of no quantity are positions if they are near the position of their joint."""
+    """Signals named as commands of no quantity are positions if the position of their joint follows them."""
     positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
 
     def of(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
         name, y = positions.get(guess.parts[1], ("", x))
-        is_near = 0 < np.std(x - y) < np.std(y) / 2
+        lag = _lag(x, y)
+        is_near = 0 < np.std(x[: len(x) - lag] - y[lag:]) < np.std(y) / 2
         if guess.quantity or guess.rank >= 0 or not is_near:
             return guess
-        return replace(guess, quantity="position", why=f"by its name, and since it is near {name}")
+        return replace(guess, quantity="position", why=f"by its name, and since {name} follows it")
 
     return [(of(guess, x), x) for guess, x in signals]
+
+
+def _lag(x: FloatArray, y: FloatArray) -> int:
+    """Samples by which y follows x, a twentieth of them at most."""
+    X, Y = (np.fft.rfft(signal - signal.mean(), 2 * len(signal)) for signal in (x, y))
+    return int(np.argmax(np.fft.irfft(X.conj() * Y)[: max(1, len(x) // 20)]))
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
