@@ -56,7 +56,7 @@ def without_step_images(
     if controller.reference is None or not 0 < rate_hz * controller.cycle < 4:
         return signals
     freq_hz = np.fft.rfftfreq(n, 1 / rate_hz).astype(np.float64)
-    U, R = (np.fft.rfft(signals[:, places], axis=0) for places in (u, roles["r"]))
+    U, R = np.fft.rfft(signals[:, u], axis=0), _without_jump(signals[:, roles["r"]])
     stated = controller.velocity_feedforward
     usual = stated or controller.reference.velocity_feedforward
     drives = _Drives(controller, robot, [channels[i] for i in u], rate_hz).with_feedforward(usual)
@@ -64,8 +64,7 @@ def without_step_images(
     positions = {channels[i].at: i for i in roles["y"] if channels[i].quantity == "position"}
     Q = None
     if all(channels[i].at in positions for i in u):
-        q = signals[:, [positions[channels[i].at] for i in u]]
-        Q = np.fft.rfft(q - np.linspace(q[0], q[-1], n), axis=0)  # without the jump from the end to the start
+        Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]])
     if abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR:
         is_slow = controller.cycle > 2 * np.pi * _TORQUE_LAG_S  # else the unknown lag dominates the images
         if not roles["r"] and Q is not None and is_slow:
@@ -79,6 +78,11 @@ def without_step_images(
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
+
+
+def _without_jump(x: FloatArray) -> ComplexArray:
+    """Compute the DFT of motions x (n, c) without the line between their ends."""
+    return np.asarray(np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0))
 
 
 def _subtracted(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: Log) -> FloatArray:
