@@ -61,11 +61,10 @@ def without_step_images(
     is_referenced = len(roles["r"]) == len(u) and all(channels[i].quantity == "position" for i in roles["r"])
     if not has_images and not (is_referenced and all(channels[i].at in positions for i in u)):
         return signals
-    U, R = (np.fft.rfft(signals[:, places], axis=0) for places in (u, roles["r"]))
+    U, R = np.fft.rfft(signals[:, u], axis=0), _without_jump(signals[:, roles["r"]])
     Q = None
     if all(channels[i].at in positions for i in u):
-        q = signals[:, [positions[channels[i].at] for i in u]]
-        Q = np.fft.rfft(q - np.linspace(q[0], q[-1], n), axis=0)  # without the jump from the end to the start
+        Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]])
     lowest_hz = _LOWEST * rate_hz if has_images else 0.0
     match = match_torques(drives, freq_hz, U, R, Q, lowest_hz) if is_referenced else None
     if match is not None and Q is not None:
@@ -85,6 +84,11 @@ def without_step_images(
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
+
+
+def _without_jump(x: FloatArray) -> ComplexArray:
+    """Compute the DFT of motions x (n, c) without the line between their ends."""
+    return np.asarray(np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0))
 
 
 def _subtracted(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: Log) -> FloatArray:
