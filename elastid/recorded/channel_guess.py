@@ -25,7 +25,7 @@ from elastid.recorded.repair import bridged
 from elastid.recorded.repair.outliers import without_lone
 
 DRIVES = ("torque", "force", "current", "voltage")
-_MIN_SAMPLES = 100  # of a log
+MIN_SAMPLES = 100  # of a log
 _MIN_KNOWN_FRACTION = 2 / 3  # of a signal's samples, the others missing
 _GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
@@ -81,7 +81,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
     if isinstance(log, TextLog) and log.sample_ms:
         return _signals_at_one_rate(log, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
-    usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
+    usual = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
     result = []
     for name, shape in shapes.items():
@@ -92,7 +92,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
-            if np.isfinite(x).all() and len(x) > _MIN_SAMPLES:  # a wrong cell is missing
+            if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 x = without_lone(x[:, None], RepairLog("", ("",)))[:, 0]
             is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
             if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
@@ -101,6 +101,21 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                 )
                 result.append((replace(guess_by_name(heading, number, unit), name=name), whole))
     return _with_gravity(_with_commands(result))
+
+
+def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
+    """Message on the first cell of a text that is no number: among the signals, in another column if none is there."""
+    if not isinstance(log, TextLog) or log.sample_ms:
+        return []
+    part = slice(0, most)
+    groups = [
+        [i for i, (name, _) in enumerate(log.named_columns()) if (name in names) == is_among]
+        for is_among in (True, False)
+    ]
+    if groups[0]:
+        is_whole = bool(np.isfinite(log.columns(groups[0], part)).all())
+        return [] if is_whole else [cell for cell in [log.wrong_cell(groups[0], part)] if cell]
+    return [cell for cell in [log.wrong_cell(groups[1], part)] if cell]
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
@@ -174,7 +189,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     motions = _in_one_unit(motions)
     by_label = {m.parts[1]: m for m in motions}
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
-    joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
+    joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
     joints = _by_number(joints, [drive.parts[1] for drive in drives])
     taken = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
@@ -292,9 +307,14 @@ def _with_unit(
     return replace(motion, unit=unit, why=f"{motion.why}; {unit} is assumed")
 
 
-def _joint(drive: ChannelGuess, motion: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
-    y, order = values[motion.key] * dimension_and_size(motion.unit)[1], MOTIONS.index(motion.quantity)
-    best = torque_relation(values[drive.key], y, order, rate_hz)
+def _joint(
+    drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
+) -> JointGuess:
+    """The joint of a torque and a motion, among the motions of all joints."""
+    y, order = (values[motion.key] * dimension_and_size(motion.unit)[1], MOTIONS.index(motion.quantity))
+    others = {g.key: (values[g.key] * dimension_and_size(g.unit)[1], MOTIONS.index(g.quantity)) for g in motions}
+    others.pop(motion.key)
+    best = torque_relation(values[drive.key], y, order, rate_hz, others=[*others.values()])
     if best.is_against_motion:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")
