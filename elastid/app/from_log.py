@@ -110,6 +110,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     positions = {} if guess.is_motion and robot is None else positions_of(read.measurements, form, guess.motions)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
     unused = list(_unused(guess, [signal for signal, _ in read.signals], read.shapes, clock))
+    unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
     unused += [f"# Counted as missing: {one_line(cell.partition('. ')[0])}" for cell in wrong]
     if guess.is_motion:
         _columns(read.firsts, form, guess, False)
@@ -277,7 +278,8 @@ def _unused(
     """The columns of a log that its study does not use, a line for each reason."""
     used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
-    used |= {channel.key for channel in (*guess.references, *guess.sensors)}
+    sensors = [joint.sensor for joint in guess.joints if joint.sensor]
+    used |= {channel.key for channel in (*guess.references, *sensors)}
     known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
     if other := [one_line(name) for name in shapes if name not in known]:
         reasons["times, or no numbers that change"] = other
@@ -353,12 +355,11 @@ def _study(
             place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
             yield channel_line(role, place, named)
         return
-    by_torque = dict(zip((joint.torque.name for joint in guess.joints), guess.sensors, strict=False))
     for name, joint in zip(names, guess.joints, strict=True):
         yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield channel_line("y", f"motor {name}", joint.motion)
-        if sensor := by_torque.get(joint.torque.name):
-            line = channel_line("d", f"motor {name}", sensor)
+        if joint.sensor and not guess.sensor_doubt:
+            line = channel_line("d", f"motor {name}", joint.sensor)
             comment = "    # for k and d: use this channel with role u and without sign, and delete the motor torque:"
             yield from (line,) if guess.is_motion else (comment, line.replace("- ", "# ", 1))
         for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):

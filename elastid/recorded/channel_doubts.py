@@ -18,7 +18,9 @@ from elastid.recorded.channel_guess import DRIVES
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
 from elastid.recorded.motion_relations import (
+    MAX_EFFICIENCY,
     MIN_CORRELATION,
+    MIN_GAIN_OVER_STD,
     TorqueRelation,
     motion_relations,
     sensor_gain,
@@ -98,8 +100,6 @@ MAX_GAIN, MAX_FACTOR = 0.3, 0.1
 MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
 MAX_TURNS = 4.0  # that no joint behind a gear makes
 MIN_SAMPLES = 200
-# |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
-MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0
 _UNUSUAL = ("arcmin", "arcsec", "mrad", "rev")  # that no log has, unless it says so
 
 
@@ -233,7 +233,7 @@ def _of_sensor(joint: JointSignals) -> Iterator[Doubt]:
         inertias = [relation.inertia for relation in relations]
         gain, std = inertias[0] / max(inertias[1], 1e-300), 0.0 if min(inertias) > 0 else np.inf
     is_other = abs(np.log(gain)) > MAX_EFFICIENCY if is_certain else gain < np.exp(-MAX_EFFICIENCY)
-    if MIN_GAIN_OVER_STD * std < gain and is_other:
+    if MIN_GAIN_OVER_STD * std < gain and is_other and joint.channels[joint.torque].quantity != "current":
         far = [(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)]
         for distance, keys in sorted(far)[:1]:
             text = f"the motor torque is {gain:.3g} times the sensor's ({names})"

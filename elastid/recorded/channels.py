@@ -161,7 +161,7 @@ def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: F
     samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
-            "records/period-mismatch",
+            "study/recorded",
             f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with "
             f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels",
         )

@@ -24,6 +24,8 @@ MIN_EXPLAINED = 0.75
 MIN_BY_INERTIA = 0.2
 # Acceleration of another joint over its own, from which on it may move it; what viscous friction must explain then.
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
+# |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
+MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0
 MIN_ALONE = 0.03  # of the variance of an acceleration, that the other columns do not explain
 
 

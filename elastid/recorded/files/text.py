@@ -200,14 +200,14 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     delimiter = _delimiter(text)
     if delimiter == text.decimal:
         raise StudyError(
-            "records/text",
+            "study/recorded",
             f"delimiter and decimal are both '{text.decimal}'; they must differ. With decimal commas set delimiter to "
             "';'",
             "text",
         )
     if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
         raise StudyError(
-            "records/text", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
+            "study/recorded", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
         )
     lines, numbers = _lines(path, text)
     numbers = _without_end(numbers, text)
