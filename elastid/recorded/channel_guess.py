@@ -19,6 +19,7 @@ from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_na
 from elastid.recorded.clocks import is_clock, slowest_ms
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
+from elastid.recorded.link_side import MAX_COMPUTABLE
 from elastid.recorded.motion_relations import (
     MAX_EFFICIENCY,
     MIN_CORRELATION,
@@ -117,6 +118,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
+            x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 x = without_lone(x[:, None], RepairLog("", ("",)))[:, 0]
             is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
@@ -232,7 +234,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 def _with_sensors(
     guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess], values: Values, rate_hz: float
 ) -> list[JointGuess]:
-    """Joints with the torque sensors behind their gears, by the numbers in their names; none unless each joint has one."""
+    """Joints with torque sensors behind their gears, by the numbers in their names; none unless each joint has one."""
     sensors = _best_family([g for g in guesses if g.is_torque_sensor and g.rank >= 0], ("torque",))
     by_number = {tuple(re.findall(r"\d+", g.parts[1])): g for g in sensors}
     pairs = [(by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))), joint) for joint in joints]
