@@ -84,7 +84,7 @@ def _check(fleet: Fleet, folder: Path) -> None:
         own_path(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise StudyError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
+        raise ElastidError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
     for member in fleet.members:
         own_path(folder, MEMBERS, member.name)
 

@@ -24,7 +24,15 @@ from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import JointGuess, LogGuess, guess_commands, guess_log, signals_of
+from elastid.recorded.channel_guess import (
+    MIN_SAMPLES,
+    JointGuess,
+    LogGuess,
+    guess_commands,
+    guess_log,
+    signals_of,
+    wrong_cells,
+)
 from elastid.recorded.channel_names import ChannelGuess, ChannelKey
 from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
 from elastid.recorded.command_log import gains_in
@@ -77,6 +85,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
+        wrong = wrong_cells(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
@@ -90,7 +99,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         measurements, of_pair = in_two_files(logs, form)
         guess = guess_log(of_pair, clock.rate_hz or 1.0)
         if guess is None:
-            raise DataError("records/channels", _without_pair([signal for signal, _ in signals]), first)
+            code, text = _without_pair([signal for signal, _ in signals], shapes)
+            raise DataError(code, "; ".join(filter(None, (text, *wrong[:1]))), first)
         read = replace(read, measurements=measurements, signals=of_pair, shapes={})
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
     frame = ""
@@ -99,7 +109,9 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         robot = None
     positions = {} if guess.is_motion and robot is None else positions_of(read.measurements, form, guess.motions)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
-    unused = _unused(guess, [signal for signal, _ in read.signals], read.shapes, clock)
+    unused = list(_unused(guess, [signal for signal, _ in read.signals], read.shapes, clock))
+    unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
+    unused += [f"# Counted as missing: {one_line(cell.partition('. ')[0])}" for cell in wrong]
     if guess.is_motion:
         _columns(read.firsts, form, guess, False)
         paths = [relative_paths(measurement, folder) for measurement in read.measurements]
@@ -136,8 +148,12 @@ def _of_torques(
         yield "estimator: {method: auto} # selects a method that fits logs without a period, or fewer logs than inputs"
 
 
-def _without_pair(signals: Sequence[ChannelGuess]) -> str:
-    """Message about a log without an input and its motion."""
+def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, str]:
+    """Code and message about a log without an input and its motion."""
+    longest = max(map(max, shapes.values()), default=0)
+    if 0 < longest <= MIN_SAMPLES:
+        text = f"its number of samples is {longest}; more than {MIN_SAMPLES} are needed. Export the whole measurement"
+        return "records/values", text
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
@@ -152,7 +168,7 @@ def _without_pair(signals: Sequence[ChannelGuess]) -> str:
             "no input and output recognised: neither a torque (force) with a motion, nor a command for each position. "
             "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
         )
-    return f"{missing}. Varying channels: {named}"
+    return "records/channels", f"{missing}. Varying channels: {named}"
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
@@ -262,7 +278,8 @@ def _unused(
     """The columns of a log that its study does not use, a line for each reason."""
     used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
-    used |= {channel.key for channel in (*guess.references, *guess.sensors)}
+    sensors = [joint.sensor for joint in guess.joints if joint.sensor]
+    used |= {channel.key for channel in (*guess.references, *sensors)}
     known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
     if other := [one_line(name) for name in shapes if name not in known]:
         reasons["times, or no numbers that change"] = other
@@ -338,12 +355,11 @@ def _study(
             place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
             yield channel_line(role, place, named)
         return
-    by_torque = dict(zip((joint.torque.name for joint in guess.joints), guess.sensors, strict=False))
     for name, joint in zip(names, guess.joints, strict=True):
         yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield channel_line("y", f"motor {name}", joint.motion)
-        if sensor := by_torque.get(joint.torque.name):
-            line = channel_line("d", f"motor {name}", sensor)
+        if joint.sensor and not guess.sensor_doubt:
+            line = channel_line("d", f"motor {name}", joint.sensor)
             comment = "    # for k and d: use this channel with role u and without sign, and delete the motor torque:"
             yield from (line,) if guess.is_motion else (comment, line.replace("- ", "# ", 1))
         for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):

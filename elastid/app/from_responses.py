@@ -16,6 +16,7 @@ from elastid.base.errors import DataError
 from elastid.base.units import of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT
 from elastid.recorded.channel_names import ChannelGuess, guess_by_name
+from elastid.recorded.clocks import is_time
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog, described_format, guess_format
@@ -123,7 +124,9 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
         return _table(first.freq, first.G, keys, outputs, inputs, tuple(alike) if len(alike) > 1 else ("",))
     for name in responses_in(arrays):
         G = complex_array(arrays, name)
-        for key in sorted(arrays, key=lambda key: (_FREQUENCY.fullmatch(key) is None, key)):
+        is_log = any(is_time(key) and arrays[key].is_signal for key in arrays)  # one of complex numbers, too
+        axes = [key for key in arrays if not is_log or _FREQUENCY.fullmatch(key)]
+        for key in sorted(axes, key=lambda key: (_FREQUENCY.fullmatch(key) is None, key)):
             freq = np.squeeze(np.asarray(arrays[key])) if arrays[key].is_signal else np.zeros(0)
             if G is None or G.ndim > 3 or freq.ndim != 1 or len(freq) not in G.shape or np.any(np.diff(freq) <= 0):
                 continue

@@ -184,7 +184,7 @@ def _gains(model: Model, log: CommandLog, given: Given, path: Path, console: Con
             gains.append(of_log)
         else:
             text = f"neither the log nor the model has {name} of the joint controllers. Give --{name}"
-            raise StudyError("records/channels", text, path)
+            raise StudyError("options/invalid", text, path)
     return JointLoop(np.asarray(gains[0]), np.asarray(gains[1]), np.zeros(len(names)))
 
 

@@ -244,7 +244,7 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
 def _check_new(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise StudyError(
-            "files/folder", f"{folder} exists and is not empty; nothing was written. Give the name of a new folder"
+            "options/invalid", f"{folder} exists and is not empty; nothing was written. Give the name of a new folder"
         )
 
 

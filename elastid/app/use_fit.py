@@ -20,7 +20,7 @@ from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.app.stages.validate import Validated, judge
 from elastid.app.summaries import predicted, validation_summary
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
@@ -240,7 +240,7 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
     recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
     if not isinstance(recorded, Mapping) or not recorded:
         raise StudyError(
-            "predict/mismatch", "--log takes the channels of experiment.recorded, which the study has not", study
+            "options/invalid", "--log takes the channels of experiment.recorded, which the study has not", study
         )
     files = recorded.get("files") or [{}]
     entries = [
@@ -304,7 +304,7 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
     for joint, reason in prediction.missing.items():
         run.console.warn(f"joint {joint}: no prediction, {reason}")
     if not prediction.balances:
-        raise StudyError(
+        raise DataError(
             "predict/mismatch",
             "no joint can be predicted on these logs (see the warnings above)",
             f"--with {path}",
@@ -317,7 +317,7 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     robot = study.as_robot()
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
     if lacking:
-        raise StudyError(
+        raise DataError(
             "predict/mismatch",
             f"fit of another robot, without {', '.join(lacking[:3])}",
             f"--with {path}",

@@ -51,6 +51,22 @@ class MisfitError(FitError):
     exit_code = 3
 
 
+class ProgramError(RuntimeError):
+    """A fault of elastid in another process, with its traceback as text: a report of a bug, and no message."""
+
+
+def is_program_fault(error: BaseException) -> bool:
+    """True for an error of the program itself, such as a TypeError raised by its own code, whatever the data."""
+    if isinstance(error, ProgramError):
+        return True
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    module = "" if trace is None else str(trace.tb_frame.f_globals.get("__name__", ""))
+    is_kind = isinstance(error, TypeError | AttributeError | NameError | AssertionError | NotImplementedError)
+    return is_kind and module.partition(".")[0] == __name__.partition(".")[0]
+
+
 class UnknownNameError(KeyError):
     """Unknown name; the message lists the existing names."""
 

@@ -192,7 +192,7 @@ def visible(
     if columns.shape[1] == 0:
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
-            "fit/not-identifiable",
+            "design/goal",
             f"no candidate identifies {names} above the noise. Raise excitation.torque_rms; if no measured output "
             "depends on it, fix it or add an output (experiment.simulated.outputs)",
             "design",

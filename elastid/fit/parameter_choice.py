@@ -26,7 +26,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.response import Response
-from elastid.robot import BASE, CHANNEL_NUMBERS, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
+from elastid.robot import BASE, CHANNEL_NUMBERS, MAX_DELAY_S, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
 from elastid.robot.placement import Path
 from elastid.robot.tolerances import RATIO, kind_of
 
@@ -241,7 +241,7 @@ def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[f
     return MAX_TIME if name.startswith((DELAY, "low_pass_")) else (-math.inf, math.inf)
 
 
-MAX_TIME = (-0.05, 0.05)  # s, of a delay or a low pass of a channel: four cycles of the slowest controllers
+MAX_TIME = (-MAX_DELAY_S, MAX_DELAY_S)  # of a delay or a low pass of a channel
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
 
 

@@ -132,7 +132,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     }
     for key in (key for key, needs_period in asked.items() if needs_period):
         text = f"it has no period; estimator.{key} {getattr(spec, key)} needs one. Omit the key, or give a period"
-        raise StudyError("frf/periods", text, f"record {records[0].name}")
+        raise StudyError("study/invalid", text, f"record {records[0].name}")
 
 
 def _with_period(

@@ -42,7 +42,7 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     if spec.lines in ("full", "odd"):
         if first.half_wave and spec.lines == "full":
             raise StudyError(
-                "frf/lines",
+                "study/invalid",
                 ("estimator.lines full contradicts half_wave, whose records have odd lines only. Set odd"),
                 "estimator.lines",
             )

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError
+from elastid.base.errors import StudyError
 from elastid.fit.problem.elastic import kernel_of, linear_model
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
@@ -151,7 +151,7 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
     q0 = equilibrium(model, model.theta, at).q
     states = [_signals(motion * s[:, None, None] ** order).T for order in range(3)]
     if gap := open_loops(robot, model.B.T @ q0 + states[0]):
-        raise DataError(
+        raise StudyError(
             "robot/loops",
             f"the loops of robot {robot.name} stay open by {gap:.2g} m along the motion of the records, so that its "
             "own distortion is not known; check the lengths of its loops, and the angles of configurations",

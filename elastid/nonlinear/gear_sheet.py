@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.errors import DataError, Note, StudyError, notes_of
 from elastid.base.execution import Execution
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
@@ -90,7 +90,7 @@ def open_gears(
         if reason := refusal(linear, drives, result):
             return replace(nothing, refused=reason)
         data = replace(linear, lines=[without_arm(*pair, robot) for pair in zip(lines, drives, strict=True)])
-    except DataError as error:
+    except (DataError, StudyError) as error:
         return replace(nothing, refused=f"{error}; {LOST}")
     execution.progress(0, 3)
     chosen = choose_effects(data, result.parameters, result.x, gears.orders)

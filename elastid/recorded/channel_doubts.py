@@ -17,7 +17,16 @@ from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpe
 from elastid.recorded.channel_guess import DRIVES
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
-from elastid.recorded.motion_relations import MIN_CORRELATION, TorqueRelation, motion_relations, torque_relation, travel
+from elastid.recorded.motion_relations import (
+    MAX_EFFICIENCY,
+    MIN_CORRELATION,
+    MIN_GAIN_OVER_STD,
+    TorqueRelation,
+    motion_relations,
+    sensor_gain,
+    torque_relation,
+    travel,
+)
 from elastid.recorded.repair import bridged
 from elastid.robot import Joint, Robot
 
@@ -42,11 +51,13 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
     families: dict[tuple[str, str, str], list[int]] = {}
     for i, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
         for earlier in channels[:i]:
-            is_one = (channel.channel, channel.column) == (earlier.channel, earlier.column)
-            if is_one and channel.is_motion != earlier.is_motion and "t" not in (channel.role, earlier.role):
-                text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at}, and cannot be the"
+            is_one = (channel.channel, channel.column, channel.file) == (earlier.channel, earlier.column, earlier.file)
+            if is_one and "t" not in (channel.role, earlier.role):
+                text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at} (role {earlier.role}), and"
                 key = "channel" if channel.channel else "column"
-                yield Doubt(i, key, f"{text} {channel.quantity} at {channel.at}, too")
+                yield Doubt(
+                    i, key, f"{text} cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
+                )
         words = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
         if channel.role == "u" and guess.quantity in MOTIONS and words[:1] == [guess.name] and words[1:]:
             text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
@@ -100,6 +111,7 @@ class JointSignals:
     ratio: float
     rate_hz: float
     torque: int | None
+    sensor: int | None
     motions: tuple[int, ...]
     channels: Sequence[ChannelSpec]
     signals: FloatArray
@@ -141,11 +153,12 @@ def channel_doubts(
     signals, joints = np.stack(si, axis=1) @ to_joints(channels, robot).T, []
     for joint in robot.driven:
         ours = [i for i, c in enumerate(channels) if c.at in (f"motor {joint.name}", f"joint {joint.name}")]
-        torque = next((i for i in ours if channels[i].role == "u"), None)
+        torque, sensor = (next((i for i in ours if channels[i].role == role), None) for role in ("u", "d"))
         motions = tuple(i for i in ours if channels[i].role == "y")
-        joints.append(JointSignals(joint, robot.ratio(joint.name), rate_hz, torque, motions, channels, signals))
-    too_far = [doubt for joint in joints for doubt in _travels(joint)]
-    yield from too_far or (doubt for joint in joints for doubt in _motions(joint))
+        joints.append(JointSignals(joint, robot.ratio(joint.name), rate_hz, torque, sensor, motions, channels, signals))
+    doubts = [doubt for joint in joints for doubt in _travels(joint)]
+    doubts = doubts or [doubt for joint in joints for doubt in _motions(joint)]
+    yield from doubts or (doubt for joint in joints for doubt in _of_sensor(joint))
 
 
 def _travels(joint: JointSignals) -> Iterator[Doubt]:
@@ -199,6 +212,33 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
         elif relation.is_before_gear(joint.joint, joint.ratio):
             text = f"{names} give an inertia below the rotor's own. If they are logged before the gear, set side: motor"
             yield Doubt(joint.torque, "side", text, relation.is_shared)
+
+
+def _of_sensor(joint: JointSignals) -> Iterator[Doubt]:
+    """Sign or unit of a torque sensor behind the gear that its joint's torque contradicts: u = J_m a + friction + s."""
+    if joint.sensor is None or joint.torque is None or not joint.motions:
+        return
+    i, u, s = joint.sensor, joint.signals[:, joint.torque], -joint.signals[:, joint.sensor]
+    motion = joint.motions[0]
+    y, order = joint.signals[:, motion], joint.order(motion)
+    gain, std = sensor_gain(u, s, y, order, joint.rate_hz)
+    relations = [torque_relation(x, y, order, joint.rate_hz, not joint.joint.slides) for x in (u, s)]
+    names = f"{joint.channels[joint.torque].name_in_file} and {joint.channels[i].name_in_file}"
+    is_certain = np.isfinite(std)
+    if MIN_GAIN_OVER_STD * std < -gain or (not is_certain and relations[1].is_against_motion):
+        text = f"motor torque and torque sensor ({names}) have opposite signs"
+        yield Doubt(i, "sign", f"{text}; a sensor behind the gear has role d with sign: -1 if both count alike")
+        return
+    if not is_certain:  # the sensor measures an inertia, which is a part of the motor's
+        inertias = [relation.inertia for relation in relations]
+        gain, std = inertias[0] / max(inertias[1], 1e-300), 0.0 if min(inertias) > 0 else np.inf
+    is_other = abs(np.log(gain)) > MAX_EFFICIENCY if is_certain else gain < np.exp(-MAX_EFFICIENCY)
+    if MIN_GAIN_OVER_STD * std < gain and is_other and joint.channels[joint.torque].quantity != "current":
+        far = [(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)]
+        for distance, keys in sorted(far)[:1]:
+            text = f"the motor torque is {gain:.3g} times the sensor's ({names})"
+            if distance < MAX_EFFICIENCY or not is_certain:
+                yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")
 
 
 def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:

@@ -19,13 +19,23 @@ from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_na
 from elastid.recorded.clocks import is_clock, slowest_ms
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
-from elastid.recorded.motion_relations import MIN_CORRELATION, TorqueRelation, motion_relations, torque_relation, travel
+from elastid.recorded.link_side import MAX_COMPUTABLE
+from elastid.recorded.motion_relations import (
+    MAX_EFFICIENCY,
+    MIN_CORRELATION,
+    MIN_GAIN_OVER_STD,
+    TorqueRelation,
+    motion_relations,
+    sensor_gain,
+    torque_relation,
+    travel,
+)
 from elastid.recorded.repair import Log as RepairLog
 from elastid.recorded.repair import bridged
 from elastid.recorded.repair.outliers import without_lone
 
 DRIVES = ("torque", "force", "current", "voltage")
-_MIN_SAMPLES = 100  # of a log
+MIN_SAMPLES = 100  # of a log
 _MIN_KNOWN_FRACTION = 2 / 3  # of a signal's samples, the others missing
 _GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
@@ -36,11 +46,24 @@ Values = Mapping[ChannelKey, FloatArray]
 
 @dataclass(frozen=True)
 class JointGuess:
-    """A torque, the motion at its motor, and how the second explains the first."""
+    """A torque, the motion at its motor, and how the second explains the first.
+
+    sensor: torque sensor behind the gear.  sensor_gain: from its numbers to those of the torque; 1 if unknown.
+    """
 
     torque: ChannelGuess
     motion: ChannelGuess
     relation: TorqueRelation
+    sensor: ChannelGuess | None = None
+    sensor_gain: float = 1.0
+
+    @property
+    def sensor_doubt(self) -> str:
+        """Contradiction of sensor and torque in size; empty without one."""
+        gain = self.sensor_gain * self.torque.ratio
+        if self.sensor is None or abs(np.log(gain)) < MAX_EFFICIENCY:
+            return ""
+        return f"{self.torque.name} is {gain:.3g} times {self.sensor.name}; give unit, and side or ratio, of both"
 
     @property
     def slides(self) -> bool:
@@ -53,19 +76,22 @@ class LogGuess:
     """The joints or inputs and outputs of a log.
 
     is_motion: they move as robots do, so that friction can be found.  references: commanded positions of the joints.
-    sensors: torque sensors behind the gears of the joints, next to the torques of their motors.
     """
 
     joints: tuple[JointGuess, ...]
     further: tuple[ChannelGuess, ...]
     is_motion: bool
     references: tuple[ChannelGuess, ...] = ()
-    sensors: tuple[ChannelGuess, ...] = ()
 
     @property
     def is_hit(self) -> bool:
         """True for the force of a hammer or shaker, and accelerations."""
         return (self.joints[0].torque.quantity, self.joints[0].motion.quantity) == ("force", "acceleration")
+
+    @property
+    def sensor_doubt(self) -> str:
+        """Contradiction of the first torque sensor that has one; then none is used."""
+        return next((joint.sensor_doubt for joint in self.joints if joint.sensor_doubt), "")
 
     @property
     def motions(self) -> tuple[ChannelGuess, ...]:
@@ -81,7 +107,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
     if isinstance(log, TextLog) and log.sample_ms:
         return _signals_at_one_rate(log, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
-    usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
+    usual = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
     result = []
     for name, shape in shapes.items():
@@ -92,7 +118,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words, or two columns with one heading
                 continue
-            if np.isfinite(x).all() and len(x) > _MIN_SAMPLES:  # a wrong cell is missing
+            x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
+            if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 x = without_lone(x[:, None], RepairLog("", ("",)))[:, 0]
             is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
             if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
@@ -101,6 +128,21 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                 )
                 result.append((replace(guess_by_name(heading, number, unit), name=name), whole))
     return _with_gravity(_with_commands(result))
+
+
+def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
+    """Message on the first cell of a text that is no number: among the signals, in another column if none is there."""
+    if not isinstance(log, TextLog) or log.sample_ms:
+        return []
+    part = slice(0, most)
+    groups = [
+        [i for i, (name, _) in enumerate(log.named_columns()) if (name in names) == is_among]
+        for is_among in (True, False)
+    ]
+    if groups[0]:
+        is_whole = bool(np.isfinite(log.columns(groups[0], part)).all())
+        return [] if is_whole else [cell for cell in [log.wrong_cell(groups[0], part)] if cell]
+    return [cell for cell in [log.wrong_cell(groups[1], part)] if cell]
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
@@ -181,8 +223,9 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     motions = _in_one_unit(motions)
     by_label = {m.parts[1]: m for m in motions}
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
-    joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
+    joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
     joints = _by_number(joints, [drive.parts[1] for drive in drives])
+    joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
     taken = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
     alike = MOTIONS if slides and len(drives) < len(measured) else (given,)  # of a structure all of them
@@ -192,19 +235,31 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
     half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
     is_motion = bool(np.all(half_hz < _MOTION_HZ)) and given == "position"
-    sensors = _sensors(guesses, joints) if has_motors else ()
-    return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints), sensors)
+    return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
 
 
-def _sensors(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
-    """Torque sensor behind the gear of each joint, by the numbers in its name; none unless each joint has one."""
+def _with_sensors(
+    guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess], values: Values, rate_hz: float
+) -> list[JointGuess]:
+    """Joints with torque sensors behind their gears, by the numbers in their names; none unless each joint has one."""
     sensors = _best_family([g for g in guesses if g.is_torque_sensor and g.rank >= 0], ("torque",))
     by_number = {tuple(re.findall(r"\d+", g.parts[1])): g for g in sensors}
-    members = [by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))) for joint in joints]
-    if None in members or len(sensors) != len(joints):
-        return ()
-    why = "torque sensor behind the gear, by its name"
-    return tuple(replace(g, unit=g.unit or "N*m", sign=-1, why=why) for g in members if g)
+    pairs = [(by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))), joint) for joint in joints]
+    if len(sensors) != len(joints):
+        return list(joints)
+    result = [_with_sensor(joint, sensor, values, rate_hz) for sensor, joint in pairs if sensor]
+    return result if len(result) == len(joints) else list(joints)
+
+
+def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
+    """The joint with its sensor, whose sign is that of the torque of the links on the motor."""
+    s, of_motor = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
+    y = joint.motion.to_si * values[joint.motion.key]
+    gain, std = sensor_gain(of_motor, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
+    is_certain, why = MIN_GAIN_OVER_STD * std < abs(gain), "torque sensor behind the gear, by its name"
+    sensor = replace(sensor, unit=sensor.unit or "N*m", sign=1 if is_certain and gain < 0 else -1, why=why)
+    is_torque = joint.torque.quantity == "torque"  # of a current the constant is unknown
+    return replace(joint, sensor=sensor, sensor_gain=abs(gain) if is_certain and is_torque else 1.0)
 
 
 def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
@@ -299,9 +354,14 @@ def _with_unit(
     return replace(motion, unit=unit, why=f"{motion.why}; {unit} is assumed")
 
 
-def _joint(drive: ChannelGuess, motion: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
-    y, order = values[motion.key] * dimension_and_size(motion.unit)[1], MOTIONS.index(motion.quantity)
-    best = torque_relation(values[drive.key], y, order, rate_hz)
+def _joint(
+    drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
+) -> JointGuess:
+    """The joint of a torque and a motion, among the motions of all joints."""
+    y, order = (values[motion.key] * dimension_and_size(motion.unit)[1], MOTIONS.index(motion.quantity))
+    others = {g.key: (values[g.key] * dimension_and_size(g.unit)[1], MOTIONS.index(g.quantity)) for g in motions}
+    others.pop(motion.key)
+    best = torque_relation(values[drive.key], y, order, rate_hz, others=[*others.values()])
     if best.is_against_motion:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")

@@ -17,6 +17,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import MOTION_ORDER, Motion
+from elastid.recorded.clocks import TIME_UNITS, corrected_stamps, stamp_unit
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.repair import Findings, Log
@@ -160,7 +161,7 @@ def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: F
     samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
-            "records/period-mismatch",
+            "study/recorded",
             f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with "
             f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels",
         )
@@ -205,12 +206,23 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
             )
     log, gridded, rows = experiment.log(number, (), rate_hz), values, None
     if has_time:
-        gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
+        time_s = _stamps_s(values[:, -1], recorded.time, rate_hz, log)
+        gridded = on_grid(time_s, values[:, :-1], rate_hz, log)
         instants_s = (np.arange(len(gridded)) - 0.5) / rate_hz
-        rows = log.first + np.searchsorted(values[:, -1] - values[0, -1], instants_s)
+        rows = log.first + np.searchsorted(time_s - time_s[0], instants_s)
     signals = np.where(np.isfinite(gridded), gridded, np.nan)
-    first_s = float(values[0, -1]) if has_time else None
+    first_s = float(time_s[0]) if has_time else None
     return _Part(number, file_rate_hz, members, signals, rows, first_s)
+
+
+def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:
+    """Stamps (n,) in s, wrong ones interpolated."""
+    stamps, wrong = corrected_stamps(t) if len(t) > 2 else (t, np.zeros(0, np.int64))
+    if len(wrong):
+        text = f"wrong values of {name}: {len(wrong)}, the first at {log.time_of(wrong[0])}; interpolated"
+        log.report("time stamps corrected", len(wrong), text)
+    t = stamps if len(stamps) else t
+    return t * TIME_UNITS[stamp_unit(t, rate_hz)]
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:

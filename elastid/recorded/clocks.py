@@ -6,21 +6,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import ElastidError
+from elastid.base.errors import DataError, ElastidError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.files.log import Log
 from elastid.recorded.files.text import TextLog
-from elastid.recorded.repair.time_stamps import MIN_GAP, even_grid
+from elastid.recorded.repair.time_stamps import MAX_FALLING_FRACTION, MAX_RATE_RATIO, MIN_GAP, even_grid
 
 # Samples that are read of a log.
 MAX_SAMPLES = 1 << 17
 _IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
+BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
 _MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
+MAX_RATE_LOG = 0.26  # |log| of the rate of stamps in ms, us or ns over that of the study
 # Single wrong cells, and distance of one from the median of its neighbours, in steps of the clock.
 _MAX_WRONG_FRACTION, _MAX_WRONG_DISTANCE = 0.01, 5.0
 
@@ -57,21 +59,35 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
 
     Wrong stamps are missing, or off the median of their neighbours.
     """
-    from scipy.ndimage import median_filter
-
     none = np.zeros(0), np.zeros(0, np.int64)
     try:
         t = log.values([ChannelSpec("y", "time", name, quantity="position")], slice(0, MAX_SAMPLES))[:, 0]
     except ElastidError:
         return none
-    if len(t) < 3:
-        return none
+    return corrected_stamps(t) if len(t) > 2 else none
+
+
+def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
+    """The stamps (n,) with wrong ones interpolated, and the numbers of these; none are left if too many are wrong."""
+    from scipy.ndimage import median_filter
+
     away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
     is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
+    none = np.zeros(0, np.int64)
     if is_wrong.mean() > _MAX_WRONG_FRACTION:
-        return (t, none[1]) if np.isfinite(t).all() else none
+        return (t, none) if np.isfinite(t).all() else (t[:0], none)
     rows = np.arange(len(t))
     return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
+
+
+def stamp_unit(t: FloatArray, rate_hz: float) -> str:
+    """Unit of stamps (n,): s, or another one of TIME_UNITS if only that fits the rate."""
+    steps = np.diff(t)
+    if not np.any(steps > 0):
+        return "s"
+    far = {unit: abs(np.log(np.median(steps[steps > 0]) * size * rate_hz)) for unit, size in TIME_UNITS.items()}
+    nearest = min(far, key=far.__getitem__)
+    return nearest if far[nearest] < MAX_RATE_LOG and far["s"] > np.log(MAX_RATE_RATIO) else "s"
 
 
 def slowest_ms(log: TextLog) -> float:
@@ -85,24 +101,32 @@ def slowest_ms(log: TextLog) -> float:
 
 
 def clock_of(log: Log) -> Clock:
-    """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name."""
+    """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name.
+
+    Raises DataError for a time that runs backwards.
+    """
     if isinstance(log, TextLog) and log.sample_ms:
         return Clock(float(f"{1e3 / slowest_ms(log):.6g}"), "sample time of the slowest channel with a known quantity")
     shapes = log.shapes()
-    unnamed = [name for name in shapes if not guess_by_name(name, None).quantity]
+    unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
     for name in (*filter(is_time, shapes), *unnamed):
         t, wrong = stamps_of(log, name)
         steps = np.diff(t)
-        if len(t) > 2 and (np.all(steps > 0) if is_time(name) else is_clock(t) and np.any(steps != 1)):
+        falls, rises = np.flatnonzero(steps < 0), steps[steps > 0]
+        falling = falling or (name if is_time(name) and is_clock(-t) else "")
+        is_set_back = 0 < len(falls) <= MAX_FALLING_FRACTION * len(t) and is_clock(np.cumsum(rises))
+        is_named = is_time(name) and (np.all(steps > 0) or is_set_back)
+        if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
             # Gaps left out, their mean is that of a clock that jitters or is rounded.
-            typical_hz = 1 / float(np.mean(steps[steps < MIN_GAP * np.median(steps)]))
+            typical_hz = 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)]))
             low, high = 20.0, 200e3  # of logs of machines
             unit = next((u for u, s in TIME_UNITS.items() if low <= typical_hz / s <= high), "s")
             grid = even_grid(t)
             rate_hz = (typical_hz if grid is None else grid[1]) / TIME_UNITS[unit]
-            is_even = unit != "s" or (grid is not None and len(grid[0]) > grid[0][-1])
+            is_even = grid is not None and len(grid[0]) > grid[0][-1]
             why = f"steps of {name}, which seems to be in {unit}"
-            why += f"; {len(wrong)} of its values are wrong, the first is sample {wrong[0]}" if len(wrong) else ""
+            why += f"; it runs backwards after sample {falls[0]}" if len(falls) else ""
+            why += f"; wrong values: {len(wrong)}, the first at sample {wrong[0]}" if len(wrong) else ""
             return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
     for name, array in log.arrays.items():
         if array.rate_hz:
@@ -112,4 +136,6 @@ def clock_of(log: Log) -> Clock:
         number = float(np.squeeze(np.asarray(array))) if last in (*_RATES, *_PERIODS) and is_number else 0.0
         if number > 0:
             return Clock(number if last in _RATES else float(f"{1 / number:.6g}"), f"{name} in the file")
+    if falling:
+        raise DataError("records/clock", f"{falling} {BACKWARDS}. Sort its rows by time", getattr(log, "path", ""))
     return Clock(None, "no time is in the log")

@@ -128,7 +128,7 @@ def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
             if (channel.role, channel.at, channel.quantity) == (role, place, "position"):
                 return channel
     text = f"no channel of role {role}, quantity position at motor {joint}; add it to experiment.recorded.channels"
-    raise StudyError("records/channels", text, "--study")
+    raise StudyError("study/recorded", text, "--study")
 
 
 def gains_in(log: LogFile, name: str, n_u: int) -> FloatArray | None:

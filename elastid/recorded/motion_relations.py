@@ -24,6 +24,8 @@ MIN_EXPLAINED = 0.75
 MIN_BY_INERTIA = 0.2
 # Acceleration of another joint over its own, from which on it may move it; what viscous friction must explain then.
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
+# |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
+MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0
 MIN_ALONE = 0.03  # of the variance of an acceleration, that the other columns do not explain
 
 
@@ -113,6 +115,38 @@ def torque_relation(
     return replace(best, inertia=inertia, largest_inertia=max(limits, default=np.inf))
 
 
+def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, rate_hz: float) -> tuple[float, float]:
+    r"""Gain :math:`\beta` of a torque sensor behind the gear of a joint, and its standard error.
+
+    .. math:: u = J_m a + f v + F_c\,\mathrm{sgn}(v) + o + \beta s
+
+    Other joints may move: their torques are in the sensor's.  The error is infinite if the motion explains the sensor.
+    """
+    gains = [(0.0, np.inf)]
+    for width in _widths(u):
+        torque, s = (derivative(x, 0, rate_hz, width) for x in (u, sensor))
+        v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
+        A = np.stack([s, a, v, np.sign(v), np.ones_like(a)], axis=1)[:: int(width / 2)]
+        theta, _, alone, std = _fitted(A, torque[:: int(width / 2)], 0)
+        is_seen = np.var(alone) > MIN_ALONE * np.var(A[:, 0])
+        gains += [(float(theta[0]), std)] if is_seen else []
+    return min(gains, key=lambda pair: pair[1] / max(abs(pair[0]), 1e-300))
+
+
+def _fitted(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Coefficients of the columns of A (n, c), residual (n,), one column without the others, and its coefficient's std.
+
+    The sandwich estimate has a window of ten samples: neighbouring residuals are correlated.
+    """
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    theta = np.linalg.lstsq(A / size, x, rcond=1e-9)[0] / size
+    residual, others = x - A @ theta, np.delete(A, column, axis=1)
+    alone = A[:, column] - others @ np.linalg.lstsq(others, A[:, column], rcond=1e-9)[0]
+    score = alone * residual
+    variance = score @ score + 2 * sum((1 - k / 10) * float(score[k:] @ score[:-k]) for k in range(1, 10))
+    return theta, residual, alone, float(np.sqrt(max(variance, 0.0))) / max(float(alone @ alone), 1e-300)
+
+
 def _relation_at(
     u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool,
     others: Sequence[tuple[FloatArray, int]],
@@ -127,15 +161,8 @@ def _relation_at(
     every = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
     moving = [x for x in every if np.std(x) > MIN_MOVING * np.std(a)]
     A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
-    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    theta = np.linalg.lstsq(A / size, torque, rcond=1e-9)[0] / size
-    residual = torque - A @ theta
+    theta, residual, alone, std = _fitted(A, torque, 0)
     explained = 1 - float(np.var(residual) / np.var(torque))
-    alone = A[:, 0] - A[:, 1:] @ np.linalg.lstsq(A[:, 1:], A[:, 0], rcond=1e-9)[0]
-    # Sandwich estimate with a window of ten samples: neighbouring residuals are correlated.
-    score = alone * residual
-    variance = score @ score + 2 * sum((1 - k / 10) * float(score[k:] @ score[:-k]) for k in range(1, 10))
-    std = float(np.sqrt(max(variance, 0.0))) / max(float(alone @ alone), 1e-300)
     by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
     friction = slice(2 if moving and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
     parts = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])

@@ -36,7 +36,14 @@ from elastid.recorded.repair import Log
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, report_unstated_period
-from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR, MIN_DELAY_CORRELATION, RESAMPLED, at_times, delay
+from elastid.recorded.repair.time_stamps import (
+    MAX_CLOCK_ERROR,
+    MIN_DELAY_CORRELATION,
+    RESAMPLED,
+    SET_BACK,
+    at_times,
+    delay,
+)
 from elastid.recorded.step_images import without_step_images
 from elastid.robot import before_channels
 
@@ -200,6 +207,9 @@ def repaired_signals(
 ) -> tuple[FloatArray, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
+    if log.findings.repairs[SET_BACK]:
+        text = "the time runs backwards, and the length of the gap there is unknown. Select one part by samples"
+        raise DataError("records/clock", text, log.where)
     errors = [channel.errors for channel in gathered.channels]
     if period is None:
         signals = repair_without_period(gathered.signals, log)

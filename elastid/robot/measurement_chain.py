@@ -72,6 +72,9 @@ def low_pass_response(s: ComplexArray, T: float) -> ComplexArray:
     return np.asarray(1 / (1 + s * T) if T >= 0 else 1 - s * T)
 
 
+MAX_DELAY_S = 0.05  # s, of a channel: four cycles of the slowest controllers
+
+
 @section
 class Channel:
     """Errors of a logged channel: gain (logged over true value), time delay and low pass."""
@@ -86,7 +89,7 @@ class Channel:
         "example.", "from a calibration; 1 if the fit estimates it.", above=0)] = 1.0
     delay: Annotated[Time, Key("Time delay of the logged signal relative to the true one, of either sign; in "
         "fit.parameters delay_u_motor_1, or delay_u for all torques.", "one cycle if the log contains the torque "
-        "of the previous cycle.")] = 0.0
+        "of the previous cycle.", least=-MAX_DELAY_S, most=MAX_DELAY_S)] = 0.0
     low_pass: Annotated[Time, Key("Time constant of a first-order low-pass filter between the true and the logged "
         "signal; in fit.parameters low_pass_u_motor_1, for example.", "1 / (2 pi corner) of the filter of a logged "
         "current.")] = 0.0

@@ -75,7 +75,7 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
     path = Path(path)
     if path.is_dir():
-        raise DataError("files/kind", "is a folder; name one of the files in it", path)
+        raise StudyError("files/kind", "is a folder; name one of the files in it", path)
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
     # Before HDF5 looks at it: some damages end the process there.
@@ -98,7 +98,7 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
     stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
     if stored != kind:
         holds = f"holds {stored}" if stored else "was not written by elastid"
-        raise DataError(
+        raise StudyError(
             "files/kind", f"{holds}, expected {kind}; name another; `elastid inspect {path}` shows its content", path
         )
     if written != FORMAT:

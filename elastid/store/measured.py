@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
+from elastid.base.errors import StudyError
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
 from elastid.experiment.plan.movement import Reference, references
@@ -136,7 +136,7 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
         entries = _entries(path)
         if configuration not in (None, *(name for _, name in entries)):
             known = ", ".join(dict.fromkeys(name for _, name in entries))
-            raise DataError(
+            raise StudyError(
                 "run/earlier-stage", f"no records of configuration {configuration}; there are {known or 'none'}", path
             )
         for entry, name in entries:

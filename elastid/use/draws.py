@@ -55,7 +55,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
             # A fit with more than 20 impossible draws for each robot is too uncertain to be drawn from.
             if refused > 20 * (len(robots) + 10):
                 raise FitError(
-                    "fit/no-robot",
+                    "fit/impossible-inertia",
                     f"{refused} of {refused + len(robots)} posterior samples have impossible inertias. Give masses and "
                     "inertias a prior, or fix them",
                 ) from None

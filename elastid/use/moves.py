@@ -234,6 +234,6 @@ def point_to_point(start: FloatArray, end: FloatArray, duration: float) -> Move:
     points = np.stack([start, end])
     if not np.any(np.diff(points, axis=0)):
         raise StudyError(
-            "use/path", "a move from a posture to the same posture has nothing to follow; give another end"
+            "options/invalid", "a move from a posture to the same posture has nothing to follow; give another end"
         )
     return Move(_through(np.array([0.0, 1.0]), points, False), duration)

@@ -45,7 +45,7 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
         drawn = drawn[are_closed(robot, followed(robot, drawn))]
     if not len(drawn):
         raise StudyError(
-            "use/unreachable", "its loops close in no posture within the limits of its joints", f"robot {robot.name}"
+            "robot/loops", "its loops close in no posture within the limits of its joints", f"robot {robot.name}"
         )
     return np.asarray(drawn[:count])
 
@@ -66,7 +66,7 @@ def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> 
     angles, is_reached = inverse_kinematics(robot, frame, targets, seed=seed)
     if not is_reached.any():
         raise StudyError(
-            "use/unreachable",
+            "options/invalid",
             f"no point of a grid of {1e3 * spacing:.3g} mm is reached by frame {frame} of robot {robot.name}, which "
             "moves on a surface only; take --random, or a frame behind the last joint",
         )

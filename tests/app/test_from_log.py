@@ -16,6 +16,7 @@ from elastid.app.from_log import texts_from_logs
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import imported_responses
 from elastid.base.errors import DataError, StudyError
+from elastid.recorded.friction_logs import read_friction_logs
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.store.measured import read_responses
 from elastid.study import Study, load, load_with_logs
@@ -77,6 +78,49 @@ def test_one_wrong_cell_changes_neither_kind_nor_rate(motion: Path, tmp_path: Pa
     study = new(tmp_path, motion)
     assert study.friction is not None
     assert study.experiment.as_recorded().rate_hz == 200.0
+
+
+@pytest.mark.parametrize("row", ["1;x", "0.5;ERR;0.1;0.2;0.3", "--- marker ---", "overflow;;;;"])
+def test_a_damaged_row_of_the_only_log_is_missing_and_named(motion: Path, tmp_path: Path, row: str) -> None:
+    lines = motion.read_text().splitlines()
+    motion.write_text("\n".join([*lines[:2000], row, *lines[2001:]]) + "\n")
+    study = new(tmp_path, motion)
+    assert study.friction is not None
+    assert study.experiment.as_recorded().rate_hz == 200.0
+    assert "motion.csv, row 2001" in (tmp_path / "new" / "study.yml").read_text()
+
+
+def test_rows_that_run_backwards_in_time_are_refused(motion: Path, tmp_path: Path) -> None:
+    """By `check`, too, of a study that was written for the log in its order."""
+    new(tmp_path, motion)
+    head, *rows = motion.read_text().splitlines()
+    motion.write_text("\n".join([head, *reversed(rows)]) + "\n")
+    with pytest.raises(DataError) as refusal:
+        texts_from_logs(tmp_path / "other", [motion])
+    assert (refusal.value.code, refusal.value.place) == ("records/clock", str(motion))
+    with pytest.raises(StudyError) as faulty:
+        load_with_logs(tmp_path / "new" / "study.yml")
+    assert "rate_hz" in str(faulty.value)
+
+
+def test_a_log_whose_clock_was_set_back_is_one_of_friction(motion: Path, tmp_path: Path) -> None:
+    """Divided there, where the samples of the other part begin."""
+    head, *rows = motion.read_text().splitlines()
+    motion.write_text("\n".join([head, *rows[:1500], *rows[500:2000]]) + "\n")
+    study = new(tmp_path, motion)
+    recorded = study.experiment.as_recorded()
+    assert (study.friction is not None, recorded.time, recorded.rate_hz) == (True, "time", 200.0)
+    robot = study.as_robot()
+    records = read_friction_logs(robot, study.experiment, tmp_path / "new", robot.driven_names, {})
+    assert [len(record.position) for record in records.records if record.joint == "1"] == [1500, 1500]
+
+
+def test_a_log_of_one_row_is_too_short(motion: Path, tmp_path: Path) -> None:
+    """Its delimiter is right."""
+    motion.write_text("\n".join(motion.read_text().splitlines()[:2]) + "\n")
+    with pytest.raises(DataError) as refusal:
+        texts_from_logs(tmp_path / "new", [motion])
+    assert refusal.value.code == "records/values"
 
 
 def test_hammer_tests_without_force_are_refused(tmp_path: Path) -> None:

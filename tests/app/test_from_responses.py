@@ -124,3 +124,16 @@ def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path: Pat
     channels = {(c.role, c.channel, c.column, c.quantity, c.unit) for c in recorded.channels}
     assert ("u", "z.InputData", None, "torque", "N*m") in channels
     assert ("y", "z.OutputData", 1, "position", "deg") in channels
+
+
+@pytest.mark.parametrize("time", ["time", "dates"])
+def test_complex_signals_of_a_log_are_no_responses(time: str, tmp_path: Path) -> None:
+    """An array of as many samples as the time; times may be dates."""
+    t = np.arange(1200) / 200
+    stamps = t if time == "time" else np.datetime64("2024-01-01") + (5 * np.arange(1200)).astype("timedelta64[ms]")
+    signals = {"time": stamps, "tau_1": np.cos(t) + np.sign(np.cos(t)), "q_1": np.sin(t), "iq": np.exp(1j * t)}
+    np.savez(tmp_path / "log.npz", **signals)
+    assert cli.run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "log.npz")]) == 0
+    study = load_with_logs(tmp_path / "s" / "study.yml").study
+    assert study.friction is not None
+    assert study.experiment.as_recorded().rate_hz == 200.0

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
 from elastid.app.cli import run_command
 from elastid.study import load_with_logs
@@ -60,6 +61,30 @@ def write_log(folder: Path, realisation: int, friction: float) -> None:
     np.savetxt(folder / f"{realisation}.csv", signals, delimiter=",", header="torque,motor,joint", comments="")
 
 
+def test_sensor_sign_is_the_one_of_the_motor_torque(tmp_path: Path) -> None:
+    """`new` writes it; `check` reports a study with the other one at the line of the sensor."""
+    write_arm_log(tmp_path / "arm.csv", scale=-1.0)
+    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
+    path = tmp_path / "s" / "study.yml"
+    sensors = [c for c in load_with_logs(path).study.experiment.as_recorded().channels if c.role == "d"]
+    assert [c.sign for c in sensors] == [1, 1]
+    lines = path.read_text().splitlines()
+    number = next(i for i, line in enumerate(lines, start=1) if "role: d" in line)
+    lines[number - 1] = lines[number - 1].replace("N*m}", "N*m, sign: -1}")
+    path.write_text("\n".join(lines))
+    with refused("study/invalid", holds=f"study.yml:{number}:"):
+        load_with_logs(path)
+
+
+def test_sensors_of_unknown_size_are_not_used(tmp_path: Path) -> None:
+    """Unit, side and ratio of sensor or motor may be the reason, and nothing shows which of them."""
+    write_arm_log(tmp_path / "arm.csv", scale=1e3)
+    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
+    study = load_with_logs(tmp_path / "s" / "study.yml").study
+    assert not [c for c in study.experiment.as_recorded().channels if c.role == "d"]
+    assert "times torque_sensor_1" in (tmp_path / "s" / "study.yml").read_text()
+
+
 @pytest.mark.slow
 def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp_path: Path) -> None:
     """Inside their intervals, within 0.1 and 1 %, with a third of the torque lost in friction; the motor is unknown."""
@@ -79,8 +104,11 @@ def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp
 TORQUES = {"coulomb": (0.9, 0.5), "viscous": (0.3, 0.2), "armature": (0.05, 0.03)}  # in front of the sensors
 
 
-def write_arm_log(path: Path, noise: float = 0.01) -> None:
-    """A planar arm under gravity: torques of its motors, and of sensors behind their gears, which carry the links."""
+def write_arm_log(path: Path, noise: float = 0.01, scale: float = 1.0) -> None:
+    """A planar arm under gravity: torques of its motors, and of sensors behind their gears, which carry the links.
+
+    scale: of the numbers of the sensors.
+    """
     rng, t = np.random.default_rng(0), np.arange(0, 40, 1 / 500)
     q, v, a = np.zeros((3, 2, len(t)))
     for k in range(2):
@@ -100,6 +128,7 @@ def write_arm_log(path: Path, noise: float = 0.01) -> None:
     )
     motors = links + np.array(TORQUES["armature"])[:, None] * a + friction
     torques = np.vstack([motors, links]) + noise * rng.standard_normal((4, len(t)))
+    torques[2:] *= scale
     rows = np.vstack([t, torques[:2], q + 1e-5 * rng.standard_normal(q.shape), torques[2:]]).T
     head = "time,motor_torque_1,motor_torque_2,q_1,q_2,torque_sensor_1,torque_sensor_2"
     np.savetxt(path, rows, "%.9g", ",", header=head, comments="")

@@ -8,6 +8,7 @@ from plants.refusals import refused
 
 import elastid
 from elastid.app import cli
+from elastid.base import errors
 from elastid.base.codes import codes, renamed_names
 from elastid.study.loading import load
 from elastid.study.reference import explain
@@ -30,6 +31,19 @@ def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and
     for code, (meaning, remedy) in codes().items():
         assert all((meaning, remedy))
         assert explain(code).splitlines()[1:] == [f"  {meaning}", f"  {remedy}"]
+
+
+def test_every_code_has_one_exit_code() -> None:
+    """A program that reads the code knows how the command ended."""
+    exit_codes: dict[str, set[int]] = {}
+    for file in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            kind = getattr(errors, getattr(getattr(node, "func", None), "id", ""), None)
+            if isinstance(kind, type) and issubclass(kind, errors.ElastidError) and isinstance(node, ast.Call):
+                code = node.args[0] if node.args else None
+                if isinstance(code, ast.Constant):
+                    exit_codes.setdefault(str(code.value), set()).add(kind.exit_code)
+    assert {code for code, each in exit_codes.items() if len(each) > 1} == set()
 
 
 def test_an_unknown_code_is_refused_with_the_nearest() -> None:

@@ -190,9 +190,9 @@ def test_a_missing_sample_is_refused_by_every_method_that_reads_it(method: Metho
 def _refusals() -> list[tuple[EstimatorSpec, str, EstimatorSpec]]:
     """What is refused, its code, and the remedy."""
     return [
-        (replace(H1, method="arithmetic"), "frf/periods", replace(H1, method="auto")),
-        (replace(H1, lines="odd"), "frf/periods", replace(H1, lines="full")),
-        (replace(H1, transient_periods=1), "frf/periods", H1),
+        (replace(H1, method="arithmetic"), "study/invalid", replace(H1, method="auto")),
+        (replace(H1, lines="odd"), "study/invalid", replace(H1, lines="full")),
+        (replace(H1, transient_periods=1), "study/invalid", H1),
         (replace(H1, segment=15.0), "frf/segment", replace(H1, segment=2.5)),
         (replace(H1, segment=0.01), "frf/segment", replace(H1, segment=0.02)),
     ]

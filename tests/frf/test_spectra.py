@@ -107,7 +107,7 @@ def test_half_wave_records_have_no_even_lines() -> None:
     """`full` is refused, and a half-wave position that is off centre and drifts is no trouble."""
     lines = np.arange(1, 120, 2)
     record = replace(steady_record(2, "position", lines=lines), half_wave=True)
-    with refused("frf/lines", place="estimator.lines"):
+    with refused("study/invalid", place="estimator.lines"):
         estimate([record], replace(AUTO, lines="full"))
     off_centre = replace(record, y=record.y + 7 + np.linspace(0, 1e-3, 2 * N)[:, None])
     np.testing.assert_allclose(estimate([off_centre], AUTO, lines).G[:, 0, 0], 1.0, atol=2e-2)

@@ -212,6 +212,35 @@ def test_channels_are_doubted_where_the_others_contradict_them(
     assert [(doubt.channel, doubt.key) for doubt in doubts] == expected
 
 
+D = ChannelSpec("d", "motor 1", "sensor", sign=-1)
+
+
+@pytest.mark.parametrize("factor", [1, -1, 1e3, 1e2, 1e-3, 1 / RATIO])
+@pytest.mark.parametrize(("gravity", "efficiency"), [(30.0, 1.0), (30.0, 0.7), (0.0, 1.0)])
+@pytest.mark.parametrize("others", [0.0, 1.0])
+def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(
+    factor: float, gravity: float, efficiency: float, others: float
+) -> None:
+    """Also behind a gear with losses, and moved by other joints; an inertia alone shows no unit that is too small."""
+    q, v, a, _ = moved(J=0)
+    noise = np.random.default_rng(8).standard_normal((2, len(q)))
+    sensor = 2 * a + gravity * np.cos(q) + 3 * others * moved(1)[2] + 0.05 * noise[0]
+    torque = 2.5 * a + 8 * v + 5 * np.sign(v) + sensor / efficiency + 0.1 * noise[1]
+    doubts = channel_doubts((U, Q, D), np.stack([torque, q, factor * sensor], axis=1), RATE, robot())
+    is_seen = factor == -1 or factor > 1 or (factor < 1 and (gravity or others))
+    expected = [(2, "sign" if factor == -1 else "side" if factor == 1 / RATIO else "unit")] if is_seen else []
+    assert [(doubt.channel, doubt.key) for doubt in doubts] == expected
+
+
+@pytest.mark.parametrize("factor", [1, -1])
+def test_joints_that_move_in_proportion_have_no_sign(factor: float) -> None:
+    """A coupled torque that acts against the motion of its joint shows no sign, and none is written."""
+    q, v, a, u = moved(0)
+    signals = [("tau_1", u), ("q_1", q), ("tau_2", factor * (4 * a + 3 * v)), ("q_2", -0.8 * q)]
+    guess = guess_log([(guess_by_name(name, None), x) for name, x in signals], RATE)
+    assert [joint.motion.sign for joint in guess.joints] == [1, 1]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed: int) -> None:
     """Friction carries the slow torque, modes the multisine; the torque is up to two samples late."""

@@ -88,4 +88,4 @@ def test_channels_of_a_study_have_units_and_its_controller_gains(
     assert log.kp.tolist() == [20.0, 40.0]
     with pytest.raises(StudyError) as refusal:
         read_study_log(path, RecordedSpec(400.0, (*of_role["y"], torque), (FileSpec("log.npz"),)), ROBOT)
-    assert refusal.value.code == "records/channels"
+    assert refusal.value.code == "study/recorded"

@@ -178,5 +178,5 @@ def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     assert part.n_periods == 4
     assert error_of(part) < 0.02
     slow = replace(CHANNELS[2], rate_hz=333.3)
-    with refused("records/period-mismatch", holds=("333.3 Hz", "1 s")):
+    with refused("study/recorded", holds=("333.3 Hz", "1 s")):
         measure(tmp_path, spec_of(channels=(*CHANNELS[:2], slow)))

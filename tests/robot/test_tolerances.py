@@ -28,7 +28,9 @@ def test_each_number_has_the_tolerance_of_its_kind_and_body() -> None:
 
 
 def test_tolerances_are_positive_and_of_bodies_that_exist() -> None:
-    """Zero is written `exact`."""
+    """Zero is written `exact`; a Gaussian prior of a positive number is narrower than the number."""
+    with pytest.raises(ValueError, match=r"^mass: "):
+        Tolerances(mass=5.0)
     with pytest.raises(ValueError, match=r"^mass: "):
         Tolerances(mass=0.0)
     with pytest.raises(ValueError, match=r"^inertia: "):

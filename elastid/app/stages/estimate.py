@@ -146,7 +146,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
         else:
             if not spec.channels:
                 raise StudyError(
-                    "responses/table",
+                    "study/invalid",
                     "its inputs and outputs are unknown; give them as channels beside the files",
                     path,
                 )
@@ -176,14 +176,14 @@ def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configura
     name = file.response or configuration.name
     if name not in responses:
         known = ", ".join(responses) or "none"
-        raise StudyError("responses/table", f"no response of configuration {name} in it; there are {known}", path)
+        raise DataError("responses/table", f"no response of configuration {name} in it; there are {known}", path)
     response = responses[name]
     angles, given = response.configuration.angles, configuration.angles
     if robot is None or not angles.size:  # at least one of the two studies has no robot
         return replace(response, configuration=configuration)
     # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
     if angles.shape != given.shape or np.any(np.abs(angles - given) > 1e-3):
-        raise StudyError(
+        raise DataError(
             "responses/table",
             f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at "
             f"{given.tolist()}; correct experiment.configurations",

@@ -17,7 +17,7 @@ from elastid.app.run import Artefacts, Work, Write, text
 from elastid.app.stages.estimate import RecordsOnShafts
 from elastid.app.stages.fit import fitted_rows
 from elastid.app.summaries import as_json, listed, section
-from elastid.base.errors import StudyError, notes_of
+from elastid.base.errors import DataError, StudyError, notes_of
 from elastid.base.execution import Execution
 from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
@@ -97,7 +97,7 @@ def _summary(path: Path) -> dict[str, object]:
     try:
         content: dict[str, object] = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise StudyError("files/damaged", f"it cannot be read ({error}); the stage fit makes it again", path) from None
+        raise DataError("files/damaged", f"it cannot be read ({error}); the stage fit makes it again", path) from None
     return content
 
 

@@ -21,7 +21,7 @@ from elastid.base.units import (
     usual_spelling,
 )
 from elastid.record import MOTION_UNIT, Hold, drive_unit
-from elastid.robot import Channel, Robot
+from elastid.robot import MAX_DELAY_S, Channel, Robot
 
 # SI units of a channel's quantity.
 QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "force": "N", "current": "A", "voltage": "V", "temperature": "degC"}
@@ -74,7 +74,7 @@ class ChannelSpec:
         "example; the lowest rate limits the band.", above=0)] = None
     delay: Annotated[Time, Key("Time delay of the channel relative to the true signal, of either sign, which elastid "
         "corrects (roles u and y).", "the cycle by which a drive reports its current late; if it is unknown, identify "
-        "delay_u in fit.parameters.")] = 0.0
+        "delay_u in fit.parameters.", least=-MAX_DELAY_S, most=MAX_DELAY_S)] = 0.0
     low_pass_hz: Annotated[Frequency | None, Key("Corner frequency of a first-order low-pass filter in the channel "
         "(roles u and y), which elastid corrects (default: no filter).", "the corner of the current filter in the "
         "drive's parameters.", above=0)] = None

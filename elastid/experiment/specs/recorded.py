@@ -149,8 +149,9 @@ class RecordedSpec:
     half_wave: Annotated[bool, Key("If true, the excitation has odd lines only, and the negated second half of a "
         "period counts as a repetition.", "true for odd grids with few periods; even lines would turn into "
         "noise.")] = False
-    time: Annotated[str, Key("Name of the channel with time stamps in s, from which the samples are interpolated to "
-        "rate_hz (default: uniform sampling).", "for logs with dropouts or jitter, or with an uncertain rate.")] = ""
+    time: Annotated[str, Key("Name of the channel with time stamps in s, ms, us or ns, from which the samples are "
+        "interpolated to rate_hz (default: uniform sampling).", "for logs with dropouts or jitter, or with an "
+        "uncertain rate.")] = ""
     hold: Annotated[Hold, Key("Behaviour of the acting torques between samples. `zero-order`: logged commands; the "
         "model then includes half a sample of delay, a sinc and aliases. `band-limited`: torques measured through a "
         "filter, or much faster than the update of the drive.", "`zero-order` for commands; a wrong choice shows as a "

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError
 from elastid.base.execution import HERE, Execution
 from elastid.base.workers import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
@@ -334,7 +334,7 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
         if missing := ", ".join(name for name in wanted if name not in known):
             has_not = f"the response has the {kind} {missing}, which the model has not"
             names = ", ".join(known) or "none"
-            raise StudyError(
+            raise DataError(
                 "fit/responses", f"{has_not}; there are {names}", f"configuration {response.configuration.name}"
             )
     if loads and model.inputs != response.inputs:

@@ -42,7 +42,7 @@ def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configu
             where = configurations[test.configuration]
         else:
             known = did_you_mean(test.configuration, configurations)
-            raise StudyError("fit/loads", f"no configuration is called {test.configuration}; {known}", "loads")
+            raise StudyError("study/invalid", f"no configuration is called {test.configuration}; {known}", "loads")
         every.append(PlacedTest(test, where))
     return tuple(every)
 
@@ -107,6 +107,6 @@ def load_of(placed_test: PlacedTest, robot: Robot) -> Load:
     """The force and torque of a test, a hanging mass as its weight; StudyError for a wrong number of angles."""
     test, where = placed_test.test, placed_test.configuration
     if refused := robot.count_refusal(where.angles.size):
-        raise StudyError("fit/loads", f"{where.name}: {refused}", "loads")
+        raise StudyError("study/invalid", f"{where.name}: {refused}", "loads")
     force = np.asarray(test.force, dtype=float) + test.mass * np.asarray(robot.gravity, dtype=float)
     return Load(where, test.frame, force, np.asarray(test.torque, dtype=float), test.read_at, test.directions)

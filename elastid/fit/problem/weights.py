@@ -222,4 +222,4 @@ def check_factors(responses: Sequence[Response], spec: FitSpec) -> None:
     for i, factor in enumerate(spec.weights.factors):
         for path, noun, name in misnamed(factor, measured):
             known = did_you_mean(name, sorted(measured[str(path[0])]))
-            raise StudyError("fit/weights", f"no {noun} '{name}' was measured; {known}", f"fit.weights.factors[{i}]")
+            raise StudyError("study/invalid", f"no {noun} '{name}' was measured; {known}", f"fit.weights.factors[{i}]")

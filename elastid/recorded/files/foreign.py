@@ -37,7 +37,7 @@ def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:
 def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
 
-    Pickled objects are left out.
+    Pickled objects are left out; dates and times are s from the first.
     """
     loaded, named = np.load(path), dict[str, NDArray[Any]]()
     for name in [path.stem] if isinstance(loaded, np.ndarray) else loaded.files:
@@ -45,7 +45,8 @@ def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
             array = loaded if isinstance(loaded, np.ndarray) else loaded[name]
             fields = array.dtype.names
             named |= {f"{name}.{field}": array[field] for field in fields} if fields else {name: array}
-    yield _in_memory(path, named)
+    is_time = {name: x.dtype.kind in "mM" and x.size > 0 for name, x in named.items()}
+    yield _in_memory(path, {name: seconds(x, x.flat[0]) if is_time[name] else x for name, x in named.items()})
 
 
 def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -92,7 +93,7 @@ def _leaves_of_parquet(name: str, field: Any) -> Iterator[tuple[str, Any]]:
 def _column(file: Any, name: str, field: Any, n: int) -> StoredArray:
     from pyarrow import types
 
-    is_time = types.is_timestamp(field.type)
+    is_time = types.is_timestamp(field.type) or types.is_duration(field.type)
     is_number = types.is_integer(field.type) or types.is_floating(field.type) or types.is_boolean(field.type)
     # A column with missing values is read as float64, whatever its type.
     dtype = field.type.to_pandas_dtype() if types.is_floating(field.type) else np.float64
@@ -104,7 +105,7 @@ def _column(file: Any, name: str, field: Any, n: int) -> StoredArray:
 def _read_column(file: Any, name: str) -> NDArray[Any]:
     parts = [_values(file.read_row_group(i, columns=[name]), name) for i in range(file.num_row_groups)]
     values = np.concatenate(parts) if parts else np.zeros(0)
-    return seconds(values, values[0]) if values.dtype.kind == "M" else values
+    return seconds(values, values[0]) if values.dtype.kind in "mM" else values
 
 
 def _values(table: Any, name: str) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, ElastidError, StudyError
+from elastid.base.errors import DataError, ElastidError, StudyError, is_program_fault
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import foreign, ros_bag, text, universal
@@ -170,12 +170,14 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
 
 @contextmanager
 def _refused(message: Callable[[Exception], str]) -> Iterator[None]:
-    """Convert exceptions without a user message, such as from damaged files, to DataError."""
+    """Convert exceptions of libraries and of the data, such as from damaged files, to DataError."""
     try:
         yield
     except (ElastidError, MemoryError):
         raise
     except Exception as error:
+        if is_program_fault(error):
+            raise
         raise DataError("files/damaged", message(error)) from error
 
 

@@ -19,12 +19,13 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from threading import RLock
+from traceback import format_exc
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.errors import ElastidError
+from elastid.base.errors import ElastidError, ProgramError, is_program_fault
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
@@ -158,7 +159,8 @@ def serve() -> None:
         except ElastidError as error:
             reply = error
         except Exception as error:
-            reply = ValueError(f"{type(error).__name__}: {error}")
+            is_fault = is_program_fault(error)
+            reply = ProgramError(format_exc()) if is_fault else ValueError(f"{type(error).__name__}: {error}")
         pickle.dump(reply, replies)
         replies.flush()
 
@@ -188,5 +190,5 @@ def limit_memory() -> int:
 def _values(array: StoredArray, part: slice | None) -> NDArray[Any]:
     values = np.asarray(array.read() if part is None or array.rows is None else array.rows(part))
     if values.dtype.hasobject:
-        raise TypeError(f"values of type {values.dtype} are not numbers")
+        raise ValueError(f"values of type {values.dtype} are not numbers")
     return values

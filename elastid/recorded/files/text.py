@@ -31,9 +31,9 @@ _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace") for mark in
 # Compressed texts by their first bytes, and most bytes of one.
 _COMPRESSED: dict[bytes, Any] = {b"\x1f\x8b": gzip, b"BZh": bz2, b"\xfd7zXZ": lzma}
 _MAX_BYTES = 1 << 30
+MAX_WRONG_FRACTION = 0.01  # of rows with a cell that is no number, which are missing samples
 _HEAD_LINES, _LEAST_PROPERTIES = 100, 3  # lines in which data start, and those with a property and its numbers
 _SAMPLE_TIME = "SampleTime[ms]"  # property of TwinCAT Scope, below its column of times in ms
-_END = "EOF"  # last row of such an export
 _TIMES = re.compile(r"time \d+ \[ms\]")  # headings of these columns
 _HEAD_BYTES = 1 << 16  # of a large text, which show its code
 BLOCK_LINES = 1 << 16  # of a large text that are in memory at a time
@@ -95,7 +95,11 @@ class TextLog(Log):
         return isinstance(self.number_lines, FileLines)
 
     def columns(self, wanted: Sequence[int], part: slice = slice(None)) -> FloatArray:
-        """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
+        """Columns (n_samples, len(wanted)), counted from 0.
+
+        A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
+        such cells.
+        """
         needed, end = sorted(set(wanted)), self.first + max(map(self._length, wanted))
         if self.is_large:
             rows = range(self.first, end)[part]
@@ -121,9 +125,24 @@ class TextLog(Log):
             try:
                 data = read(lines)
             except ValueError as error:
-                complaint = self._complaint(needed, lines, first)
-                raise DataError("records/text", complaint or f"{self.path}: {error}") from None
+                data, wrong = self._with_missing_cells(needed, lines[:most])
+                if wrong > max(1.0, MAX_WRONG_FRACTION * len(data)) or 2 * wrong >= len(data):
+                    complaint = self._complaint(needed, lines, first)
+                    raise DataError("records/text", complaint or f"{self.path}: {error}") from None
         return data
+
+    def _with_missing_cells(self, needed: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
+        """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows with such cells."""
+        rows = [fields for line in lines if (fields := _fields(line, self.format))]
+        cells = [[row[i] if i < len(row) else "" for i in needed] for row in rows]
+        data = [[float(cell) if _is_number(cell) else np.nan for cell in row] for row in cells]
+        return np.array(data).reshape(-1, len(needed)), sum(not all(map(_is_number, row)) for row in cells)
+
+    def wrong_cell(self, columns: Sequence[int], part: slice) -> str:
+        """Message on the first cell without a number in a range of rows; empty without such a cell."""
+        rows = range(self.first, len(self.number_lines))[part]
+        lines = self.number_lines[rows.start : rows.stop]
+        return self._complaint(columns, _with_nan(lines, _delimiter(self.format)), rows.start)
 
     def _complaint(self, columns: Sequence[int], lines: Sequence[str], first: int) -> str:
         for number, line in enumerate(lines, start=first + 1):
@@ -181,18 +200,17 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     delimiter = _delimiter(text)
     if delimiter == text.decimal:
         raise StudyError(
-            "records/text",
+            "study/recorded",
             f"delimiter and decimal are both '{text.decimal}'; they must differ. With decimal commas set delimiter to "
             "';'",
             "text",
         )
     if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
         raise StudyError(
-            "records/text", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
+            "study/recorded", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
         )
     lines, numbers = _lines(path, text)
-    if len(numbers) > 1 and numbers[-1].strip() == _END:
-        numbers = replace(numbers, n=numbers.n - 1) if isinstance(numbers, FileLines) else numbers[:-1]
+    numbers = _without_end(numbers, text)
     first = _data_start(numbers, text.header_lines, text)
     if first >= len(numbers) and not any(line.strip() for line in lines):
         raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
@@ -210,6 +228,14 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         problem = "channels have different sample times, and blanks do not show empty cells. Export the log with tabs"
         raise DataError("records/text", problem, path)
     yield TextLog(path, text, numbers, headings, first, n_columns, units, sample_ms)
+
+
+def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
+    """Lines without those at the end that have no number, such as EOF or a remark."""
+    last = numbers[-_HEAD_LINES:]
+    filled = [i for i, line in enumerate(last, start=1) if any(map(_is_number, _fields(line, text)))]
+    n = len(numbers) - len(last) + filled[-1] if filled else len(numbers)
+    return replace(numbers, n=n) if isinstance(numbers, FileLines) else numbers[:n]
 
 
 def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[str]]:
@@ -265,7 +291,9 @@ def guess_format(path: Path) -> TextFormatSpec:
 
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
-    lines = _decoded(_raw(path, 65536)).splitlines()[-21:-1]  # the last 20 of the first 64 KiB
+    raw = _raw(path, _HEAD_BYTES)
+    lines = _decoded(raw).splitlines()
+    lines = lines[-21:-1] if len(raw) == _HEAD_BYTES else lines[-20:]  # the last of 64 KiB may be cut
 
     def numbers_less_words(text: TextFormatSpec) -> int:
         plain = plain_numbers("\n".join(lines), text).splitlines()

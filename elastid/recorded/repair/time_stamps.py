@@ -31,6 +31,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Log, scaled
+from elastid.recorded.repair.interpolation import MAX_BRIDGED
 
 RESAMPLED, JITTER = "samples resampled", "time stamps with jitter"
 # Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.
@@ -236,7 +237,8 @@ def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
     return C, float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2)))
 
 
-GAPS = "samples missing in time"
+GAPS, SET_BACK = "samples missing in time", "clock set back"
+MAX_FALLING_FRACTION = 0.01  # of steps, of a clock that is set back or rows that change places
 # Knots that are solved for together, and those beyond either end that are solved for and not used.
 _KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
 _TOLERANCE = 1e-8  # below the noise of any sensor
@@ -289,12 +291,13 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     """Signals (n, c) at rate_hz from the first stamp on, with rows of NaN where the stamps (n,) leave samples out.
 
     Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample.
-    Raises DataError where stamps are missing or fall, and where long steps leave too little of the band.
+    Rows in another order than their stamps are sorted.  A clock that was set back leaves a gap of unknown length.
+    Raises DataError where stamps are missing, where many fall, and where long steps leave too little of the band.
     """
-    for bad, what in ((~np.isfinite(time_s), "is missing"), (np.diff(time_s, prepend=-np.inf) < 0, "runs backwards")):
-        if bad.any():
-            place = log.time_of(np.flatnonzero(bad)[0])
-            raise DataError("records/clock", f"the time {what} at {place}. Exclude that part by samples", log.where)
+    if not np.isfinite(time_s).all():
+        place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
+        raise DataError("records/clock", f"the time is missing at {place}. Exclude that part by samples", log.where)
+    time_s, signals = _rising(time_s, signals, log)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
         raise DataError(
             "records/clock", "its time does not increase. Name another channel as time, or omit time", log.where
@@ -327,6 +330,27 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
             return result
         time_s = rows / grid_hz
     return _at_instants(time_s, signals, rate_hz, log)
+
+
+def _rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:
+    """Stamps (n,) that rise, and their signals (n, c); DataError for more falling steps than of single faults."""
+    falls = np.flatnonzero(np.diff(time_s) < 0)
+    if not len(falls):
+        return time_s, signals
+    place = log.time_of(falls[0] + 1)
+    if len(falls) > max(1.0, MAX_FALLING_FRACTION * len(time_s)):
+        text = f"the time runs backwards in {len(falls)} of {len(time_s) - 1} steps, the first at {place}"
+        raise DataError("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples", log.where)
+    order = np.argsort(time_s, kind="stable")
+    steps = np.diff(time_s[order])
+    if steps.min() > np.median(steps) / 2:
+        log.report("rows sorted by time", len(falls), f"{len(falls)} rows are not in the order of time, first {place}")
+        return time_s[order], signals[order]
+    gap_s = (MAX_BRIDGED + 2) * float(np.median(np.diff(time_s)))
+    log.report(SET_BACK, len(falls), f"the time runs backwards at {place}: a gap of unknown length")
+    rises = np.diff(time_s, prepend=time_s[0])
+    rises[falls + 1] = gap_s
+    return np.cumsum(rises), signals
 
 
 def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, float] | None:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.errors import DataError, Note
 from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -377,7 +377,7 @@ def _check_quantity(path: Path, data_set: dict[str, Any], output: str, channels:
     quantity = _quantity(data_set)
     for channel in channels:
         if channel.role == "y" and label(channel) == output and quantity not in (None, channel.quantity):
-            raise StudyError(
+            raise DataError(
                 "responses/table",
                 f"output {output} has quantity {quantity} in the file, {channel.quantity} in its channel",
                 path,

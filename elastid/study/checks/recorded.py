@@ -17,7 +17,7 @@ from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.recorded.channel_doubts import channel_doubts
 from elastid.recorded.channels import gather_channels
-from elastid.recorded.clocks import MAX_SAMPLES, TIME_UNITS, is_time, stamps_of
+from elastid.recorded.clocks import BACKWARDS, MAX_SAMPLES, TIME_UNITS, is_clock, is_time, stamp_unit, stamps_of
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
@@ -315,15 +315,19 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
     rate_hz, where = recorded.known_rate_hz, (*_RECORDED, "rate_hz")
     names = [recorded.time] if recorded.time else [name for name in log.shapes() if is_time(name)]
     for name in names:
-        steps = np.diff(stamps_of(log, name)[0])
+        stamps = stamps_of(log, name)[0]
+        steps = np.diff(stamps)
+        if is_clock(-stamps):
+            yield Problem((*_RECORDED, "time") if recorded.time else where, f"{name} {BACKWARDS}. Sort the rows by it")
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
         mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
         rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in TIME_UNITS.items()}
-        if recorded.time and rates["s"][0] < 0.7 * rate_hz:
-            is_in_s = all(_is_other(hz, rate_hz) for unit, pair in rates.items() if unit != "s" for hz in pair)
-            advice = "lower rate_hz to that" if is_in_s else "the time must be in s"
-            yield Problem(where, f"{name} has a mean rate of {rates['s'][0]:.5g} Hz in s. {advice}")
+        unit = stamp_unit(stamps, rate_hz)
+        if recorded.time and rates[unit][0] < 0.7 * rate_hz:
+            is_known = all(_is_other(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair)
+            advice = "lower rate_hz to that" if is_known else "correct rate_hz, or give the time in s"
+            yield Problem(where, f"{name} has a mean rate of {rates[unit][0]:.5g} Hz in {unit}. {advice}")
         elif not recorded.time and all(_is_other(hz, rate_hz) for pair in rates.values() for hz in pair):
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")

@@ -60,7 +60,7 @@ def test_what_a_test_must_say():
 def test_unknown_places_are_named():
     """A configuration and a frame that are not there."""
     test = LoadTest(configuration="c7", force=(0, 0, -1), std=1e-6, deflection=(0, 0, 0))
-    with refused("fit/loads", place="loads"):
+    with refused("study/invalid", place="loads"):
         placed_tests([test], NAMED)
 
 

@@ -95,7 +95,7 @@ def test_exact_data_without_a_floor_leave_nothing():
 )
 def test_a_mask_of_what_was_not_measured_is_refused(mask):
     """A misspelt name would mask nothing, without a word."""
-    with refused("fit/weights", place="fit.weights.factors[0]"):
+    with refused("study/invalid", place="fit.weights.factors[0]"):
         check_factors([response(1.0)], FitSpec(weights=WeightSpec(factors=(mask,))))
 
 

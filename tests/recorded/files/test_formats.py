@@ -77,8 +77,8 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
         ("cut.csv.gz", TextFormatSpec(), "files/damaged", "cut.csv.gz"),
         ("words.csv", TextFormatSpec(), "records/text", "words.csv"),
         ("empty.csv", TextFormatSpec(), "records/text", "empty.csv"),
-        ("words.csv", TextFormatSpec(",", ","), "records/text", "text"),
-        ("words.csv", TextFormatSpec(",,"), "records/text", "text"),
+        ("words.csv", TextFormatSpec(",", ","), "study/recorded", "text"),
+        ("words.csv", TextFormatSpec(",,"), "study/recorded", "text"),
     ):
         with refused(code, place=place):
             measured(tmp_path, study_of(name, text=text))

@@ -8,6 +8,7 @@ import pytest
 from plants.refusals import refused
 from scipy.io import savemat
 
+from elastid.base.errors import ProgramError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.formats import contents, read_channels
@@ -20,6 +21,22 @@ def test_a_reader_of_matlab_files_that_dies_takes_nothing_along(tmp_path: Path, 
     (tmp_path / "scipy" / "io.py").write_text("import ctypes\n\ndef loadmat(path):\n    ctypes.string_at(0)\n")
     savemat(tmp_path / "log.mat", {"a": np.arange(5.0)})
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    with refused("files/damaged", holds="log.mat"):
+        contents(tmp_path / "log.mat", TextFormatSpec())
+
+
+def test_a_fault_of_the_program_is_no_damaged_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Its traceback comes back from the process that reads; an error of a library is the file's."""
+    (tmp_path / "scipy").mkdir()
+    (tmp_path / "scipy" / "__init__.py").touch()
+    savemat(tmp_path / "log.mat", {"a": np.arange(5.0)})
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    (tmp_path / "scipy" / "io.py").write_text("def loadmat(path):\n    return None\n")
+    with pytest.raises(ProgramError) as fault:
+        contents(tmp_path / "log.mat", TextFormatSpec())
+    assert "opened_matlab" in str(fault.value)
+    (tmp_path / "scipy" / "io.py").write_text("def loadmat(path):\n    raise TypeError\n")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path, "another reader"])
     with refused("files/damaged", holds="log.mat"):
         contents(tmp_path / "log.mat", TextFormatSpec())
 

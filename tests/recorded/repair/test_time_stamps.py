@@ -13,7 +13,16 @@ from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Findings
-from elastid.recorded.repair.time_stamps import GAPS, JITTER, delay, even_grid, on_grid, resampled, steps_in_words
+from elastid.recorded.repair.time_stamps import (
+    GAPS,
+    JITTER,
+    SET_BACK,
+    delay,
+    even_grid,
+    on_grid,
+    resampled,
+    steps_in_words,
+)
 
 RNG = np.random.default_rng(5)
 
@@ -126,12 +135,31 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     assert findings
     assert len(resampled) == int((t[-1] - t[0]) * 83.0) + 1
     with refused("records/clock", place="log.csv", holds="sample 50"):
-        on_grid(np.where(np.arange(2000) < 50, t, t - 1), t[:, None], 100.0, LOG)
+        on_grid(np.where(np.arange(2000) < 50, t, -t), t[:, None], 100.0, LOG)
     with refused("records/clock", place="log.csv", holds="sample 7"):
         on_grid(np.where(np.arange(2000) == 7, np.nan, t), t[:, None], 100.0, LOG)
     for wrong in (np.zeros(2000), 1e3 * t, 1e9 * t, t / 60, t + 3e7 * (np.arange(2000) > 999)):
         with refused("records/clock", place="log.csv"):
             on_grid(wrong, t[:, None], 100.0, LOG)
+
+
+def test_rows_that_change_places_are_sorted_by_time() -> None:
+    """Messages of a bus that overtake each other."""
+    t = np.arange(2000) / 100
+    rows = np.arange(2000)
+    rows[[700, 701, 1500, 1501]] = rows[[701, 700, 1501, 1500]]
+    sorted_again, findings = outcome(on_grid, t[rows], np.sin(t[rows])[:, None], 100.0)
+    np.testing.assert_array_equal(sorted_again[:, 0], np.sin(t))
+    assert findings["rows sorted by time"] == 2
+
+
+def test_clock_that_is_set_back_leaves_a_gap_of_unknown_length() -> None:
+    t = np.arange(2000) / 100
+    gridded, findings = outcome(on_grid, np.where(np.arange(2000) < 700, t, t - 3), np.sin(t)[:, None], 100.0)
+    missing = np.flatnonzero(np.isnan(gridded[:, 0]))
+    assert missing.tolist() == [700, 701, 702]
+    np.testing.assert_array_equal(np.delete(gridded[:, 0], missing), np.sin(t))
+    assert findings[SET_BACK] == 1
 
 
 @settings(max_examples=20, deadline=None)

@@ -111,6 +111,9 @@ OF_ALL = (
     Mistake("order of torques", "channel: tau_1", "channel: tau_2", "channel: tau_2"),
     Mistake("constant channel", "channel: phi_1", "channel: spare"),
     Mistake("torque constant of zero", "channel: tau_1,", "channel: tau_1, quantity: current, torque_constant: 0,"),
+    Mistake("delay of no channel", "channel: tau_1,", "channel: tau_1, delay: 60 ms,"),
+    Mistake("angle of another motor", "motor 2, channel: phi_2", "motor 2, channel: phi_1"),
+    Mistake("torque of another motor", "motor 2, channel: tau_2", "motor 2, channel: tau_1"),
     Mistake("rate of no log", "rate_hz: 250", "rate_hz: 1e30"),
     Mistake("negative realisation", "path: log.csv", "path: log.csv, realisation: -1"),
 )
@@ -132,6 +135,7 @@ OF_LINKS = (
     Mistake("side of a link's angle", LINK_1, LINK_1.replace("unit: deg", "unit: deg, side: motor")),
     Mistake("position as velocity", LINK_1, LINK_1.replace("position, unit: deg", "velocity, unit: deg/s")),
     Mistake("sign of a torque", "channel: tau_1", "sign: -1, channel: tau_1"),
+    Mistake("motor's angle as the link's", "joint 1, channel: link_1", "joint 1, channel: phi_1"),
     Mistake("sign of a link's angle", LINK_1, LINK_1.replace("unit: deg", "unit: deg, sign: -1")),
     Mistake("order of link angles", "channel: link_1", "channel: link_2", "joint 1, channel: link_2"),
 )
