@@ -15,6 +15,7 @@ The starts are searched with the file's numbers held; the best of them is then r
 """
 
 import math
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -144,7 +145,7 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
     """Names of robot.on_demand in fit.parameters: geometry, and numbers of channels by keys such as gain_kp_*."""
-    keys = [key for key in given if key.startswith(tuple(f"{kind}_" for kind in CHANNEL_NUMBERS))]
+    keys = [key for key in given if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
     keys += [asked.tie.to for asked in given.values() if asked.tie is not None]
     chosen = {name for key in keys for name in matching(key, robot.channel_numbers)}
     return (*named_geometry(given, robot), *(name for name in robot.channel_numbers if name in chosen))

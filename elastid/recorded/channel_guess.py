@@ -90,7 +90,7 @@ class LogGuess:
 
     @property
     def sensor_doubt(self) -> str:
-        """Contradiction of the first torque sensor that has one; then none is used."""
+        """Contradiction of the first torque sensor that has one; if there is any, no sensor is used."""
         return next((joint.sensor_doubt for joint in self.joints if joint.sensor_doubt), "")
 
     @property
@@ -131,7 +131,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
 
 
 def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
-    """Message on the first cell of a text that is no number: among the signals, in another column if none is there."""
+    """Message on the first cell of a text without a number: first among the signals, then in other columns."""
     if not isinstance(log, TextLog) or log.sample_ms:
         return []
     part = slice(0, most)
@@ -252,7 +252,7 @@ def _with_sensors(
 
 
 def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
-    """The joint with its sensor, whose sign is that of the torque of the links on the motor."""
+    """Joint with its sensor; its sign turns it into the torque of the links on the motor."""
     s, of_motor = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
     y = joint.motion.to_si * values[joint.motion.key]
     gain, std = sensor_gain(of_motor, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
