@@ -374,7 +374,8 @@ class FrictionRecord:
     load: name of the load, payload: its mass.  load_torque: |torque| of the model that the joint carries, 0 where none
     is known.
     command (n,), gains: of a record without a torque, which is NaN then: k_p q_ref + k_d q_ref' as the controller has
-    them, and (k_p, k_d) of its feedback, link side.
+    them, and (k_p, k_d) of its feedback, link side.  feedback_delays_s: of the feedback of a sampled controller, and of
+    its velocities in addition.
     torque_delay_s: by which the torque acts later than its position was read: half a sample of a command that is held.
     resolution: of the position, one count; 0 where it is not known.  start_s: time of the first sample from the start
     of the study.  period_samples: of a periodic torque.  hold: of the torque between its samples.
@@ -398,6 +399,7 @@ class FrictionRecord:
     link_position: FloatArray | None = labelled("position behind the gear", "{unit}", "sample", default=None)
     command: FloatArray | None = labelled("reference times gains", "{torque_unit}", "sample", default=None)
     gains: tuple[float, float] | None = None
+    feedback_delays_s: tuple[float, float] = (0.0, 0.0)
     there: tuple[int, int] | None = None
     back: tuple[int, int] | None = None
     speed: float | None = None

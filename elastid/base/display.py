@@ -133,7 +133,7 @@ def percent(value: float | None, digits: int = 2) -> str:
 
 def capital(text: str) -> str:
     """A sentence with a capital first letter, the rest as it is."""
-    return text[:1].upper() + text[1:]
+    return text if "_" in text.partition(" ")[0] else text[:1].upper() + text[1:]  # k_1 is a name
 
 
 def _exponent(value: float) -> int:

@@ -1,5 +1,7 @@
 """The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,14 +13,15 @@ from elastid.base.execution import Execution
 from elastid.design.choice import choose_configurations
 from elastid.design.forecast import COULOMB_RATIO, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
-from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
+from elastid.design.problem import DesignProblem, Measurement, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, room, unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.parameter_choice import with_tolerances
-from elastid.friction.robot_friction import coulomb_levels
+from elastid.friction.robot_friction import coulomb_levels, frictions
+from elastid.linear.presliding import AMPLITUDES
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
@@ -46,6 +49,30 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     return tuple(notes)
 
 
+def presliding(fitted: Sequence[Measurement], robot: Robot) -> tuple[Note, ...]:
+    """A note for each motor that is expected to reverse within 0.2 to 4 presliding distances, where friction deflects.
+
+    The presliding distance is F_c / sigma_0 of the friction model of the motor.
+    """
+    distances = {
+        law.place: float(law.curve()[0]) / law.at_rest()[0]
+        for law in frictions(robot)
+        if law.spec.lugre is not None or law.spec.maxwell_slip is not None
+    }
+    of_plan = np.median([prospect.reversal_distances(c, prospect.parameters.x) for prospect, c in fitted], axis=0)
+    notes = []
+    for place, motion in zip(robot.motor_locations, of_plan.tolist(), strict=True):
+        ratio = motion / distances.get(place, math.nan)
+        if AMPLITUDES[0] < ratio < AMPLITUDES[1]:
+            text = (
+                f"between two reversals it moves {ratio:.2g} of the presliding distance (limit {AMPLITUDES[1]:g}), "
+                "so that friction acts as a spring and the stiffness is less certain than forecast. Raise "
+                f"excitation.torque_rms by a factor of {AMPLITUDES[1] / ratio:.2g}, or lower excitation.band_hz"
+            )
+            notes.append(Note("design/presliding", text, place))
+    return tuple(notes)
+
+
 @dataclass(frozen=True)
 class Design:
     """A plan within the robot's limits, its forecast, and its use of the limits."""
@@ -70,13 +97,11 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
-    responses = [replace(model, parameters=known).expected(c, known.x) for model, c in settled.fitted(plan)]
+    fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
+    responses = [replace(model, parameters=known).expected(c, known.x) for model, c in fitted]
     is_taken_out = not settled.friction_is_left and bool(coulomb_levels(settled.robot).any())
     expected = forecast(responses, known.x, is_taken_out)
-    notes = (
-        *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
-        *expected.notes,
-    )
+    notes = (*sticking(plan, truth, problem.simulated.carrier), *presliding(fitted, truth), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
 

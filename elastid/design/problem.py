@@ -31,7 +31,7 @@ from elastid.robot import Robot
 
 Value = TypeVar("Value")
 # A prospect and its configuration.
-_Measurement: TypeAlias = tuple[Prospect, Configuration]
+Measurement: TypeAlias = tuple[Prospect, Configuration]
 
 
 @frozen_value
@@ -167,7 +167,7 @@ class DesignProblem:
         is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
         return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
-    def fitted(self, plan: Plan) -> list[_Measurement]:
+    def fitted(self, plan: Plan) -> list[Measurement]:
         """Prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
         measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
         every = [(replace(self.prospect(plan, q), realisations=M), c) for q, (c, M) in measured]
@@ -198,7 +198,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
         return problem
     probe, excitation = problem.probe(problem.experiment), replace(problem.excitation, torque_rms=torque_rms)
 
-    def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
+    def measurement(q: int, configuration: Configuration) -> tuple[Measurement, FloatArray]:
         prospect = replace(problem.prospect(probe, q), realisations=probe.realisations[q])
         prospect.expected(configuration, problem.parameters.x)
         return (prospect, configuration), power_costs(problem.rig(probe.at(q)), excitation)
@@ -226,7 +226,7 @@ def best_spectra_of(
 
 
 def _best(
-    problem: DesignProblem, measurements: Sequence[_Measurement], cost: FloatArray, together: bool = False
+    problem: DesignProblem, measurements: Sequence[Measurement], cost: FloatArray, together: bool = False
 ) -> FloatArray:
     """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
 

@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.errors import StudyError
 from elastid.base.statistics import mean_of_neighbours
 from elastid.design.optimal import PowerSource
@@ -178,10 +178,29 @@ class Prospect:
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
+        motion = self._motion(configuration, x)
+        return self._friction(self._torques(configuration, motion)[1], motion)[0]
+
+    def reversal_distances(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """Mean distance (n_u,) of each motor between two reversals, rad, link side; infinite without reversals."""
+        motion = self._motion(configuration, x)
+        V = self._velocities(self._torques(configuration, motion)[1], motion)
+        v = np.stack([synthesise(self.plan.lines, row, self.plan.period_samples) for row in V]) + self.carrier_velocity
+        reversals = np.sum(np.signbit(v) != np.signbit(np.roll(v, 1, axis=1)), axis=(0, 1))
+        return quotient(np.abs(v).sum(axis=(0, 1)) / self.plan.rate_hz, reversals, math.inf)
+
+    def _motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
+        """Responses (F, n_u, n_u) of the motors to their torques, in `quantity`."""
         theta = self.parameters.expand(x)
         model = self.linearisation.at(configuration, theta[:-1], self.robot.motor_locations, self.quantity)
-        motion = frequency_response(model, theta, self.plan.freq_hz)
-        return self._friction(self._torques(configuration, motion)[1], motion)[0]
+        return frequency_response(model, theta, self.plan.freq_hz)
+
+    def _velocities(self, U: ComplexArray, motion: ComplexArray) -> ComplexArray:
+        """Velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""
+        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
+        shafts = self.robot.mixing @ motion
+        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        return np.asarray(V.reshape(-1, *V.shape[2:]))
 
     def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
         """U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
@@ -217,10 +236,7 @@ class Prospect:
         coulomb, lines = coulomb_levels(self.robot), self.plan.lines
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(lines), len(coulomb)))
-        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
-        shafts = self.robot.mixing @ motion
-        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
-        V = V.reshape(-1, *V.shape[2:])
+        V = self._velocities(U, motion)
         d, scatter = friction_level(V, lines, self.plan.period_samples, coulomb, self.carrier_velocity)
         return (d, scatter) if self.friction_is_left else (0 * d, TAKEN_OUT * scatter)
 

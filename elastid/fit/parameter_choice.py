@@ -15,6 +15,7 @@ The starts are searched with the file's numbers held; the best of them is then r
 """
 
 import math
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,7 +27,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.response import Response
-from elastid.robot import BASE, MAX_DELAY_S, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
+from elastid.robot import BASE, CHANNEL_NUMBERS, MAX_DELAY_S, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
 from elastid.robot.placement import Path
 from elastid.robot.tolerances import RATIO, kind_of
 
@@ -143,9 +144,11 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
 
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """Names of robot.on_demand in fit.parameters: geometry, and numbers of channels by full name."""
-    ties = [asked.tie.to for asked in given.values() if asked.tie is not None]
-    return (*named_geometry(given, robot), *(name for name in robot.channel_numbers if name in (*given, *ties)))
+    """Names of robot.on_demand in fit.parameters: geometry, and numbers of channels by keys such as gain_kp_*."""
+    keys = [key for key in given if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
+    keys += [asked.tie.to for asked in given.values() if asked.tie is not None]
+    chosen = {name for key in keys for name in matching(key, robot.channel_numbers)}
+    return (*named_geometry(given, robot), *(name for name in robot.channel_numbers if name in chosen))
 
 
 def _match(

@@ -30,7 +30,7 @@ from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import Presliding, Result
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
 from elastid.linear.linear_model import DELAY, is_load
-from elastid.linear.presliding import RelaxingSpring, element_names
+from elastid.linear.presliding import AMPLITUDES, RelaxingSpring, element_names
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.record import MOTION_ORDER
 from elastid.response import UNEXPLAINED, Response
@@ -45,8 +45,6 @@ FIRST_SHARES = (1e-3, 0.1)
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
 MOST_STD = 0.8  # of the logarithm of the stiffness of a spring that is identified
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
-# Motion between two reversals over the presliding distance, between which no linear model without springs is right.
-AMPLITUDES = (0.2, 4.0)
 
 Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad, and a, 1/s
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -16,6 +17,11 @@ from elastid.record import REFERENCE, Record
 
 # Power of an excited line over the noise of the mean in a notch (6 dB), and over the lines around it (-14 dB).
 MIN_SNR, _MIN_SHARE_OF_NEIGHBOURS = 4.0, 0.04
+# Longest cycle of references in samples, and samples in which it is searched for.
+_MAX_CYCLE, _MAX_SEARCHED = 64, 20_000
+# Differences over their mean, above which a jump does not count for more. Fraction of the differences at one sample of
+# a cycle, and of cycles with steps above a fraction of the largest step.
+_LARGEST_STEP, _STEP_FRACTION, _MIN_MOVING_FRACTION, _MIN_STEP = 10.0, 0.95, 0.2, 1e-3
 
 
 def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> list[RecordSpectra]:
@@ -41,6 +47,8 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
                 "estimator.lines",
             )
         return grid_lines(spec.lines, band_hz, rate_hz, N)
+    if first.inputs[0].startswith(REFERENCE):  # above are the images of its steps, with larger accelerations
+        band_hz = band_hz[0], min(band_hz[1], rate_hz / 2 / reference_steps(first)[0])
     candidates = grid_lines("odd" if first.half_wave else "full", band_hz, rate_hz, N)
     if spec.lines == "auto" and planned is not None:
         lines = np.intersect1d(planned, candidates)
@@ -70,6 +78,25 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
     gaps = np.diff(lines[excited])
     step = int(gaps.min()) if gaps.size else 1
     return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), excited, step)
+
+
+def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
+    """Samples between the steps of the inputs, or of their velocities; 1 without such steps.
+
+    Their differences, or second differences, are then at one sample of each cycle.
+    """
+    u = np.asarray(record.u[:_MAX_SEARCHED])
+    kinds: tuple[Literal["hold", "linear"], ...] = ("hold", "linear")
+    for order, interpolation in enumerate(kinds, start=1):
+        steps = np.abs(np.diff(u, order, axis=0))
+        total = np.minimum(steps / np.maximum(steps.mean(axis=0), 1e-300), _LARGEST_STEP).sum(axis=1)
+        for n in range(min(_MAX_CYCLE, len(total) // 8), 1, -1):
+            sums = np.pad(total, (0, -len(total) % n)).reshape(-1, n)
+            phase = int(np.argmax(sums.sum(axis=0)))
+            is_moving = sums[:, phase] > _MIN_STEP * sums.max()
+            if sums[:, phase].sum() > _STEP_FRACTION * total.sum() and is_moving.mean() > _MIN_MOVING_FRACTION:
+                return n, interpolation
+    return 1, "hold"
 
 
 def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:

@@ -47,7 +47,8 @@ CHANCE = 0.1
 class CommandedLog:
     """Commands and encoder positions (n, m) of the joints of one log, link side, SI.
 
-    command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains.  velocity (m,): at the first sample.
+    command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains of a continuous controller that acts as that of
+    the log does; late_inertia (m,): of its late feedback (`acting_gains`).  velocity (m,): at the first sample.
     carried (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
     is_held: true if commands are held from sample to sample, false if they are linear between samples.
     turns (m,): true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.
@@ -64,7 +65,21 @@ class CommandedLog:
     turns: BoolArray
     load: FloatArray
     carried: FloatArray
+    late_inertia: FloatArray
     is_held: bool = True
+
+
+def acting_gains(
+    kp: FloatArray, kd: FloatArray, late_s: FloatArray, velocity_late_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    r"""Velocity gain and inertia (m,) by which the feedback of a sampled controller acts on a joint.
+
+    Held for a tick T_c = 2 tau, and with velocities that are tau_v late, to the second order
+
+    .. math:: k_p\, q(t - \tau) + k_d\, \dot q(t - \tau - \tau_v) = k_p q + (k_d - k_p \tau)\, \dot q
+              + \Bigl(\tfrac{2}{3} k_p \tau^2 - k_d (\tau + \tau_v)\Bigr)\, \ddot q
+    """
+    return kd - kp * late_s, 2 / 3 * kp * late_s**2 - kd * (late_s + velocity_late_s)
 
 
 @frozen_value
@@ -170,13 +185,15 @@ class _Problem:
             parts = [getattr(log, name) for log in logs]
             return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
 
-        kp, kd, velocity, carried = (
-            np.concatenate([getattr(log, name) for log in logs]) for name in ("kp", "kd", "velocity", "carried")
+        kp, kd, velocity, carried, late = (
+            np.concatenate([getattr(log, name) for log in logs])
+            for name in ("kp", "kd", "velocity", "carried", "late_inertia")
         )
         position = np.concatenate([log.position[0] for log in logs])
         rate_hz = logs[0].rate_hz
         commanded = CommandedJoints(
-            rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), carried, logs[0].is_held
+            rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), carried + late,
+            logs[0].is_held,
         )  # fmt: skip
         highest = max(_upper_end(log) for log in logs)
         window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
@@ -355,7 +372,7 @@ def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
             gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.turns[i] else []
             columns = [a[:, i], v[:, i], np.sign(v[:, i]), np.ones(n), *gravity]
             used = slice(width, n - width)
-            known = log.load[:, i] + log.carried[i] * a[:, i]
+            known = log.load[:, i] + (log.carried[i] + log.late_inertia[i]) * a[:, i]
             rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - known)[used]))
     numbers = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, joint in enumerate(problem.joints):
@@ -363,7 +380,7 @@ def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
         beta = np.linalg.lstsq(X, y, rcond=1e-8)[0]
         numbers[i, : len(beta)] = beta
     carried = np.array([problem.commanded.carried[problem.index.index(i)] for i in range(len(problem.joints))])
-    numbers[:, 0] = np.maximum(numbers[:, 0], scales[:, 0] / 20 - 0.5 * carried)
+    numbers[:, 0] = np.maximum(numbers[:, 0], scales[:, 0] / 20 - np.where(carried > 0, 0.5, 1.0) * carried)
     numbers[:, 1:3] = np.maximum(numbers[:, 1:3], 0.0)
     return numbers
 

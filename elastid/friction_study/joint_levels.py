@@ -26,6 +26,7 @@ from elastid.friction_study.commanded import (
     DELAY,
     CommandedJoint,
     CommandedLog,
+    acting_gains,
     fit_commanded,
     simulate_commanded,
     smoothed_motion,
@@ -77,8 +78,16 @@ GAINS_EXACT = (
 
 
 def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
-    notes = notes_of(measured.of(joint.name, "commands"))
-    gains = Note("friction/gains", GAINS_EXACT, f"joint {joint.name}", severity="information")
+    records = measured.of(joint.name, "commands")
+    notes, text = notes_of(records), GAINS_EXACT
+    if not records[0].feedback_delays_s[0]:
+        late = (records[0].gains or (0.0, 0.0))[0] / 2000
+        unit = "N*s/m" if joint.slides else "N*m*s/rad"
+        text += (
+            f". The controller is taken as continuous: if its period is 1 ms, viscous friction is {late:.2g} {unit} "
+            "higher. State the period by controller.reference.cycle and controller.ticks"
+        )
+    gains = Note("friction/gains", text, f"joint {joint.name}", severity="information")
     return JointLevels(joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit)
 
 
@@ -153,12 +162,13 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
     position = np.stack([record.position for record in records], axis=1)
     load, carried = rigid_loads(robot, records, position)
     kp, kd = np.array([record.gains for record in records]).T
+    kd, late = acting_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
     pairs = zip(records, carried.tolist(), strict=True)
     turns = [not c and turns_against_gravity(robot, joints[r.joint], r.configuration) for r, c in pairs]
     return CommandedLog(
         records[0].name, tuple(log), records[0].rate_hz, position,
         np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
-        np.array([_first_velocity(record) for record in records]), np.array(turns), load, carried,
+        np.array([_first_velocity(record) for record in records]), np.array(turns), load, carried, late,
         records[0].hold == "zero-order",
     )  # fmt: skip
 

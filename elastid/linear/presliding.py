@@ -21,6 +21,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 
+# Motion between two reversals over the presliding distance, between which no linear model without springs is right.
+AMPLITUDES = (0.2, 4.0)
+
 
 @dataclass(frozen=True)
 class RelaxingSpring:

@@ -97,7 +97,7 @@ class LogGuess:
 
     @property
     def sensor_doubt(self) -> str:
-        """Contradiction of the first torque sensor that has one; then none is used."""
+        """Contradiction of the first torque sensor that has one; if there is any, no sensor is used."""
         return next((joint.sensor_doubt for joint in self.joints if joint.sensor_doubt), "")
 
     @property
@@ -149,7 +149,7 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
 
 
 def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
-    """Message on the first cell of a text that is no number: among the signals, in another column if none is there."""
+    """Message on the first cell of a text without a number: first among the signals, then in other columns."""
     if not isinstance(log, TextLog) or log.sample_ms:
         return []
     part = slice(0, most)
@@ -205,17 +205,24 @@ def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
 
 
 def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Signals named as commands of no quantity are positions if they are near the position of their joint."""
+    """Signals named as commands of no quantity are positions if the position of their joint follows them."""
     positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
 
     def of(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
         name, y = positions.get(guess.parts[1], ("", x))
-        is_near = 0 < np.std(x - y) < np.std(y) / 2
+        lag = _lag(x, y)
+        is_near = 0 < np.std(x[: len(x) - lag] - y[lag:]) < np.std(y) / 2
         if guess.quantity or guess.rank >= 0 or not is_near:
             return guess
-        return replace(guess, quantity="position", why=f"by its name, and since it is near {name}")
+        return replace(guess, quantity="position", why=f"by its name, and since {name} follows it")
 
     return [(of(guess, x), x) for guess, x in signals]
+
+
+def _lag(x: FloatArray, y: FloatArray) -> int:
+    """Samples by which y follows x, a twentieth of them at most."""
+    X, Y = (np.fft.rfft(signal - signal.mean(), 2 * len(signal)) for signal in (x, y))
+    return int(np.argmax(np.fft.irfft(X.conj() * Y)[: max(1, len(x) // 20)]))
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
@@ -263,7 +270,7 @@ def _with_sensors(
 
 
 def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
-    """The joint with its sensor, whose sign is that of the torque of the links on the motor."""
+    """Joint with its sensor; its sign turns it into the torque of the links on the motor."""
     s, of_motor = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
     y = joint.motion.to_si * values[joint.motion.key]
     gain, std = sensor_gain(of_motor, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)

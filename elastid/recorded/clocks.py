@@ -71,7 +71,7 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
 
 
 def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
-    """The stamps (n,) with wrong ones interpolated, and the numbers of these; none are left if too many are wrong."""
+    """The stamps (n,) with wrong ones interpolated, and the numbers of these; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 
     away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))

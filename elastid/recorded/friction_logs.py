@@ -267,7 +267,10 @@ class _LogReader:
             raise StudyError("study/recorded", text, "experiment.recorded.controller")
         loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
         kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feedforward
-        return {"command": kp * reference + s * kd * np.gradient(reference, 1 / rate_hz), "gains": (kp, kd)}
+        command = kp * reference + s * kd * np.gradient(reference, 1 / rate_hz)
+        late_s = 0.5 / controller.tick_hz if controller.tick_hz else 0.0
+        of_velocity = late_s if controller.velocity == "difference" else 0.0
+        return {"command": command, "gains": (kp, kd), "feedback_delays_s": (late_s, of_velocity)}
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:
         rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD

@@ -58,7 +58,7 @@ class CommandedJoints:
         """
         (n, S), K, T = self.command.shape, len(delay_s), 1 / self.rate_hz
         J, f, F_c, o, G, H = np.moveaxis(np.broadcast_to(numbers, (K, S, len(NUMBERS))), -1, 0)
-        J = J + self.carried
+        J = np.maximum(J + self.carried, 0.0)  # late feedback takes some off
         steps = self.steps(J)
         h = T / steps
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp

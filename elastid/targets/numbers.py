@@ -65,7 +65,14 @@ def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     numbers = [number for number in every if number.words != HELD]
     ended = result.status.replace("_", " ")
     head = f"Numbers of the fit ({ended}), SI, with standard deviation and 95 % interval; all others were held:"
-    return head, *(f"  {number.name} = {number.value:.9g} {number.unit}, {number.words}" for number in numbers)
+    rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.words}" for number in numbers]
+    presliding = [
+        f"  {f.place}: presliding friction of {f.stiffness:.3g} {f.unit} relaxing at {f.rate:.3g} 1/s was estimated "
+        "too, and is not part of this file. Do not use the Coulomb torque of this motor"
+        for f in result.presliding
+        if f.stiffness > 0
+    ]
+    return head, *rows, *presliding
 
 
 def _known(result: Result, parameter: Parameter) -> KnownNumber:

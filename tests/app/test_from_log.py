@@ -347,10 +347,11 @@ def test_commanded_positions_without_units_have_the_unit_of_their_range(size: fl
     assert {(c.role, c.unit) for c in recorded.channels} == {("y", unit), ("reference", unit)}
 
 
-def test_columns_named_command_near_a_position_are_commands_and_no_torques(tmp_path: Path) -> None:
-    """By the names of the joints in any order, without a quantity or a unit in the name."""
+@pytest.mark.parametrize("late", [0, 20])
+def test_columns_named_command_that_a_position_follows_are_commands_and_no_torques(late: int, tmp_path: Path) -> None:
+    """By the names of the joints in any order, without a quantity or a unit in the name; 0 or 20 samples late."""
     t, command = commands()
-    columns = np.column_stack([t, command[:, ::-1], 0.9 * command])
+    columns = np.column_stack([t, command[:, ::-1], 0.9 * np.roll(command, late, axis=0)])
     heads = "time,knee_command,hip_command,hip_position,knee_position"
     np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=heads, comments="")
     recorded = new(tmp_path, tmp_path / "log.csv").experiment.as_recorded()

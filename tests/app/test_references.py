@@ -175,12 +175,15 @@ def combination(result: Result) -> tuple[float, float]:
         (ReferencedJoint(forward=0.5, delay_s=0.0034), {"every": 4}),
         (ReferencedJoint(delay_s=0.0034), {"sensor": "joint 1"}),
         (ReferencedJoint(exact_velocity=True), {}),
+        (ReferencedJoint(forward=0.5, delay_s=0.006, cycle=4), {}),
+        (ReferencedJoint(forward=0.5, delay_s=0.006, cycle=4, is_linear=True), {}),
+        (ReferencedJoint(forward=0.5, delay_s=0.006, cycle=4, is_linear=True), {"target": True}),
     ],
 )
 def test_forms_of_logs_are_exact(
     plant: ReferencedJoint, options: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Logs slower than the controller, angles behind the gear, exact velocities in the feedback: no bias."""
+    """Logs slower than the controller, angles behind the gear, exact velocities, references every 4 ms: no bias."""
     result = fitted(plant.write(tmp_path / "a", noise=1e-10, **options), monkeypatch)
     values = result.parameters.as_dict(result.x)
     assert result.status == "converged"

@@ -10,7 +10,7 @@ from plants.refusals import refused
 
 import elastid
 from elastid.app.console import forecast_table
-from elastid.design.design import design, sticking
+from elastid.design.design import design, presliding, sticking
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import friction_level
 from elastid.design.spec import CandidateSpec, DesignSpec
@@ -25,7 +25,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.response import Response
-from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring, Tolerances
+from elastid.robot import Body, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring, Tolerances
 from elastid.robot.simplified import with_joints
 from elastid.simulation.spec import ControllerSpec
 
@@ -269,6 +269,25 @@ def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb: 
         ("design/motor-sticks", place) for place in places
     ]
     assert not sticking(plan, robot, CarrierSpec(amplitude=0.1))
+
+
+@pytest.mark.parametrize(("ratio", "is_noted"), [(0.1, False), (0.3, True), (3.0, True), (6.0, False)])
+def test_motors_that_reverse_within_their_presliding_distance_are_reported(ratio: float, is_noted: bool) -> None:
+    """Distances between reversals as in the rehearsed log, on the link side; bristles of 0.1 Nm at motor 2."""
+    plan = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0)
+    fitted = GIVEN.fitted(plan)
+    rig = SimulatedRig(GIVEN.robot, replace(GIVEN.experiment, simulated=SimulatedSpec()), plan, 0)
+    ways = [np.diff(rig.measure(run).y[rig.measure(run).period_samples :], axis=0) for run in plan.experiments]
+    path = np.sum([np.abs(way).sum(axis=0) for way in ways], axis=0)
+    turns = np.sum([(np.diff(np.sign(way), axis=0) != 0).sum(axis=0) for way in ways], axis=0)
+    ((prospect, configuration),) = fitted
+    distance = prospect.reversal_distances(configuration, prospect.parameters.x)
+    np.testing.assert_allclose(distance, path / turns, rtol=0.05)
+    stiffness = 0.1 * ratio / distance[1] / 30**2
+    friction = Friction(0.1 / 30, lugre=LuGre(stiffness))
+    robot = with_joints(TWO, lambda j: replace(j, motor=j.motor and replace(j.motor, friction=friction)))
+    notes = [note for note in presliding(fitted, robot) if note.place == "motor 2"]
+    assert [note.code for note in notes] == ["design/presliding"] * is_noted
 
 
 @pytest.mark.slow

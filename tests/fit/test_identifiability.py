@@ -94,7 +94,9 @@ def test_gains_that_nothing_scales_are_named_and_a_prior_or_a_held_one_helps() -
 
 
 def test_gains_have_names_and_values_that_can_be() -> None:
-    """Patterns stand for no gains, which most channels do not need; unknown places and wrong signs are refused."""
+    """Patterns stand for gains of a role, not for all; unknown places and wrong signs are refused."""
+    chosen = choose(FitSpec(parameters={"gain_kp_*": ParameterSpec()}), arm())
+    assert chosen.free_names == ("gain_kp_motor_1", "gain_kp_motor_2")
     with refused("fit/parameters", place="fit.parameters"):
         choose(FitSpec(parameters={"gain_*": ParameterSpec()}), arm())
     with refused("fit/parameters", place="fit.parameters"):

@@ -24,6 +24,7 @@ from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.response import Response
 from elastid.robot import Tolerances
+from elastid.targets.numbers import lines_of
 
 TRUE = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
 SPRINGS = {RelaxingSpring("1", -1): (2e4, 80.0), RelaxingSpring("2"): (6e3, 30.0)}
@@ -78,6 +79,8 @@ def test_springs_of_motors_are_found_with_their_numbers(is_exact: bool) -> None:
         assert abs(result.values[name] - value) < 3 * result.std[name]
     assert all(name.split("_")[0] not in ("presliding", "sliding", "relaxation") for name in result.values)
     assert "fit/presliding" in {note.code for note in result.notes}
+    comments = [line for line in lines_of(result, "c0") if "presliding" in line]
+    assert ["motor 2" in line for line in comments] == [True]  # a negative one is of the compensation
 
 
 @pytest.mark.slow

@@ -33,13 +33,16 @@ def robot_of(text: str, folder: Path) -> Robot:
     return load_robot(folder / "robot.yml")
 
 
-def log(q: FloatArray, r: FloatArray, gains: FloatArray, name: str = "log") -> tuple[FrictionRecord, ...]:
-    """Records of positions and references (n, m) under gains (m, 2)."""
+def log(
+    q: FloatArray, r: FloatArray, gains: FloatArray, name: str = "log", late_s: tuple[float, float] = (0.0, 0.0)
+) -> tuple[FrictionRecord, ...]:
+    """Records of positions and references (n, m) under gains (m, 2), with feedback that is late."""
     unknown = np.full(len(q), np.nan)
     return tuple(
         FrictionRecord(
             name, str(i + 1), "commands", RATE_HZ, q[:, i].copy(), unknown, reference=r[:, i].copy(),
             command=gains[i, 0] * r[:, i], gains=(float(gains[i, 0]), float(gains[i, 1])), hold="zero-order",
+            feedback_delays_s=late_s,
             configuration=Configuration(name, np.zeros(q.shape[1])),
         )
         for i in range(q.shape[1])
@@ -76,6 +79,21 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
     assert result.status == "identified"
     assert_recovered(commanded(result)["1"], 0, delay_s)
     assert {"J_m1", "f_m1", "Fc_m1", "T_d_m1"} <= {number.name for number in result.numbers}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("differentiates", [False, True])
+def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates: bool, tmp_path: Path) -> None:
+    """Feedback held for 1 ms: f is k_p T / 2 = 10 % too low with a continuous controller, and J up to 5 %."""
+    r = references(3000, 1, 0.35, 4.0)
+    q = positions(one_joint, r, 0.005, tick=5, differentiates=differentiates)
+    q += np.random.default_rng(3).normal(0, 1e-4, r.shape)
+    for late_s in ((5e-4, 5e-4 * differentiates), (0.0, 0.0))[: 2 - differentiates]:
+        fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]), late_s=late_s)))["1"]
+        if late_s[0]:
+            assert_recovered(fit, 0, 0.005)
+        else:
+            assert fit["viscous"] == pytest.approx(TRUE["viscous"][0] - GAINS[0][0] * 5e-4, rel=0.05)
 
 
 @pytest.mark.slow

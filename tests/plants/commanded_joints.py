@@ -74,15 +74,26 @@ def two_joints(v: Sequence[float], q: Sequence[float], torque: Sequence[float]) 
 Plant = Callable[[Sequence[float], Sequence[float], Sequence[float]], tuple[float, ...]]
 
 
-def positions(plant: Plant, reference: FloatArray, delay_s: float, steps: int = 25) -> FloatArray:
-    """Positions (n, m) at the samples under references that are held and delay_s late, by Runge-Kutta's method."""
+def positions(
+    plant: Plant, reference: FloatArray, delay_s: float, steps: int = 25, tick: int = 0, differentiates: bool = False
+) -> FloatArray:
+    """Positions (n, m) at the samples under references that are held and delay_s late, by Runge-Kutta's method.
+
+    tick: of the steps, for which a sampled controller holds its feedback, with differences of positions if it
+    differentiates; 0 for a continuous one.
+    """
     n, m = reference.shape
     rows, h, smooth = reference.tolist(), 1 / RATE_HZ / steps, 2e-3
     q, v, result = [0.0] * m, [0.0] * m, np.empty((n, m))
+    held: list[list[float]] = []
 
     def acceleration(v: list[float], q: list[float], r: list[float]) -> tuple[float, ...]:
+        read = held or [q, v]
         torque = [
-            kp * (r[i] - q[i]) - kd * v[i] - TRUE["viscous"][i] * v[i] - TRUE["coulomb"][i] * math.tanh(v[i] / smooth)
+            kp * (r[i] - read[0][i])
+            - kd * read[1][i]
+            - TRUE["viscous"][i] * v[i]
+            - TRUE["coulomb"][i] * math.tanh(v[i] / smooth)
             for i, (kp, kd) in enumerate(GAINS[:m])
         ]
         return plant(v, q, torque)
@@ -93,6 +104,9 @@ def positions(plant: Plant, reference: FloatArray, delay_s: float, steps: int = 
     for k in range(n):
         result[k] = q
         for i in range(steps):
+            if tick and (k * steps + i) % tick == 0:
+                before = held[0] if held else q
+                held = [q, [(a - b) / (tick * h) for a, b in zip(q, before, strict=True)] if differentiates else v]
             r = rows[max(0, math.floor((k + (i + 0.5) / steps) - delay_s * RATE_HZ))]
             a1 = acceleration(v, q, r)
             v2, q2 = ahead(v, a1, h / 2), ahead(q, v, h / 2)

@@ -12,7 +12,10 @@ BAND = (0.5, 40.0)
 
 @dataclass(frozen=True)
 class ReferencedJoint:
-    """Torques held at RATE.  exact_velocity: the controller has the velocity itself, else the difference of angles."""
+    """Torques held at RATE.  exact_velocity: the controller has the velocity itself, else the difference of angles.
+
+    cycle: samples between references, which are held, or reached one cycle later.
+    """
 
     k: float = 2000.0
     d: float = 2.0
@@ -24,6 +27,8 @@ class ReferencedJoint:
     forward: float = 0.0
     delay_s: float = 0.0
     exact_velocity: bool = False
+    cycle: int = 1
+    is_linear: bool = False
 
     @property
     def sampled(self):
@@ -46,19 +51,31 @@ class ReferencedJoint:
         late = np.exp(-2j * np.pi * freq_hz * self.delay_s)
         return X[:, row] * (self.kp + self.forward * self.kd * D) * late / (1 + fed_back)
 
-    def log(self, seed, periods=3, noise=1e-6, rms=2e-3, row=0, torque=False):
-        """Reference, or torque, and angle (periods N, 2) of a multisine, after the transient."""
+    def log(self, seed, periods=3, noise=1e-6, rms=2e-3, row=0, torque=False, target=False):
+        """Reference, or torque, and angle (periods N, 2) of a multisine, after the transient.
+
+        target: the reference is logged before it is interpolated.
+        """
         rng = np.random.default_rng(seed)
         lines = np.arange(round(BAND[0] * N / RATE), round(BAND[1] * N / RATE) + 1)
         omega, phases = 2 * np.pi * lines * RATE / N, rng.uniform(0, 2 * np.pi, len(lines))
         size = 1 / np.maximum(lines * RATE / N, 3.0)
         size *= rms * np.sqrt(2 / np.sum(size**2))
 
-        def wave(t):
-            return np.cos(np.outer(t, omega) + phases) @ size
+        def path(k, delay_s=0.0, is_linear=self.is_linear):
+            first = k // self.cycle * self.cycle
+            share = (k - first + 1)[:, None] / self.cycle if is_linear else 1.0
+            return (share * bases(first, delay_s) + (1 - share) * bases(first - self.cycle, delay_s)) @ size
 
-        t = np.arange(N) / RATE
-        r, late, before = wave(t), wave(t - self.delay_s), wave(t - self.delay_s - 1 / RATE)
+        def bases(k, delay_s):
+            return np.cos(np.outer(k / RATE - delay_s, omega) + phases)
+
+        k = np.arange(N)
+        r, late, before = (
+            path(k, is_linear=self.is_linear and not target),
+            path(k, self.delay_s),
+            path(k - 1, self.delay_s),
+        )
         command = (self.kp * late + self.forward * self.kd * RATE * (late - before)).tolist()
         (A, B), x, old, q = self.sampled, np.zeros(4), 0.0, np.zeros((periods + 2) * N)
         u = np.zeros_like(q)
@@ -71,17 +88,32 @@ class ReferencedJoint:
         y = q[2 * N :] + noise * rng.standard_normal(periods * N)
         return np.column_stack([u[2 * N :] if torque else np.tile(r, periods), y])
 
-    def write(self, folder, logs=3, stated=None, every=1, seed=0, sensor="motor 1", noise=1e-6, torque=False, **fit):
+    def write(
+        self,
+        folder,
+        logs=3,
+        stated=None,
+        every=1,
+        seed=0,
+        sensor="motor 1",
+        noise=1e-6,
+        torque=False,
+        target=False,
+        **fit,
+    ):
         """Logs, robot.yml and study.yml in a folder; stated: gains that do not act.  every: of the samples."""
         folder.mkdir(parents=True, exist_ok=True)
         row = int(sensor.startswith("joint"))
         for i in range(logs):
-            rows = self.log(1000 * seed + i, noise=noise, row=row, torque=torque)[::every]
+            rows = self.log(1000 * seed + i, noise=noise, row=row, torque=torque, target=target)[::every]
             np.savetxt(folder / f"m{i}.csv", rows, "%.14g", ",", header="command,angle", comments="")
         kp, kd = stated or (self.kp, self.kd)
         controller = {"position_gain": kp / kd, "velocity_gain": kd, "velocity_feedforward": self.forward}
         if every > 1:
             controller |= {"reference": {"cycle": 1 / RATE, "interpolation": "hold"}, "ticks": 1}
+        if self.cycle > 1:
+            path = {"cycle": self.cycle / RATE, "interpolation": "linear" if self.is_linear else "hold"}
+            controller |= {"reference": path, "ticks": self.cycle}
         if self.exact_velocity:
             controller["velocity"] = "exact"
         motor, spring = {"inertia": self.motor, "ratio": 1.0, "viscous": 1.0}, {"stiffness": 1.3 * self.k}

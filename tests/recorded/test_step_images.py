@@ -52,7 +52,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         header = ",".join(channel.channel for channel in (*U, *Y, *R))
         # Torques a quarter of a cycle late, references a cycle before they act; all repeat.
         late = np.hstack([np.roll(record.u, 1, axis=0)[::4], y, np.roll(table[:, -2:], -1, axis=0)])
-        for name, rows in ((trial.name, table), (f"{trial.name}-late", late)):
+        # A slow motion at constant speed, which the feedforward follows without an error of its path.
+        slow = table + np.r_[0, 0, 1, 1, 1, 1] * 0.2 * np.linspace(0, 1, len(table))[:, None]
+        for name, rows in ((trial.name, table), (f"{trial.name}-late", late), (f"{trial.name}-slow", slow)):
             np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=header, comments="")
     return folder
 
@@ -76,3 +78,20 @@ def test_images_of_reference_steps_are_subtracted(is_logged: bool, suffix: str, 
     truth = {name: ROBOT.parameters()[name][0] for name in ("k_1", "k_2")}
     assert max(abs(result.values[name] / k - 1) for name, k in truth.items()) < 2e-3
     assert max(deviation(result, name, k) for name, k in truth.items()) < 3
+
+
+@pytest.mark.slow
+def test_images_are_the_same_with_a_slow_motion(logs: Path) -> None:
+    """Logs that end 0.2 rad from their start have the images of logs that end where they start, within 1 % rms."""
+    torques = []
+    for suffix in ("", "-slow"):
+        recorded = RecordedSpec(
+            1 / CYCLE, (*U, *Y, *R), (FileSpec(f"a-r0-e0{suffix}.csv", "a"),), period=1.0, controller=CONTROLLER
+        )
+        rig = RecordedRig(ROBOT, ExperimentSpec({"a": POSTURES["a"]}, recorded=recorded), logs)
+        record = rig.measure(rig.experiments[0])
+        assert {note.code for note in record.notes if note.severity == "information"} == {"records/step-images"}
+        torques.append(record.u)
+    raw = np.genfromtxt(logs / "a-r0-e0.csv", delimiter=",", skip_header=1)[:, :2]
+    images = raw - torques[0]
+    assert np.all(np.std(torques[1] - torques[0], axis=0) < 0.01 * np.std(images, axis=0))

@@ -74,7 +74,7 @@ def estimate_configuration(
     if commands is not None and robot is not None:
         from elastid.recorded.reference_loop import with_reference_loop  # brings CasADi
 
-        response = with_reference_loop(response, commands, robot)
+        response = with_reference_loop(response, commands, robot, records[0])
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)

@@ -45,11 +45,11 @@ DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be th
 def gain(index: ModificationIndex) -> str:
     """Factor by which a channel, or all channels of one kind, read wrongly."""
     _, role, where = index.name.split("_", 2)
-    signals, factor = SIGNALS[role], relative(math.exp(float(index.steps[0])))
+    signals, factor = SIGNALS[role], relative(float(index.steps[0]))
     if where == "*":
         return f"gain of all {signals} {factor}"
     step = float(index.steps[0])
-    size = relative(math.exp(step)).lstrip("+-")
+    size = relative(step).lstrip("+-")
     error = f"wrong by {size}" if "factor" in size else f"about {size} too {'large' if step > 0 else 'small'}"
     return f"logged {signals[:-1]} at {where.replace('_', ' ')} {error}"
 

@@ -232,7 +232,7 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
     tolerance = tolerance_of(index, result)
     of_tolerance = f"; its prior std in this fit is {tolerance}" if tolerance else ""
     name, change = index.most_moved(result.parameters.free_names)
-    effect = f"changes {name} by {relative(1 + change)}" if abs(change) > LIMITS.effect else ""
+    effect = f"changes {name} by {relative(math.log1p(max(change, 1e-9 - 1)))}" if abs(change) > LIMITS.effect else ""
     named = f"{phrase(index, evidence)}{same}{of_tolerance}"
     if not evidence.is_unexplained:
         return f"{REQUIRED} {named}{effect and f' ({effect})'}"
@@ -260,7 +260,7 @@ def number_phrase(index: ModificationIndex) -> str:
     """The change of a number, or of a common factor of several, with its values."""
     unit = "" if index.units[0] == "1" else f" {index.units[0]}"
     step = float(index.steps[0])
-    change = relative(math.exp(step)) if index.log[0] else f"{step:+.3g}{unit}"
+    change = relative(step) if index.log[0] else f"{step:+.3g}{unit}"
     if index.name.endswith("*"):
         return f"{index.name} {change}"
     before = f"{float(index.values[0]):.4g}{unit} ({change})"

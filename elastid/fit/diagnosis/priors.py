@@ -75,7 +75,7 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
         return ()
     worst = int(np.argmax(sizes))
     p = result.parameters.asked[worst]
-    change = relative(math.exp(-moved[worst])) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
+    change = relative(-moved[worst]) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
         f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). "
@@ -99,6 +99,9 @@ def scattered_ratios(ratios: RatioScatter, responses: Sequence[Response]) -> tup
     return tuple(notes)
 
 
-def relative(factor: float) -> str:
-    """A factor as a percentage where it is near one."""
+def relative(step: float) -> str:
+    """A step of a logarithm: a percentage near zero, else a factor, of which only the size counts beyond 1e6."""
+    if abs(step) > math.log(1e6):
+        return f"a factor {'above 1e+06' if step > 0 else 'below 1e-06'}"
+    factor = math.exp(step)
     return f"{100 * (factor - 1):+.2g} %" if 0.5 < factor < 2 else f"a factor {factor:.3g}"

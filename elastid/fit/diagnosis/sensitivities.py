@@ -72,6 +72,7 @@ class HeldModel:
         channels = [channel_name("gain", role, place) for role in roles for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
         channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
+        channels += [name for name in assembly.parameters.names if name in set(robot.channel_numbers) - set(channels)]
         for extended, rigid in (_with_torsions(robot), (robot, {})):
             with suppress(ElastidError, ValueError):
                 plain = Linearisation.of_robot(extended, assembly.model, (*robot.geometry, *channels))

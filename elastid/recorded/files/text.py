@@ -239,7 +239,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
 
 
 def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
-    """Lines without those at the end that have no number, such as EOF or a remark."""
+    """Lines up to the last one with a number: EOF or a remark may follow it."""
     last = numbers[-_HEAD_LINES:]
     filled = [i for i, line in enumerate(last, start=1) if any(map(_is_number, _fields(line, text)))]
     n = len(numbers) - len(last) + filled[-1] if filled else len(numbers)

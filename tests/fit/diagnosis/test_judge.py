@@ -20,6 +20,7 @@ from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreT
 from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result import Result
+from elastid.fit.spec import ParameterSpec
 from elastid.robot import Tolerances
 
 # One of a number of the model, of the signals, of a response and of a configuration; the others are slow.
@@ -65,6 +66,18 @@ def test_two_faults_are_named_one_after_the_other() -> None:
     assert sum(index.explained_fraction for index in sequence) == pytest.approx(1.0, abs=0.01)
     causes = [note.text for note in result.notes if note.code == "fit/likely-cause"]
     assert f"{100 * sequence[0].explained_fraction:.0f} %" in causes[0]
+
+
+@pytest.mark.slow
+def test_missing_spring_is_named_beside_a_delay_of_the_torques() -> None:
+    """Torques 5 ms late, delay_u free: the missing torsion is the likely cause, as without the delay."""
+    case, late_s = faulty("missing torsion"), 5e-3
+    late = [replace(G, G=G.G * np.exp(2j * np.pi * G.freq_hz * late_s)[:, None, None]) for G in case.responses]
+    case = replace(case, responses=tuple(late))
+    spec = replace(SPEC, parameters=SPEC.parameters | {"delay_u": ParameterSpec()})
+    result = identify(drawn(case, np.random.default_rng(0)), case.robot, spec, hypotheses=WITHOUT_OTHER_ROBOTS)
+    assert result.indices[0].name == FAULTS["missing torsion"].cause
+    assert result.values["delay_u"] == pytest.approx(late_s, abs=2e-4)
 
 
 @example(seed=0, decades=[-8.0, 0.0, 0.0], room=1.0)

@@ -13,7 +13,7 @@ from plants.elastic_arm import measure, pendulum
 from plants.faults import SPEC, drawn, faulty, rubbing, true_case
 from plants.measured_robots import responses_of
 
-from elastid.fit.diagnosis.priors import contradicted_tolerances
+from elastid.fit.diagnosis.priors import contradicted_tolerances, relative
 from elastid.fit.diagnosis.status import bound_notes
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
@@ -156,3 +156,9 @@ def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes() -> None
     ((name, before, after),) = re.findall(r"of (\w+)\..* ±(\S+) % .*±(\S+) %", action.gain)
     assert float(before) > 9.0
     assert float(after) == pytest.approx(196 * result.std_noise[name] / result.values[name], rel=0.1)
+
+
+@pytest.mark.parametrize(("step", "words"), [(0.1, "%"), (-2.0, "factor 0.135"), (2000.0, "1e+06"), (-2000.0, "1e-06")])
+def test_changes_of_any_size_have_a_size(step: float, words: str) -> None:
+    """A model that is wrong without measure extrapolates steps beyond the range of numbers."""
+    assert words in relative(step)
