@@ -133,15 +133,28 @@ class _LogFile(logging.FileHandler):
             super().close()
 
 
+MIN_DONE = 3  # units of work, from which on the remaining time is estimated
+
+
 @contextmanager
 def _bar(title: str) -> Iterator[Progress]:
     from rich.console import Console as Terminal
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextColumn, TimeRemainingColumn
+    from rich.text import Text
 
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    class Remaining(TimeRemainingColumn):
+        """The remaining time, empty before some units are done."""
+
+        def render(self, task: Task) -> Text:
+            return super().render(task) if task.completed >= MIN_DONE else Text("")
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), Remaining())
     with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
         task = bar.add_task(printable(title), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+INTERVAL_S = 10.0  # between two lines of progress
 
 
 def _lines(title: str) -> Progress:
@@ -152,10 +165,11 @@ def _lines(title: str) -> Progress:
         now = time.monotonic()
         if done == 0:  # a round begins: what was prepared before says nothing about its pace
             started = now
-        if now - last >= 10.0 and 0 < done < total:
+        if now - last >= INTERVAL_S and 0 < done < total:
             last = now
-            left = (now - started) / done * (total - done)
-            print(f"{printable(title)}: {done} of {total} done, about {left:.0f} s to go", file=sys.stderr, flush=True)
+            left_s = (now - started) / done * (total - done)
+            left = f", about {left_s:.0f} s to go" if done >= MIN_DONE else ""
+            print(f"{printable(title)}: {done} of {total} done{left}", file=sys.stderr, flush=True)
 
     return progress
 

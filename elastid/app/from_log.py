@@ -103,6 +103,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
             raise DataError(code, "; ".join(filter(None, (text, *wrong[:1]))), first)
         read = replace(read, measurements=measurements, signals=of_pair, shapes={})
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
+    guess = guess if robot is None and not guess.is_motion else guess.with_separate_motions()
     frame = ""
     if robot is not None and guess.is_hit and not robot.driven[0].slides:
         frame = robot.frames[-1].name if robot.frames else "tool"

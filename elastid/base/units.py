@@ -16,7 +16,7 @@ _ROWS = """
 1 %=0.01
 rad mrad=0.001 deg=0.017453292519943295 arcmin=0.0002908882086657216 arcsec=4.84813681109536e-06 rev=6.283185307179586
 rad mdeg=1.7453292519943296e-05
-rad/s deg/s=0.017453292519943295 rpm=0.10471975511965977
+rad/s deg/s=0.017453292519943295 rpm=0.10471975511965977 rev/s=6.283185307179586
 rad/s mrad/s=0.001 mdeg/s=1.7453292519943296e-05
 rad/s^2 deg/s^2=0.017453292519943295
 rad/s^3 deg/s^3=0.017453292519943295
@@ -50,8 +50,8 @@ TABLE: dict[str, tuple[str, float]] = {
 # Parts of a unit and their spellings in logs and data sheets (Nm, kg m², °/s, 1/min, µs), as regular expressions.
 _PARTS = {
     r"\*": "[*·⋅. ]?", "/": "(/|_?per_?|_)", r"\^2": r"(\^?2|²)", "s": "s(ec)?", "u": "[uµμ]", "A": "A(mp(ere)?s?)?",
-    "deg": "(deg(rees?)?|grad|°)", "rad": "rad(ians?)?", "rev": "(rev|turns?)",
-    "rpm": r"(rpm|([ur]|rev|turns?|1)/min|min\^?-1)",
+    "deg": "(deg(rees?)?|gra(d(er|os|i)?|us)|°)", "rad": "rad(ians?)?", "rev": "(rev|turns?)",
+    "rpm": r"(rpm|([ur]|tr|rev|turns?|1)/min|min\^?-1)",
 }  # fmt: skip
 # Spellings of each unit; messages and `units_of` have its name alone.
 SPELLINGS = {

@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.execution import Progress, silent
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import (
@@ -118,7 +119,11 @@ def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> Followed
 
 
 def follow_joints(
-    robot: Robot, joints: Sequence[JointFriction], records: Sequence[FrictionRecord], spec: FilterSpec
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    records: Sequence[FrictionRecord],
+    spec: FilterSpec,
+    progress: Progress = silent,
 ) -> tuple[tuple[FollowedFriction, ...], tuple[Note, ...]]:
     """The friction of joints over the records in which each moves alone; notes on those that cannot be followed.
 
@@ -127,7 +132,8 @@ def follow_joints(
     followed, notes, together = [], list[Note](), [record.name for record in records]
     moved = [record for record in records if record.purpose in ("constant_velocity", "motion")]
     alone = [record for record in moved if together.count(record.name) == 1]
-    for joint in joints:
+    for done, joint in enumerate(joints):
+        progress(done, len(joints))
         of_joint = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
         try:
             followed.append(_followed(robot, joint, of_joint, spec))

@@ -21,6 +21,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
 from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.execution import Progress, silent
 from elastid.base.statistics import QUANTILE_95, known_combinations
 from elastid.friction_study.commanded import (
     DELAY,
@@ -60,15 +61,20 @@ MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
 STILL = ("presliding_loops", "presliding_test")
 
 
-def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
+def find_joint_levels(
+    robot: Robot, joints: Sequence[Joint], measured: FrictionRecords, progress: Progress = silent
+) -> tuple[JointLevels, ...]:
     """Levels and motions of each measured joint; DataError where a joint has no record, or one that cannot be used."""
+    progress(0, 1 + len(joints))
     motions, commanded = _motions(robot, joints, measured), _commanded(robot, measured)
-    return tuple(
-        _commanded_levels(joint, commanded[joint.name], measured)
-        if joint.name in commanded
-        else _of_joint(robot, joint, measured, motions.get(joint.name, JointMotion()))
-        for joint in joints
-    )
+    levels = list[JointLevels]()
+    for done, joint in enumerate(joints, start=1):
+        progress(done, 1 + len(joints))
+        if joint.name in commanded:
+            levels.append(_commanded_levels(joint, commanded[joint.name], measured))
+        else:
+            levels.append(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())))
+    return tuple(levels)
 
 
 GAINS_EXACT = (

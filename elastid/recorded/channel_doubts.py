@@ -100,7 +100,7 @@ MAX_GAIN, MAX_FACTOR = 0.3, 0.1
 MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
 MAX_TURNS = 4.0  # that no joint behind a gear makes
 MIN_SAMPLES = 200
-_UNUSUAL = ("arcmin", "arcsec", "mrad", "rev")  # that no log has, unless it says so
+_UNUSUAL = ("arcmin", "arcsec", "mrad", "rev", "rev/s")  # that no log has, unless it says so
 
 
 @dataclass(frozen=True)

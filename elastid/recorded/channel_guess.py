@@ -40,6 +40,8 @@ _MIN_KNOWN_FRACTION = 2 / 3  # of a signal's samples, the others missing
 _GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
+_MIN_COUNTS = 50  # range of whole numbers, from which on they may be counts
+
 T = TypeVar("T")
 Values = Mapping[ChannelKey, FloatArray]
 
@@ -83,6 +85,11 @@ class LogGuess:
     is_motion: bool
     references: tuple[ChannelGuess, ...] = ()
 
+    def with_separate_motions(self) -> "LogGuess":
+        """The joints without those whose motion is the one of an earlier joint."""
+        motions = [joint.motion.key for joint in self.joints]
+        return replace(self, joints=tuple(j for i, j in enumerate(self.joints) if motions[i] not in motions[:i]))
+
     @property
     def is_hit(self) -> bool:
         """True for the force of a hammer or shaker, and accelerations."""
@@ -112,11 +119,12 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
     result = []
     for name, shape in shapes.items():
         count = min(shape) if len(shape) > 1 else 1
-        for column in range(1, count + 1) if usual and max(shape) == usual[0][0] else ():
-            number = column if count > 1 else None
+        alike = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
+        for column in alike if usual and max(shape) == usual[0][0] else ():
+            number = column if len(alike) > 1 else None
             try:
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
-            except DataError:  # words, or two columns with one heading
+            except DataError:  # words
                 continue
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
@@ -126,8 +134,18 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
                 heading, unit = (
                     _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
                 )
-                result.append((replace(guess_by_name(heading, number, unit), name=name), whole))
+                guess = _with_counts(guess_by_name(heading, number, unit), whole)
+                result.append((replace(guess, name=name), whole))
     return _with_gravity(_with_commands(result))
+
+
+def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
+    """The guess with a question if it has no unit and its values (n,) are whole numbers, as counts are."""
+    is_whole = bool(np.all(x == np.round(x))) and float(np.ptp(x)) > _MIN_COUNTS
+    if guess.unit or guess.quantity not in (*MOTIONS, *DRIVES) or not is_whole or guess.why.startswith("?"):
+        return guess
+    remedy = "scale = 360 / counts per turn, with unit: deg" if guess.quantity == "position" else "give unit and scale"
+    return replace(guess, why=f"? whole numbers without a unit: {remedy}")
 
 
 def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
@@ -312,6 +330,7 @@ def _completed(
     labels, unknown = [g.parts[1] for g in drives or motions], [g for g in guesses if not g.quantity]
     families = [[g for g in unknown if g.parts[0] == name] for name in dict.fromkeys(g.parts[0] for g in unknown)]
     alike = [family for family in families if sorted(g.parts[1] for g in family) == sorted(labels)]
+    alike = alike or ([unknown] if len(unknown) == len(labels) == 1 else [])
     is_structure = bool(drives) and drives[0].quantity == "force" and len(drives) < len(unknown)
     if not unknown or not (alike or is_structure):
         return [], []

@@ -8,11 +8,12 @@ from elastid.base.units import dimension_and_size
 from elastid.recorded.headings import unit_of_heading
 
 _WORDS = {
-    "temperature": r"temp.*", "torque": r"\w*torques?|tau|\w*trq|tq|\w*moment|\w*efforts?",
+    "temperature": r"temp(erat\w*)?", "torque":
+    r"\w*torques?|tau|\w*trq|tq|\w*moment|\w*efforts?|couple|coppia|koppel",
     "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|(ma)?curr?|\w*strom|is?q|i",
     "voltage": r"volt.*|vir|vdc",
     "acceleration": r"\w*acc(el\w*)?|qdd|ddq|\w*beschl.*", "velocity":
-    r"\w*vel(oc\w*)?|\w*speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl",
+    r"\w*vel(oc\w*)?|\w*speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl|vitesse",
     "position": r"\w*pos(i\w*)?|\w*angles?|ang|theta|phi|\w*winkel|enc.*|q|qm|qg|\w*lage|axis|joints?|"
     "ak|[ar]korr",
 }  # fmt: skip

@@ -11,6 +11,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.channel_names import guess_by_name
 from elastid.recorded.files.log import Log
 from elastid.recorded.files.text import TextLog
+from elastid.recorded.headings import TIMES, in_brackets
 from elastid.recorded.repair.time_stamps import MAX_FALLING_FRACTION, MAX_RATE_RATIO, MIN_GAP, even_grid
 
 # Samples that are read of a log.
@@ -41,8 +42,8 @@ class Clock:
 
 
 def is_time(name: str) -> bool:
-    """True for the name of a channel that is a time by its name."""
-    return _IS_TIME.fullmatch(name) is not None
+    """True for the name of a channel that is a time by its name, or by a unit in brackets."""
+    return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
 
 
 def is_clock(x: FloatArray) -> bool:
@@ -60,8 +61,10 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
     Wrong stamps are missing, or off the median of their neighbours.
     """
     none = np.zeros(0), np.zeros(0, np.int64)
+    alike = log.numbers_of(name) if isinstance(log, TextLog) else []
+    column = alike[0] if len(alike) > 1 else None
     try:
-        t = log.values([ChannelSpec("y", "time", name, quantity="position")], slice(0, MAX_SAMPLES))[:, 0]
+        t = log.values([ChannelSpec("y", "time", name, column, quantity="position")], slice(0, MAX_SAMPLES))[:, 0]
     except ElastidError:
         return none
     return corrected_stamps(t) if len(t) > 2 else none

@@ -20,6 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.execution import Progress, silent
 from elastid.base.statistics import runs
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -63,7 +64,12 @@ Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
 
 
 def read_friction_logs(
-    robot: Robot, spec: ExperimentSpec, base: Path, joints: Sequence[str], payloads: Mapping[str, float]
+    robot: Robot,
+    spec: ExperimentSpec,
+    base: Path,
+    joints: Sequence[str],
+    payloads: Mapping[str, float],
+    progress: Progress = silent,
 ) -> FrictionRecords:
     """The records of all logs, whose paths are relative to base.
 
@@ -74,7 +80,8 @@ def read_friction_logs(
     postures = spec.postures
     records, notes, start_s = list[FrictionRecord](), list[Note](), 0.0
     heated: dict[str, list[tuple[FrictionRecord, FileSpec]]] = {}
-    for name, file in zip(recorded.log_names, recorded.files, strict=True):
+    for done, (name, file) in enumerate(zip(recorded.log_names, recorded.files, strict=True)):
+        progress(done, len(recorded.files))
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
         payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
         of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()

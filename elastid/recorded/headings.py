@@ -7,13 +7,16 @@ from elastid.base.units import SPELLINGS, TABLE, dimension_and_size, of_translat
 from elastid.experiment.specs.channels import QUANTITY_UNIT
 
 # Too short to be units elsewhere than as the last word, or in brackets.
-_LAST, _IN_BRACKETS = ("g", "kN", "daN", "mN", "N"), ("a", "v", "kv", "m", "rev", "turn", "turns")
+_LAST, _IN_BRACKETS = ("g", "kN", "daN", "mN", "N"), ("a", "v", "kv", "m", "rev", "turn")
 _UNITS = sorted(
     {"g", *(name for unit in QUANTITY_UNIT.values() for name in (*units_of(unit), *units_of(of_translation(unit))))},
     key=lambda unit: (unit in _LAST, -len(unit), unit),
 )
 # Words in brackets that are no unit.
-_NO_UNIT = re.compile(r"[^A-Za-z%°µμ]*|.*\b(joint|axis|achse|motor|link|actual|filtered)\b.*", re.IGNORECASE)
+_NO_UNIT = re.compile(
+    r"(?!.*\d/\d)[\d_\s.,:;#+\-/]*|.*\b(joint|axis|achse|motor|link|actual|filtered)\b.*", re.IGNORECASE
+)
+TIMES = re.compile(r"s|sec(onds?)?|m?s|[mnuµμ]s|с|мс|秒|毫秒", re.IGNORECASE)
 _COUNTS = re.compile(r"inc|count|cnt|tick|pulse|puls|digit|lsb|step|raw|^c$|qc", re.IGNORECASE)
 
 
@@ -36,13 +39,22 @@ class HeadingUnit:
     @property
     def question(self) -> str:
         """The remedy for an unknown unit."""
-        if "%" in self.unknown or "rated" in self.unknown.lower():
+        if re.search("%|‰|rated|mille|/1000", self.unknown, re.IGNORECASE):
             remedy = "scale = rated torque or current / its number in the log (1000 for 0.1 %)"
         elif _COUNTS.search(self.unknown):
             remedy = "scale = 360 / counts per turn, with unit: deg"
         else:
             remedy = "give unit and scale"
         return f"the unit '{self.unknown}' is unknown: {remedy}"
+
+
+def in_brackets(name: str) -> list[str]:
+    """Return the text in brackets at the end of a heading, in a list; an empty list without one.
+
+    >>> in_brackets("Torque [mNm]"), in_brackets("時間（s）")
+    (['mNm'], ['s'])
+    """
+    return re.findall(r"[\[(（]([^\[\]()（）]+)[\])）]\s*$", name)
 
 
 def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:
@@ -53,7 +65,7 @@ def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:
     >>> unit_of_heading("Position actual value [inc]").unknown
     'inc'
     """
-    for text in (stated, *re.findall(r"[\[(]([^\[\]()]+)[\])]\s*$", name)):
+    for text in (stated, *in_brackets(name)):
         if text and not _NO_UNIT.fullmatch(text.strip()):
             unit = unit_of_text(text)
             return HeadingUnit(unit) if HeadingUnit(unit).quantity else HeadingUnit(unknown=text.strip())

@@ -14,7 +14,6 @@ from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import as_json, failed_friction, friction_study_summary
 from elastid.base.display import number
 from elastid.base.errors import FitError, MisfitError, notes_of
-from elastid.base.execution import Execution
 from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
@@ -83,7 +82,8 @@ def import_motions(study: Study, work: Work) -> Artefacts:
     """records.h5 of the logs of a friction study."""
     joints = [joint.name for joint in study.friction_joints]
     payloads = {load.name: load.payload for load in study.as_friction().loads}
-    logs = read_friction_logs(study.as_robot(), study.experiment, work.base, joints, payloads)
+    with work.execution() as execution:
+        logs = read_friction_logs(study.as_robot(), study.experiment, work.base, joints, payloads, execution.progress)
     notes = (*logs.notes, *notes_of(logs.records))
     parts: dict[str, Write] = {
         "records.h5": lambda p, stamp: stored.write_friction_records(p, logs.records, stamp, logs.warm_ups, logs.notes)
@@ -95,7 +95,8 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
     """constant_velocity.h5: friction torque by speed, load and temperature, and the regression of motions."""
     measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.configurations)
     joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
-    joint_levels = find_joint_levels(study.as_robot(), joints, measured)
+    with work.execution() as execution:
+        joint_levels = find_joint_levels(study.as_robot(), joints, measured, execution.progress)
 
     def report(console: Console) -> None:
         said = notes_of(measured.records)
@@ -122,9 +123,9 @@ def friction(study: Study, work: Work) -> Artefacts:
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
-    execution = Execution(work.jobs)
-    twin = friction_twin(identified, result.joints, measured, controller, execution)
-    judged = predict_logs(identified, result.joints, others, controller, execution)
+    with work.execution() as execution:
+        twin = friction_twin(identified, result.joints, measured, controller, execution)
+        judged = predict_logs(identified, result.joints, others, controller, execution)
     reported = notes_of(joint_levels)
 
     def report(console: Console) -> None:
@@ -205,7 +206,10 @@ def follow_friction(study: Study, work: Work) -> Artefacts:
     """Write filter.h5: tracked friction of each joint over time with bands, and the consistency of the filter."""
     measured = stored.read_friction_records(work.sources["measure"])
     result = stored.read_friction_result(work.sources["friction"])
-    followed, notes = follow_joints(study.as_robot(), result.joints, measured.records, study.filter or FilterSpec())
+    with work.execution() as execution:
+        followed, notes = follow_joints(
+            study.as_robot(), result.joints, measured.records, study.filter or FilterSpec(), execution.progress
+        )
 
     def report(console: Console) -> None:
         console.notes([*notes, *notes_of(followed)])

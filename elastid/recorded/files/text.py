@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.units import TABLE, usual_spelling
 from elastid.experiment.specs.channels import ChannelSpec
@@ -25,7 +25,7 @@ from elastid.recorded.files.log import Log, missing_channel
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
 _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
-_FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace") for mark in _DECIMALS if mark != sign]
+_FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace", "|") for mark in _DECIMALS if mark != sign]
 
 
 # Compressed texts by their first bytes, and most bytes of one.
@@ -35,6 +35,7 @@ MAX_WRONG_FRACTION = 0.01  # of rows with a cell that is no number, which are mi
 _HEAD_LINES, _LEAST_PROPERTIES = 100, 3  # lines in which data start, and those with a property and its numbers
 _SAMPLE_TIME = "SampleTime[ms]"  # property of TwinCAT Scope, below its column of times in ms
 _TIMES = re.compile(r"time \d+ \[ms\]")  # headings of these columns
+_MARK = re.compile(r"^\s*(%+|//+)\s*")  # of a comment, as MATLAB and C have it
 _HEAD_BYTES = 1 << 16  # of a large text, which show its code
 BLOCK_LINES = 1 << 16  # of a large text that are in memory at a time
 WRITTEN_OTHERWISE = "; it seems to be written with "
@@ -65,6 +66,10 @@ class TextLog(Log):
         """Columns by heading, which may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
         return [(name, (self._length(i),)) for i, name in enumerate(names)]
+
+    def numbers_of(self, heading: str) -> list[int]:
+        """Numbers from 1 of the columns with a heading."""
+        return [i for i, (name, _) in enumerate(self.named_columns(), start=1) if name == heading]
 
     def _length(self, column: int) -> int:
         """Samples of a column, all columns starting at the same time."""
@@ -132,11 +137,14 @@ class TextLog(Log):
         return data
 
     def _with_missing_cells(self, needed: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
-        """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows with such cells."""
+        """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows with such cells.
+
+        Dates and times of day are s.
+        """
         rows = [fields for line in lines if (fields := _fields(line, self.format))]
-        cells = [[row[i] if i < len(row) else "" for i in needed] for row in rows]
-        data = [[float(cell) if _is_number(cell) else np.nan for cell in row] for row in cells]
-        return np.array(data).reshape(-1, len(needed)), sum(not all(map(_is_number, row)) for row in cells)
+        columns = [_values([row[i] if i < len(row) else "" for row in rows]) for i in needed]
+        is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
+        return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum())
 
     def wrong_cell(self, columns: Sequence[int], part: slice) -> str:
         """Message on the first cell without a number in a range of rows; empty without such a cell."""
@@ -154,7 +162,7 @@ class TextLog(Log):
                         f"{self.path}, row {number}: {len(fields)} columns; column {column + 1}{title} is needed. "
                         "Correct the row, or exclude it by samples"
                     )
-                if not _is_number(fields[column]):
+                if _values(fields[column : column + 1])[1].any():
                     return (
                         f"{self.path}, row {number}, column {column + 1}{title}: '{fields[column]}' is not a number. "
                         "Check delimiter and decimal under text, or correct the "
@@ -245,13 +253,13 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
     """
     is_large = path.stat().st_size > LARGE_BYTES
     raw = _raw(path, _HEAD_BYTES if is_large else -1)
-    if b"\0" in raw[:4096] and not _is_utf_16(raw):
+    if b"\0" in raw[:4096] and not _wide_encoding(raw):
         raise DataError(
             "files/damaged",
             "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5",
             path,
         )
-    if is_large and b"\n" in raw and not _is_utf_16(raw) and _packing(path) is None:
+    if is_large and b"\n" in raw and not _wide_encoding(raw) and _packing(path) is None:
         encoding = _encoding(raw[: raw.rindex(b"\n")])
         return FileLines.of(path, encoding, str), FileLines.of(path, encoding, partial(plain_numbers, text=text))
     content = _decoded(_raw(path) if is_large else raw)
@@ -341,13 +349,13 @@ def _packing(path: Path) -> Any:
 
 
 def _decoded(raw: bytes) -> str:
-    """UTF-8, UTF-16 with a byte order mark, or the code page of Windows loggers in Europe."""
-    return raw.decode(_encoding(raw), errors="replace")
+    """UTF-8, UTF-16 or 32, or the code page of Windows loggers in Europe."""
+    return raw.decode(_encoding(raw), errors="replace").removeprefix("\ufeff")
 
 
 def _encoding(raw: bytes) -> str:
-    if _is_utf_16(raw):
-        return "utf-16"
+    if wide := _wide_encoding(raw):
+        return wide
     try:
         raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -355,8 +363,17 @@ def _encoding(raw: bytes) -> str:
     return "utf-8-sig"
 
 
-def _is_utf_16(raw: bytes) -> bool:
-    return raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+_MARKS = {codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32", codecs.BOM_UTF16_LE: "utf-16"}
+_MARKS |= {codecs.BOM_UTF16_BE: "utf-16"}
+
+
+def _wide_encoding(raw: bytes) -> str:
+    """UTF-16 or 32 by its byte order mark, UTF-16 of Latin letters also by its zeros; empty for any other code."""
+    marked = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "")
+    sides = raw[1:200:2], raw[:200:2]
+    zeros = [len(side) > 20 and side.count(0) > 0.9 * len(side) for side in sides]
+    unmarked = "utf-16-le" if zeros[0] else "utf-16-be" if zeros[1] else ""
+    return marked or (unmarked if sum(zeros) == 1 else "")
 
 
 def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int:
@@ -367,8 +384,11 @@ def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int
     rows = [_fields(line, text) for line in numbers[first : first + _HEAD_LINES]]
     starts = [i for i, fields in enumerate(rows) if any(map(_is_number, fields))]
     words = [i for i in starts if not _is_number(rows[i][0])]
+    numbers_first = [i for i in starts if rows[i][0] and i not in words]
     if _LEAST_PROPERTIES <= len(words) < len(starts) / 2:
         starts = [i for i in starts if i > words[-1]]
+    elif 2 * len(numbers_first) > len(starts) and all(rows[i][0] for i in starts if i < numbers_first[0]):
+        starts = [i for i in starts if i >= numbers_first[0]]
     while not starts and first + len(rows) < len(numbers):
         fields = _fields(numbers[first + len(rows)], text)
         starts = [len(rows)] if any(map(_is_number, fields)) else []
@@ -379,7 +399,7 @@ def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int
 def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:
     """The first line without numbers after header_lines; else the last header line; else the last comment."""
     after = head[text.header_lines :]
-    plain = [_fields(line, text) for line in [*after, *reversed(head[: text.header_lines])]]
+    plain = [_fields(_MARK.sub("", line), text) for line in [*after, *reversed(head[: text.header_lines])]]
     comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
     whole = [_fields(line, replace(text, comment="")) for line in comments]  # a number sign within a heading
     rows = plain + [_fields(line, text) for line in comments] + whole
@@ -387,7 +407,7 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
     times = next((fields for fields in rows if fields[0] == _SAMPLE_TIME), [""] * n_columns)
     names = next((fields for fields in rows if not any(map(_is_number, fields))), next(iter(rows), []))
     pairs = enumerate(zip(names, times, strict=False), start=1)
-    return tuple(f"time {i} [ms]" if time == _SAMPLE_TIME else name for i, (name, time) in pairs)
+    return tuple(f"time {i} [ms]" if time == _SAMPLE_TIME else name or f"column {i}" for i, (name, time) in pairs)
 
 
 def _sample_times(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[float, ...]:
@@ -450,6 +470,23 @@ def _without_comment(line: str, comment: str, is_quoted: bool) -> str:
     while start >= 0 and is_quoted and line.count('"', 0, start) % 2:
         start = line.find(comment, start + 1)
     return line if start < 0 else line[:start]
+
+
+_STAMP = re.compile(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d\d?:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
+_GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})(?= )")
+
+
+def _values(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
+    """Numbers (n,) of cells, NaN for texts, and where these are; dates and times in s since 1970 or midnight."""
+    first = next(filter(None, cells), "")
+    if _is_number(first) or not _STAMP.fullmatch(_GERMAN_DATE.sub(r"\3-\2-\1", first)):
+        x = np.array([float(cell) if _is_number(cell) else np.nan for cell in cells])
+        return x, np.array([not _is_number(cell) for cell in cells], dtype=np.bool_)
+    stamps = [_STAMP.fullmatch(_GERMAN_DATE.sub(r"\3-\2-\1", cell)) for cell in cells]
+    texts = [f"{stamp[1] or '1970-01-01'}T{stamp[2]:0>8}" if stamp else "NaT" for stamp in stamps]
+    us = np.array(texts, dtype="datetime64[us]").astype(np.int64)
+    is_missing = np.array([stamp is None for stamp in stamps], dtype=np.bool_)
+    return np.where(is_missing, np.nan, us * 1e-6), is_missing
 
 
 def _is_number(field: str) -> bool:

@@ -1,0 +1,117 @@
+"""Texts as people have them: languages, units, separators, codes of letters, remarks; one axis at 250 Hz."""
+
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from elastid.app.from_log import texts_from_logs
+from elastid.study import load_with_logs
+
+N, RATE = 1500, 250.0
+T = np.arange(N) / RATE
+Q = 0.8 * np.sin(1.9 * T) + 0.3 * np.sin(4.4 * T + 1)
+V = np.gradient(Q, 1 / RATE)
+U = 0.05 * np.gradient(V, 1 / RATE) + 0.08 * V + 0.3 * np.sign(V)
+DEG, RPM = 180 / np.pi, 30 / np.pi
+
+
+class Log(NamedTuple):
+    """A log and what is right: units of torque and position (``?``: asked for), with scales of the columns."""
+
+    head: str
+    units: tuple[str, str]
+    scales: tuple[float, ...] = (1.0, 1.0, 1.0)
+    sep: str = ","
+    decimal: str = "."
+    code: str = "utf-8"
+    end: str = ""
+    digits: str = "%.7g"
+
+
+SI = ("N*m", "rad")
+LOGS = {
+    "German": Log("Zeit [ms];Drehmoment [mNm];Winkel [°]", ("mN*m", "deg"), (1e3, 1e3, DEG), ";", ",", "cp1252"),
+    "French": Log("temps (ms);couple (N.m);position (rad)", SI, (1e3, 1, 1), ";", ","),
+    "French, no units": Log("temps,couple,position", SI),
+    "Spanish, no units": Log("tiempo,par,posicion", SI),
+    "Italian": Log("tempo [s];coppia [Nm];posizione [rad]", SI, (1, 1, 1), ";"),
+    "Swedish": Log("tid [s]\tmoment [Nm]\tläge [grader]", ("N*m", "deg"), (1, 1, DEG), "\t"),
+    "Portuguese": Log("tempo (s),torque (N.m),posição (graus)", ("N*m", "deg"), (1, 1, DEG)),
+    "Japanese": Log("時間[s],トルク[Nm],位置[deg]", ("N*m", "deg"), (1, 1, DEG), code="shift_jis"),
+    "Chinese, wide brackets": Log("时间（s）,力矩（Nm）,角度（deg）", ("N*m", "deg"), (1, 1, DEG)),
+    "centimetres": Log("Time (s),Torque (Ncm),Angle (deg)", ("N*cm", "deg"), (1, 100, DEG)),
+    "kilopond": Log("t,Torque [kgf.cm],Angle [deg]", ("?", "deg"), (1, 10, DEG)),
+    "per mille": Log("Time [ms];Actual torque [‰];Position [increments]", ("?", "?"), (1e3, 500, 1e4), ";"),
+    "thousandths": Log("Time [ms]\tTorque [1/1000]\tPosition [qc]", ("?", "?"), (1e3, 900, 318), "\t"),
+    "whole numbers": Log("timestamp,current,position", ("?", "?"), (1e3, 300, 652), digits="%.0f"),
+    "turns": Log("timestamp_us,motor_torque_Nm,motor_pos_turns", ("N*m", "rev"), (1e6, 1, 0.5 / np.pi)),
+    "thousands": Log("t [ms];torque [mNm];position [mrad]", ("mN*m", "mrad"), (1e3, 1e3, 1e3), ";", ","),
+    "unit row": Log("t;Moment;Winkel\n s; Nm; deg", ("N*m", "deg"), (1, 1, DEG), ";", ","),
+    "properties": Log("Logger 7\nDate,2024-05-01\nRate,250\n\nt [s],Torque [Nm],Angle [rad]", SI),
+    "comment of MATLAB": Log("% t torque position", SI, sep=" "),
+    "comment of C": Log("// t,torque,position", SI),
+    "bars": Log("t|torque|position", SI, sep="|"),
+    "remarks": Log("t,torque,position", SI, end="# 1500 samples\n\n-- end --\nchecksum,12ab\n"),
+    "16 bits": Log("Time\tTorque\tPosition", SI, sep="\t", code="utf-16"),
+    "16 bits, no mark": Log("Time,Torque,Position", SI, code="utf-16-le"),
+    "32 bits": Log("Time,Torque,Position", SI, code="utf-32"),
+    "equal headings": Log("t,Torque,Position,Position", SI),
+    "time twice": Log("t,torque,position,t", SI),
+}
+
+
+def write(path: Path, log: Log) -> None:
+    columns = np.stack([x * scale for x, scale in zip((T, U, Q), log.scales, strict=True)], axis=1)
+    if log.head.count(log.sep) == 3 and not log.head.startswith("%"):
+        columns = np.column_stack([columns, columns[:, 0] if log.head.endswith("t") else 0.5 * columns[:, 2]])
+    rows = [log.sep.join((log.digits % x).replace(".", log.decimal) for x in row) for row in columns.tolist()]
+    path.write_bytes(f"{log.head}\n{chr(10).join(rows)}\n{log.end}".encode(log.code))
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_units_of_a_log_are_read_or_asked_for(name: str, tmp_path: Path) -> None:
+    log = LOGS[name]
+    write(tmp_path / "log.csv", log)
+    texts = texts_from_logs(tmp_path / "new", [tmp_path / "log.csv"])
+    (tmp_path / "new").mkdir()
+    for file, text in texts.items():
+        (tmp_path / "new" / file).write_text(text, encoding="utf-8")
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    recorded = study.experiment.as_recorded()
+    assert study.friction is not None
+    assert recorded.known_rate_hz == pytest.approx(RATE, rel=1e-3)
+    lines = [line for line in texts["study.yml"].splitlines() if "- {role: " in line]
+    for channel, line, unit in zip(recorded.channels, lines, log.units, strict=True):
+        assert ("# guessed: ?" in line) == (unit == "?"), line
+        assert unit in ("?", channel.unit)
+
+
+@pytest.mark.parametrize("form", ["%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f", "%H:%M:%S.%f"])
+def test_dates_and_times_of_day_are_a_clock(form: str, tmp_path: Path) -> None:
+    start, comma = datetime(2024, 5, 1, 9, 30), "," if "," in form else "."
+    stamps = [(start + timedelta(seconds=t)).strftime(form) for t in T.tolist()]
+    numbers = [f"{u:.7f};{q:.7f}".replace(".", comma) for u, q in zip(U.tolist(), Q.tolist(), strict=True)]
+    rows = [f"{stamp};{row}" for stamp, row in zip(stamps, numbers, strict=True)]
+    (tmp_path / "log.csv").write_text("time;torque;position\n" + "\n".join(rows) + "\n")
+    text = texts_from_logs(tmp_path / "new", [tmp_path / "log.csv"])["study.yml"]
+    assert "rate_hz: 250 " in text
+    assert "friction:" in text
+
+
+def channels_of(columns: dict[str, Any], folder: Path) -> list[tuple[str, str]]:
+    """Roles and names of the channels of the study that `new` writes of a log, which `check` accepts."""
+    np.savetxt(folder / "log.csv", np.stack([*columns.values()], 1), "%.7g", ",", header=",".join(columns), comments="")
+    (folder / "new").mkdir()
+    for file, text in texts_from_logs(folder / "new", [folder / "log.csv"]).items():
+        (folder / "new" / file).write_text(text, encoding="utf-8")
+    recorded = load_with_logs(folder / "new" / "study.yml").study.experiment.as_recorded()
+    return [(channel.role, channel.name_in_file) for channel in recorded.channels]
+
+
+def test_a_torque_without_a_motion_of_its_own_is_not_used(tmp_path: Path) -> None:
+    """One position is the motion of one motor."""
+    channels = channels_of({"t": T, "tau_1": U, "tau_2": 0.5 * U, "q_1": Q}, tmp_path)
+    assert channels == [("u", "tau_1"), ("y", "q_1")]
