@@ -210,7 +210,7 @@ def _choices(
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
 SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
 MAX_DELAY_S = 0.025
-# Below, one near 0, for half the power is not to be had there any more; only where a linear step leaves so much less, too.
+# Below, one near 0: half the power cannot be saved there any more. Only where a linear step leaves so much less, too.
 NEAR_DELAYED_POWER = 0.9
 DELAY_ITERATIONS = 2  # of the levels at a delay, whose power has an error of 1e-4
 
@@ -272,7 +272,8 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
     for column, motor in enumerate(motors.tolist(), len(f)):
         acting = np.flatnonzero((motor_of == motor) & (f > 0))
         powers.append((power(motor, np.append(acting, column)), power(motor, acting)))
-    ratios = quotient(*np.array(powers).T, 1.0)
+    with_delay, without = np.array(powers).T
+    ratios = quotient(with_delay, without, 1.0)
     return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-12)))))
 
 
