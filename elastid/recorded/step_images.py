@@ -23,9 +23,10 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import CascadeSpec, RecordedSpec
+from elastid.record import MOTION_ORDER
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR
-from elastid.response import STEP_IMAGES
+from elastid.response import STEP_IMAGES, Response
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 
@@ -35,6 +36,7 @@ _LOWEST, _SMALLEST, _MIN_EXPLAINED = 0.05, 0.03, 0.25
 # Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
 # before it.
 _TORQUE_LAG_S = 3e-4
+_LAG_STD_S, _GAIN_STD = 1.5e-4, 0.15  # of this lag with the delay of the log, and relative, of the gains
 _REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # from the log of a reference to the path that it takes
 _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, and no torque shows its reference
 
@@ -66,8 +68,7 @@ def without_step_images(
     if all(channels[i].at in positions for i in u):
         Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]])
     if abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR:
-        is_slow = controller.cycle > 2 * np.pi * _TORQUE_LAG_S  # else the unknown lag dominates the images
-        if not roles["r"] and Q is not None and is_slow:
+        if not roles["r"] and Q is not None and drives.is_subtracted:
             return _subtracted(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
         if R.shape == U.shape:
             images, explained = _images_by_references(drives, stated, freq_hz, U, R, Q)
@@ -78,6 +79,42 @@ def without_step_images(
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
+
+
+def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) -> Response:
+    r"""Return a response to torques with the systematic errors by images of references that are not logged.
+
+    .. math:: \delta G = -G \big[\delta\epsilon_j\, e_j e_j^T (I + C_{fb} P)
+              + \epsilon_j \gamma\, e_j e_j^T C_{fb} P\big], \qquad
+              \epsilon = \frac{\sum_{m \ne 0} L_m S_m C_{ff} F_r}{C_{ff} F_r}
+
+    for each motor j, P: angles of the motors by torques.  Subtracted images are wrong by the lag of the torques, delta
+    epsilon, and by the error gamma of the gains.  Images that were not subtracted have an unknown phase.
+    """
+    controller, rate_hz = recorded.controller, recorded.known_rate_hz
+    torques = {channel.at: channel for channel in recorded.channels if channel.role == "u"}
+    is_logged = any(channel.role in ("r", "reference") for channel in recorded.channels)
+    if controller is None or controller.reference is None or is_logged or not 0 < rate_hz * controller.cycle < 4:
+        return response
+    if any(place not in torques or place not in response.outputs for place in response.inputs):
+        return response
+    drives = _Drives(controller, robot, [torques[place] for place in response.inputs], rate_hz)
+    drives = drives.with_feedforward(controller.velocity_feedforward or controller.reference.velocity_feedforward)
+    f, rows = response.freq_hz, [response.outputs.index(place) for place in response.inputs]
+    C_fb, C_ff = drives.controlled(f)
+    s = 2j * np.pi * f[:, None]
+    P = response.G[:, rows] * s[..., None] ** -MOTION_ORDER[response.quantity]
+    fed_back, unit = C_fb[:, :, None] * P, np.eye(len(rows))
+    images = drives.per_reference(f)[0]
+    if drives.is_subtracted:
+        late, early = (drives.per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
+        changes = [((late - early) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
+    else:
+        rotated = sum(1j * np.sign(m) * image for m, image in drives.logged(f))
+        changes = [(part / np.sqrt(2), unit + fed_back) for part in (images, rotated)]
+    errors = np.stack([-np.einsum("fyj,fj,fju->jfyu", response.G, e / C_ff, by_torque) for e, by_torque in changes])
+    bias = np.zeros((1, *errors.shape[1:]), complex) if response.bias is None else response.bias
+    return replace(response, bias=np.concatenate([errors, bias]), image_errors=len(errors))
 
 
 def _without_jump(x: FloatArray) -> ComplexArray:
@@ -133,6 +170,12 @@ class _Drives:
             C_fb, C_ff = self.controlled(f_m)
             S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
             yield m, np.asarray(S * C_ff * self.low_passes(f_m) / filters)
+
+    @property
+    def is_subtracted(self) -> bool:
+        """True if images of references that are not logged can be subtracted: else the unknown lag dominates them."""
+        cycle = self.controller.cycle
+        return abs(self.rate_hz * cycle - 1) <= MAX_CLOCK_ERROR and cycle > 2 * np.pi * _TORQUE_LAG_S
 
     def per_reference(self, freq_hz: FloatArray, tau: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
         """Compute the torques (F, n_u) of all images in a log late by tau, and of the lines."""
