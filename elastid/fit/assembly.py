@@ -252,7 +252,7 @@ class NoRestError(FitError):
 
 def is_friction_taken_out(response: Response) -> bool:
     """True if friction was, which leaves the errors of its levels among the systematic ones."""
-    return response.bias is not None and len(response.bias) > SYSTEMATIC_ERRORS
+    return response.bias is not None and len(response.bias) - response.image_errors > SYSTEMATIC_ERRORS
 
 
 def is_distorted_by_friction(response: Response) -> bool:

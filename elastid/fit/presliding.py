@@ -77,7 +77,9 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
     for response in assembly.responses:
         if any(map(is_load, response.inputs)) or response.controller is not None:
             return ()
-        bias = response.bias[:-1] if response.bias is not None and is_friction_taken_out(response) else None
+        bias = None
+        if response.bias is not None and is_friction_taken_out(response):
+            bias = response.bias[response.image_errors : -1]
         places |= {
             place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
         }
