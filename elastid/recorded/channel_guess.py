@@ -127,15 +127,14 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             except DataError:  # words
                 continue
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
+            heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
+            guess = guess_by_name(heading, number, unit)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
-                x = without_lone(x[:, None], RepairLog("", ("",)))[:, 0]
+                is_position = [True] if guess.quantity == "position" else []
+                x = without_lone(x[:, None], RepairLog("", ("",)), is_position)[:, 0]
             is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
             if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
-                heading, unit = (
-                    _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
-                )
-                guess = _with_counts(guess_by_name(heading, number, unit), whole)
-                result.append((replace(guess, name=name), whole))
+                result.append((replace(_with_counts(guess, whole), name=name), whole))
     return _with_gravity(_with_commands(result))
 
 
@@ -152,15 +151,10 @@ def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
     """Message on the first cell of a text without a number: first among the signals, then in other columns."""
     if not isinstance(log, TextLog) or log.sample_ms:
         return []
-    part = slice(0, most)
-    groups = [
-        [i for i, (name, _) in enumerate(log.named_columns()) if (name in names) == is_among]
-        for is_among in (True, False)
-    ]
-    if groups[0]:
-        is_whole = bool(np.isfinite(log.columns(groups[0], part)).all())
-        return [] if is_whole else [cell for cell in [log.wrong_cell(groups[0], part)] if cell]
-    return [cell for cell in [log.wrong_cell(groups[1], part)] if cell]
+    columns = enumerate(name for name, _ in log.named_columns())
+    groups = [[i for i, name in columns if name in names]]
+    groups += [[*range(log.n_columns)]] if not groups[0] else []
+    return [cell for cell in [log.wrong_cell(groups[-1], slice(0, most))] if cell]
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:

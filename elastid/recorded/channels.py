@@ -19,7 +19,7 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import MOTION_ORDER, Motion
 from elastid.recorded.clocks import TIME_UNITS, corrected_stamps, stamp_unit
 from elastid.recorded.files.formats import contents, read_channels
-from elastid.recorded.link_side import check_values, link_side
+from elastid.recorded.link_side import check_values, link_side, without_placeholders
 from elastid.recorded.repair import Findings, Log
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
@@ -35,6 +35,7 @@ from elastid.recorded.repair.time_stamps import (
     delay,
     delay_by_torque,
     on_grid,
+    rising,
 )
 
 Signals: TypeAlias = dict[tuple[str, str, str], FloatArray]
@@ -207,10 +208,11 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     log, gridded, rows = experiment.log(number, (), rate_hz), values, None
     if has_time:
         time_s = _stamps_s(values[:, -1], recorded.time, rate_hz, log)
-        gridded = on_grid(time_s, values[:, :-1], rate_hz, log)
+        time_s, signals = rising(time_s, values[:, :-1], log)
+        gridded = on_grid(time_s, signals, rate_hz, log)
         instants_s = (np.arange(len(gridded)) - 0.5) / rate_hz
         rows = log.first + np.searchsorted(time_s - time_s[0], instants_s)
-    signals = np.where(np.isfinite(gridded), gridded, np.nan)
+    signals = without_placeholders(np.where(np.isfinite(gridded), gridded, np.nan))
     first_s = float(time_s[0]) if has_time else None
     return _Part(number, file_rate_hz, members, signals, rows, first_s)
 

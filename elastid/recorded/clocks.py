@@ -115,7 +115,7 @@ def clock_of(log: Log) -> Clock:
     for name in (*filter(is_time, shapes), *unnamed):
         t, wrong = stamps_of(log, name)
         steps = np.diff(t)
-        falls, rises = np.flatnonzero(steps < 0), steps[steps > 0]
+        falls, rises = np.flatnonzero(steps <= 0), steps[steps > 0]
         falling = falling or (name if is_time(name) and is_clock(-t) else "")
         is_set_back = 0 < len(falls) <= MAX_FALLING_FRACTION * len(t) and is_clock(np.cumsum(rises))
         is_named = is_time(name) and (np.all(steps > 0) or is_set_back)
@@ -128,7 +128,7 @@ def clock_of(log: Log) -> Clock:
             rate_hz = (typical_hz if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = grid is not None and len(grid[0]) > grid[0][-1]
             why = f"steps of {name}, which seems to be in {unit}"
-            why += f"; it runs backwards after sample {falls[0]}" if len(falls) else ""
+            why += f"; it does not rise after sample {falls[0]}" if len(falls) else ""
             why += f"; wrong values: {len(wrong)}, the first at sample {wrong[0]}" if len(wrong) else ""
             return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
     for name, array in log.arrays.items():

@@ -35,7 +35,7 @@ from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, in_joints, link_side
 from elastid.recorded.repair import Findings, Log
 from elastid.recorded.repair.interpolation import MAX_BRIDGED
-from elastid.recorded.repair.masks import step, without_zero_rows
+from elastid.recorded.repair.masks import step, without_dropouts, without_zero_rows
 from elastid.recorded.repair.missing import bridged_gaps
 from elastid.recorded.repair.outliers import without_lone
 from elastid.recorded.rig import repaired_signals
@@ -125,7 +125,10 @@ class _LogReader:
         if isinstance(recorded.rate_hz, str):
             text = "friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"
             raise StudyError("study/recorded", text, self.path)
-        gathered = replace(gathered, signals=without_zero_rows(gathered.signals, gathered.log))
+        signals = without_zero_rows(gathered.signals, gathered.log)
+        if self.file.purpose not in (*STILL, "warm_up"):
+            signals = without_dropouts(signals, gathered.log)
+        gathered = replace(gathered, signals=signals)
         parts = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _parts(gathered)
         records = list[FrictionRecord]()
         for i, part in enumerate(parts):
@@ -326,7 +329,8 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
 
 def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
     """Shrink a range until two samples at both ends are complete: an interpolation needs neighbours."""
-    complete = np.flatnonzero(~lacking[first : end - 1] & ~lacking[first + 1 : end])
+    part = ~lacking[first:end]
+    complete = np.flatnonzero(part[:-1] & part[1:])
     return (first, first) if not len(complete) else (first + int(complete[0]), first + int(complete[-1]) + 2)
 
 

@@ -18,6 +18,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.recorded.files.text import MAX_WRONG_FRACTION
 from elastid.recorded.repair import Log, blocks
 from elastid.recorded.repair.time_stamps import MIN_DELAY_CORRELATION
 
@@ -113,6 +114,13 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
         for source in np.flatnonzero(np.abs(mixed) > 1e-12):  # smaller elements are rounding
             T[row, _place(channels, channel, motors[source])] = mixed[source]
     return T
+
+
+def without_placeholders(signals: FloatArray) -> FloatArray:
+    """Signals (n, c) with NaN for values that no sensor gives, in channels with few of them."""
+    is_wrong = np.abs(signals) > MAX_COMPUTABLE
+    few = is_wrong.mean(axis=0) <= MAX_WRONG_FRACTION if len(signals) else is_wrong.any(axis=0)
+    return np.where(is_wrong & few, np.nan, signals) if is_wrong.any() else signals
 
 
 def check_values(

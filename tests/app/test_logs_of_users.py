@@ -1,5 +1,6 @@
 """Texts as people have them: languages, units, separators, codes of letters, remarks; one axis at 250 Hz."""
 
+from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,6 +9,10 @@ import numpy as np
 import pytest
 
 from elastid.app.from_log import texts_from_logs
+from elastid.base.errors import notes_of
+from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.result import identify_friction
+from elastid.recorded.friction_logs import read_friction_logs
 from elastid.study import load_with_logs
 
 N, RATE = 1500, 250.0
@@ -115,3 +120,79 @@ def test_a_torque_without_a_motion_of_its_own_is_not_used(tmp_path: Path) -> Non
     """One position is the motion of one motor."""
     channels = channels_of({"t": T, "tau_1": U, "tau_2": 0.5 * U, "q_1": Q}, tmp_path)
     assert channels == [("u", "tau_1"), ("y", "q_1")]
+
+
+def rows_with(edit: Callable[[np.ndarray], np.ndarray | None]) -> Callable[[], list[str]]:
+    """Rows of the log with a fault of its numbers (n, 3)."""
+
+    def rows() -> list[str]:
+        rng = np.random.default_rng(0)
+        table = np.stack([LONG, *motion_of(LONG)], axis=1)
+        table[:, 1:] += [2e-3, 1e-5] * rng.standard_normal((len(LONG), 2))
+        changed = edit(table)
+        return [",".join(f"{x:.7g}" for x in row) for row in (table if changed is None else changed)]
+
+    return rows
+
+
+LONG = np.arange(4000) / RATE
+
+
+def motion_of(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Torque and position of an axis of 0.05 kg*m^2, 0.08 N*m*s/rad and 0.3 N*m."""
+    q, v, a = (
+        sum(x * w**k * np.sin(w * t + p + k * np.pi / 2) for x, w, p in ((0.8, 1.9, 0), (0.3, 4.4, 1)))
+        for k in (0, 1, 2)
+    )
+    return 0.05 * a + 0.08 * v + 0.3 * np.sign(v), q
+
+
+def put(value: float, column: int, first: int, end: int) -> Callable[[], list[str]]:
+    return rows_with(lambda x: x.__setitem__((slice(first, end), column), value))
+
+
+def held(column: int) -> Callable[[], list[str]]:
+    return rows_with(lambda x: x.__setitem__((slice(2000, 2200), column), x[2000, column]))
+
+
+FAULTS = {
+    "none": rows_with(lambda x: None),
+    "row lost": rows_with(lambda x: np.delete(x, 2000, 0)),
+    "row twice": rows_with(lambda x: np.insert(x, 2000, x[2000], 0)),
+    "rows swapped": rows_with(lambda x: x[np.r_[0:2000, 2001, 2000, 2002:4000]]),
+    "clock set back": rows_with(lambda x: np.column_stack([x[:, 0] - 3 * (LONG > 8), x[:, 1:]])),
+    "clock set forward": rows_with(lambda x: np.column_stack([x[:, 0] + 5 * (LONG > 8), x[:, 1:]])),
+    "1 % lost, times in ms": rows_with(lambda x: np.delete(x * [1e3, 1, 1], np.arange(50, 4000, 101), 0)),
+    "one spike": put(1e3, 2, 2000, 2001),
+    "impossible value": put(-1e308, 1, 2000, 2001),
+    "time of zero": put(0, 0, 2000, 2001),
+    "spikes beside each other": rows_with(lambda x: x.__setitem__((np.r_[50:4000:170, 55:4000:170], 2), 50.0)),
+    "no numbers at the start": put(np.nan, 2, 0, 150),
+    "no numbers for a time": put(np.nan, 1, 2000, 2100),
+    "torque hangs": held(1),
+    "position hangs": held(2),
+    "torque drops to 0": put(0, 1, 2000, 2200),
+    "heading again": lambda: [*(rows := FAULTS["none"]())[:2000], "time,tau_1,q_1", *rows[2000:]],
+    "division by zero": lambda: [r if i != 2000 else "8.0,#DIV/0!,0.1" for i, r in enumerate(FAULTS["none"]())],
+    "cut off": lambda: [r if i != 3999 else r[:9] for i, r in enumerate(FAULTS["none"]())],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> None:
+    """Inertia, viscous and Coulomb friction to 1 % from what `new` writes and `check` accepts."""
+    (tmp_path / "log.csv").write_text("\n".join(["time,tau_1,q_1", *FAULTS[fault]()]) + "\n")
+    (tmp_path / "new").mkdir()
+    for file, text in texts_from_logs(tmp_path / "new", [tmp_path / "log.csv"]).items():
+        (tmp_path / "new" / file).write_text(text, encoding="utf-8")
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    robot = study.as_robot()
+    measured = read_friction_logs(robot, study.experiment, tmp_path / "new", robot.driven_names, {})
+    result = identify_friction(robot, find_joint_levels(robot, robot.driven, measured), measured, study.as_friction())
+    numbers = {row.name: row.value for row in result.numbers}
+    assert numbers["J_m1"] == pytest.approx(0.05, rel=0.01)
+    assert numbers["f_m1"] == pytest.approx(0.08, rel=0.01)
+    assert numbers["Fc_m1"] == pytest.approx(0.3, rel=0.01)
+    said = [*measured.notes, *notes_of(measured.records)]
+    assert fault in ("none", "heading again", "time of zero", "cut off") or said

@@ -116,32 +116,43 @@ class TextLog(Log):
 
     def _read(self, needed: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
         """Columns (n_samples, len(needed)) of some lines, at most so many samples."""
-        lines, delimiter = self.number_lines[first:end], _delimiter(self.format)
+        lines = self.number_lines[first:end]
+        if not lines:
+            return np.zeros((0, len(needed)))
+        data, error = self._numbers(needed, lines, most)
+        if data is not None:
+            return data
+        filled = _with_nan(lines, _delimiter(self.format))
+        data, wrong = self._with_missing_cells(needed, filled[:most])
+        if wrong > max(1.0, MAX_WRONG_FRACTION * len(data)) or 2 * wrong >= len(data):
+            complaint = self._complaint(needed, filled, first)
+            raise DataError("records/text", complaint or f"{self.path}: {error}")
+        return data
+
+    def _numbers(
+        self, needed: Sequence[int], lines: Sequence[str], most: int | None = None
+    ) -> tuple[FloatArray | None, str]:
+        """Columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
+        delimiter = _delimiter(self.format)
         read = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
             ndmin=2, max_rows=most,
         )  # fmt: skip
-        if not lines:
-            return np.zeros((0, len(needed)))
         try:
-            data: FloatArray = read(lines)
+            return read(lines), ""
         except ValueError:
-            lines = _with_nan(lines, delimiter)
             try:
-                data = read(lines)
+                return read(_with_nan(lines, delimiter)), ""
             except ValueError as error:
-                data, wrong = self._with_missing_cells(needed, lines[:most])
-                if wrong > max(1.0, MAX_WRONG_FRACTION * len(data)) or 2 * wrong >= len(data):
-                    complaint = self._complaint(needed, lines, first)
-                    raise DataError("records/text", complaint or f"{self.path}: {error}") from None
-        return data
+                return None, str(error)
 
     def _with_missing_cells(self, needed: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
         """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows with such cells.
 
-        Dates and times of day are s.
+        Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
         rows = [fields for line in lines if (fields := _fields(line, self.format))]
+        rows = [fields for fields in rows if not all(_is_word(field) for field in fields)]
         columns = [_values([row[i] if i < len(row) else "" for row in rows]) for i in needed]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum())
@@ -150,6 +161,8 @@ class TextLog(Log):
         """Message on the first cell without a number in a range of rows; empty without such a cell."""
         rows = range(self.first, len(self.number_lines))[part]
         lines = self.number_lines[rows.start : rows.stop]
+        if not lines or not columns or self._numbers(columns, lines)[0] is not None:
+            return ""
         return self._complaint(columns, _with_nan(lines, _delimiter(self.format)), rows.start)
 
     def _complaint(self, columns: Sequence[int], lines: Sequence[str], first: int) -> str:
@@ -487,6 +500,10 @@ def _values(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     us = np.array(texts, dtype="datetime64[us]").astype(np.int64)
     is_missing = np.array([stamp is None for stamp in stamps], dtype=np.bool_)
     return np.where(is_missing, np.nan, us * 1e-6), is_missing
+
+
+def _is_word(field: str) -> bool:
+    return not (_is_number(field) or _STAMP.fullmatch(field))
 
 
 def _is_number(field: str) -> bool:

@@ -71,6 +71,28 @@ def without_zero_rows(signals: FloatArray, log: Log) -> FloatArray:
     return np.where(is_zero[:, None], np.nan, signals)
 
 
+def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
+    """Mask (NaN) runs in which a channel of signals (n, c) is 0 or hangs while others move, and which ends by a leap.
+
+    A leap is longer than the steps between 99 % of the samples.
+    """
+    result = np.copy(signals)
+    size = np.maximum(np.nanstd(signals, axis=0), 1e-300)
+    for c, x in enumerate(signals.T):
+        changes = np.diff(x)
+        least = max(LEAP * float(np.nanquantile(np.abs(changes), 0.99)), MIN_STEPS * step(x))
+        constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
+        lost = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
+        others = np.delete(signals, c, axis=1) / np.delete(size, c)
+        lost = [(a, b) for a, b in lost if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
+        if lost:
+            missing = np.concatenate([np.arange(a, b) for a, b in lost])
+            result[missing, c] = np.nan
+            text = f"{log.names[c]} is constant or 0 for {missing.size} samples from {log.time_of(missing[0])} on"
+            log.report(MASKED, missing.size, f"{text}, while other channels vary; treated as missing")
+    return result
+
+
 def rest_before(torques: FloatArray) -> int:
     """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
     width = max(MIN_WINDOW, len(torques) // START_WINDOWS)

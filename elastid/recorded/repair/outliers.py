@@ -52,6 +52,7 @@ TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
 USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
+MIN_RANGES = 3.0  # distance of a spike from the median over the range of most samples, beyond which no motion leaps
 ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
 
 
@@ -79,10 +80,22 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     everywhere = np.ones(len(signals), dtype=np.bool_)
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
-        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
+        far = _far(x) if are_motions else ~everywhere
+        near = bridged(np.where(far, np.nan, x))
+        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
-        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x), quiet_share=1.0)))
+        lone = _spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quiet_share=1.0)
+        at.append(np.flatnonzero(lone | far))
     return _masked(signals, at, "their neighbours", log)
+
+
+def _far(x: FloatArray) -> BoolArray:
+    """Runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
+    low, middle, high = np.quantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
+    result = np.zeros(len(x), dtype=np.bool_)
+    for start, end in runs(np.abs(x - middle) > MIN_RANGES * (high - low)).tolist():
+        result[start:end] = end - start <= MAX_BRIDGED
+    return result
 
 
 def outliers_of(name: str, count: int, n: int) -> str:

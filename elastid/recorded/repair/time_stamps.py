@@ -294,10 +294,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     Rows in another order than their stamps are sorted.  A clock that was set back leaves a gap of unknown length.
     Raises DataError where stamps are missing, where many fall, and where long steps leave too little of the band.
     """
-    if not np.isfinite(time_s).all():
-        place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
-        raise DataError("records/clock", f"the time is missing at {place}. Exclude that part by samples", log.where)
-    time_s, signals = _rising(time_s, signals, log)
+    time_s, signals = rising(time_s, signals, log)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
         raise DataError(
             "records/clock", "its time does not increase. Name another channel as time, or omit time", log.where
@@ -332,8 +329,19 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     return _at_instants(time_s, signals, rate_hz, log)
 
 
-def _rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:
-    """Stamps (n,) that rise, and their signals (n, c); DataError for more falling steps than of single faults."""
+def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:
+    """Stamps (n,) that rise, and their signals (n, c).
+
+    Raises DataError for missing stamps, and for more falling steps than of single faults.
+    """
+    if not np.isfinite(time_s).all():
+        place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
+        raise DataError("records/clock", f"the time is missing at {place}. Exclude that part by samples", log.where)
+    twice = np.flatnonzero(np.diff(time_s) == 0) + 1
+    if 0 < len(twice) <= max(1.0, MAX_FALLING_FRACTION * len(time_s)) and even_grid(time_s) is None:
+        place = log.time_of(twice[0])
+        log.report("rows with the stamp of another", len(twice), f"{len(twice)} stamps occur twice, first {place}")
+        time_s, signals = np.delete(time_s, twice), np.delete(signals, twice, axis=0)
     falls = np.flatnonzero(np.diff(time_s) < 0)
     if not len(falls):
         return time_s, signals

@@ -21,7 +21,7 @@ from elastid.recorded.clocks import BACKWARDS, MAX_SAMPLES, TIME_UNITS, is_clock
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
-from elastid.recorded.link_side import channel_refusals
+from elastid.recorded.link_side import channel_refusals, without_placeholders
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples
 from elastid.store.files import content_hash
@@ -267,7 +267,8 @@ def _check_content(
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
     most = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
-    values = log.values(channels, slice(first, first + most if end is None else min(end, first + most)))
+    part = slice(first, first + most if end is None else min(end, first + most))
+    values = without_placeholders(log.values(channels, part))
     if end is not None and len(values) < min(end - first, most):
         yield Problem(
             (*path, "samples"), (f"the log ends after sample {first + len(values)}, counted from 0. Correct samples")
