@@ -45,6 +45,7 @@ FIRST_SHARES = (1e-3, 0.1)
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
 MOST_STD = 0.8  # of the logarithm of the stiffness of a spring that is identified
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
+STARTED = 0.6  # of the largest drop by a linear step at a starting rate, from which on a solve starts there, too
 
 Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad, and a, 1/s
 
@@ -132,7 +133,10 @@ class _State:
         return float(np.sum((both.T @ r) ** 2) - np.sum((free.T @ r) ** 2))
 
     def starts(self, joint: str) -> list[tuple[RelaxingSpring, float, float]]:
-        """A spring with s and a for each starting rate: s by a linear step, both signs where the motion is not seen."""
+        """A spring with s and a for each starting rate that a linear step in s favours.
+
+        Both signs at two rates where the motion is not measured.
+        """
         rates = _rates(self.base.responses)
         usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_SHARES
         if not self._sees(joint):
@@ -141,9 +145,11 @@ class _State:
         Q, C = np.linalg.qr(J.T)[0], of_springs[joint]
         C = C - (C @ Q) @ Q.T
         steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
+        drops = -steps * (C @ r)
         return [
             (RelaxingSpring(joint, 1 if s > 0 else -1), float(np.clip(abs(s), least * usual, usual)), a)
-            for s, a in zip(steps.tolist(), rates.tolist(), strict=True)
+            for s, a, drop in zip(steps.tolist(), rates.tolist(), drops.tolist(), strict=True)
+            if drop >= STARTED * drops.max()
         ]
 
     def _sees(self, joint: str) -> bool:

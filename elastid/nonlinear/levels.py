@@ -210,7 +210,7 @@ def _choices(
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
 SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
 MAX_DELAY_S = 0.025
-# Below, one near 0, for half the power is not to be had there any more; only where a linear step leaves so much less, too.
+# Below, one near 0, for half the power is not to be had there any more; only where a linear step leaves as little, too.
 NEAR_DELAYED_POWER = 0.9
 DELAY_ITERATIONS = 2  # of the levels at a delay, whose power has an error of 1e-4
 
