@@ -272,8 +272,8 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
     for column, motor in enumerate(motors.tolist(), len(f)):
         acting = np.flatnonzero((motor_of == motor) & (f > 0))
         powers.append((power(motor, np.append(acting, column)), power(motor, acting)))
-    with_delay, without = np.array(powers).T
-    ratios = quotient(with_delay, without, 1.0)
+    late_power, power_at_0 = np.array(powers).T
+    ratios = quotient(late_power, power_at_0, 1.0)
     return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-12)))))
 
 
