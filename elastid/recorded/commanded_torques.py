@@ -99,7 +99,7 @@ class Drives:
 
 def positive(freq_hz: FloatArray) -> FloatArray:
     """Frequencies with half a line in place of 0, where an inertia has no response."""
-    return np.maximum(freq_hz, float(freq_hz[1]) / 2)
+    return np.where(freq_hz > 0, freq_hz, freq_hz[:2].max() / 2)
 
 
 @dataclass(frozen=True, eq=False)
