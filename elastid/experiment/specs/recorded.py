@@ -25,7 +25,7 @@ class CascadeSpec(GainsSpec):
         "speed. It replaces reference.velocity_feedforward.", least=0, most=1)] = 0.0
     reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: unknown).",
         "if the log has the rate of the references: images of their steps are then in the torques; elastid subtracts "
-        "them if the references are logged, else states their size.")] = None
+        "them if the references are logged or the cycle is 2 ms or longer, else states their size.")] = None
     velocity: Annotated[Literal["difference", "exact"], Key("Velocity in the feedback: `difference` of two encoder "
         "positions, or `exact` (the velocity of the simulation).", "`exact` for logs of simulators, whose controllers "
         "read the joint velocity of the state.")] = "difference"
