@@ -265,3 +265,10 @@ def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: P
     np.testing.assert_allclose(log[:, 0], U, atol=1e-6)
     with refused("responses/table", place="psd.uff", holds="auto spectrum"):
         texts_from_logs(tmp_path / "new", [tmp_path / "psd.uff"])
+
+
+def test_signals_of_different_lengths_without_rates_are_refused(tmp_path: Path) -> None:
+    """As of two topics."""
+    np.savez(tmp_path / "log.npz", tau_1=U[::5], q_1=Q)
+    with refused("records/clock", place="log.npz", holds=("tau_1 300", "q_1 1500")):
+        texts_from_logs(tmp_path / "new", [tmp_path / "log.npz"])
