@@ -155,7 +155,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     if 0 < longest <= MIN_SAMPLES:
         text = f"its number of samples is {longest}; more than {MIN_SAMPLES} are needed. Export the whole measurement"
         return "records/values", text
-    lengths = {max(shape): name for name, shape in reversed(shapes.items()) if guess_by_name(name, None).quantity}
+    lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
         listed = ", ".join(f"{name} {n}" for n, name in lengths.items())
         text = f"its signals have different numbers of samples ({listed}), and their rates are not stated"

@@ -50,7 +50,7 @@ Values = Mapping[ChannelKey, FloatArray]
 class JointGuess:
     """A torque, the motion at its motor, and how the second explains the first.
 
-    sensor: torque sensor behind the gear.  sensor_gain: from its numbers to those of the torque; 1 if unknown.
+    sensor: torque sensor behind the gear.  sensor_gain: of the torque over the sensor; 1 if unknown.
     """
 
     torque: ChannelGuess
@@ -86,7 +86,7 @@ class LogGuess:
     references: tuple[ChannelGuess, ...] = ()
 
     def with_separate_motions(self) -> "LogGuess":
-        """The joints without those whose motion is the one of an earlier joint."""
+        """The joints, each with a motion of its own."""
         motions = [joint.motion.key for joint in self.joints]
         return replace(self, joints=tuple(j for i, j in enumerate(self.joints) if motions[i] not in motions[:i]))
 

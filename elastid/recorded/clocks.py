@@ -24,7 +24,7 @@ BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
 _MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
-MAX_RATE_LOG = 0.26  # |log| of the rate of stamps in ms, us or ns over that of the study
+MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
 # Single wrong cells, and distance of one from the median of its neighbours, in steps of the clock.
 _MAX_WRONG_FRACTION, _MAX_WRONG_DISTANCE = 0.01, 5.0
 
