@@ -33,7 +33,7 @@ from elastid.recorded.channel_guess import (
     signals_of,
     wrong_cells,
 )
-from elastid.recorded.channel_names import ChannelGuess, ChannelKey
+from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_name
 from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
 from elastid.recorded.command_log import gains_in
 from elastid.recorded.files.formats import opened_log
@@ -155,6 +155,11 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     if 0 < longest <= MIN_SAMPLES:
         text = f"its number of samples is {longest}; more than {MIN_SAMPLES} are needed. Export the whole measurement"
         return "records/values", text
+    lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
+    if len(lengths) > 1:
+        listed = ", ".join(f"{name} {n}" for n, name in lengths.items())
+        text = f"its signals have different numbers of samples ({listed}), and their rates are not stated"
+        return "records/clock", f"{text}. Export them at one rate"
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):

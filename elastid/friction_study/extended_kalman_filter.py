@@ -30,7 +30,6 @@ does not take its bristle for certain, one that slides by more than z_s in a sam
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -189,7 +188,7 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-_BLOCK = 4096  # samples, of which all states are kept at once
+_BLOCK = 1024  # samples of one call, of which all states are kept at once; the last call repeats a motion's last sample
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
 PRIOR = dict.fromkeys(("f", "f+", "f-", "offset"), 0.5) | {"Fc": 0.3}
 
@@ -285,8 +284,7 @@ class KalmanFilter:
 
     def __init__(self, joint: FollowedJoint, rate_hz: float, samples: int = 0) -> None:
         self.joint, self.rate_hz = joint, rate_hz
-        step = compiled(filter_step(joint, rate_hz), samples)
-        self._loop = cache(lambda n: step.mapaccum("filter", n, 2))
+        self._block = compiled(filter_step(joint, rate_hz), samples).mapaccum("filter", _BLOCK, 2)
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
         """The track over motions; the pause before one makes friction less certain.
@@ -295,7 +293,9 @@ class KalmanFilter:
         """
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
         drift, own = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
+        given = np.tile(noise.vector(joint, self.rate_hz), (_BLOCK, 1))
         parts, times, (x, P) = list[tuple[FloatArray, ...]](), np.zeros(1), first_estimate(joint, 0.0)
+        shapes = [(_BLOCK, n_x), (_BLOCK, P.shape[1], n_x), (_BLOCK,), (_BLOCK,)]
         for motion in motions:
             before, P_before = x, P
             first = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
@@ -306,11 +306,11 @@ class KalmanFilter:
                 P[own, : n_x - p] = 0.0
                 P[own, own] += np.diag(drift**2 * max(0.0, motion.start_s - times[-1]))
             n = len(motion.angle)
-            for block in np.array_split(np.stack([motion.torque, motion.load, motion.angle]), -(-n // _BLOCK), axis=1):
-                m = block.shape[1]
-                given = np.tile(noise.vector(joint, self.rate_hz), (m, 1))
-                shapes = [(m, n_x), (m, P.shape[1], n_x), (m,), (m,)]
-                states, spread, e, S = evaluated(self._loop(m), [x, P.T, *block, given], shapes)
+            signals = np.pad(np.stack([motion.torque, motion.load, motion.angle]), ((0, 0), (0, -n % _BLOCK)), "edge")
+            for begin in range(0, n, _BLOCK):
+                block = np.ascontiguousarray(signals[:, begin : begin + _BLOCK])
+                every = evaluated(self._block, [x, P.T, *block, given], shapes)
+                states, spread, e, S = (output[: n - begin] for output in every)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, own]
                 held = np.sum(spread[:, n_x:, own] ** 2, axis=1)
                 parts.append((states[:, own].copy(), np.sqrt(variance), variance - held, e, S))
@@ -340,7 +340,7 @@ def estimate_noise(
     lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
 
     def noise_at(x: FloatArray) -> FilterNoise:
-        factors = zip(names, np.exp(np.clip(x, lowest, np.log(1e3))).tolist(), strict=True)
+        factors = zip(names, np.exp(x).tolist(), strict=True)
         return replace(guess, **{name: getattr(guess, name) * factor for name, factor in factors})
 
     def cost(x: FloatArray) -> float:
@@ -351,9 +351,12 @@ def estimate_noise(
 
     # Factors of three about the guess, and about one with less torque and more slip, where another minimum may be, of
     # other likelihood by more than chance; noise that is known to 5 % is known well enough.
-    n, options, ends = len(names), {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150}, list[Any]()
+    n, ends = len(names), list[Any]()
+    options: dict[str, Any] = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150}
+    bounds = [(least, math.log(1e3)) for least in lowest.tolist()]
     for start in (np.zeros(n), np.log([{"torque": 0.2, "slip": 4.0}.get(name, 1.0) for name in names])):
         simplex = np.vstack([start, start + 1.1 * np.eye(n)])
-        ends.append(minimize(cost, start, method="Nelder-Mead", options=options | {"initial_simplex": simplex}))
+        options["initial_simplex"] = simplex
+        ends.append(minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options))
     end = ends[int((ends[0].fun - ends[1].fun) * settled.sum() > 20.0)]
     return noise_at(end.x), float(end.fun)

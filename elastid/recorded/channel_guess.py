@@ -16,7 +16,7 @@ from elastid.base.errors import DataError
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
 from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_name
-from elastid.recorded.clocks import is_clock, slowest_ms
+from elastid.recorded.clocks import is_clock, own_rates, slowest_ms
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
 from elastid.recorded.link_side import MAX_COMPUTABLE
@@ -50,7 +50,7 @@ Values = Mapping[ChannelKey, FloatArray]
 class JointGuess:
     """A torque, the motion at its motor, and how the second explains the first.
 
-    sensor: torque sensor behind the gear.  sensor_gain: from its numbers to those of the torque; 1 if unknown.
+    sensor: torque sensor behind the gear.  sensor_gain: of the torque over the sensor; 1 if unknown.
     """
 
     torque: ChannelGuess
@@ -111,8 +111,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
 
     with_constant: also signals that do not change.
     """
-    if isinstance(log, TextLog) and log.sample_ms:
-        return _signals_at_one_rate(log, most)
+    if channels_ms := own_rates(log):
+        return _signals_at_one_rate(log, channels_ms, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     usual = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
@@ -175,10 +175,12 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
     return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
 
 
-def _signals_at_one_rate(log: TextLog, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
+def _signals_at_one_rate(
+    log: Log, channels: Sequence[tuple[str, str, float]], most: int
+) -> list[tuple[ChannelGuess, FloatArray]]:
     """Signals that have a quantity, interpolated at the times of the slowest one; DataError if these begin later."""
-    slowest, result = slowest_ms(log), []
-    for name, unit, ms in zip(log.headings, log.units or [""] * log.n_columns, log.sample_ms, strict=True):
+    slowest, result = slowest_ms(channels), []
+    for name, unit, ms in channels:
         guess = guess_by_name(name, None, unit)
         if guess.quantity and ms <= slowest:
             x = log.values([ChannelSpec("y", "any", name, quantity="position")], slice(0, int(most * slowest / ms)))

@@ -1,6 +1,7 @@
 """Clock of a log: the channel of its times by name or by steps, with wrong stamps, unit and rate."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
 _MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
-MAX_RATE_LOG = 0.26  # |log| of the rate of stamps in ms, us or ns over that of the study
+MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
 # Single wrong cells, and distance of one from the median of its neighbours, in steps of the clock.
 _MAX_WRONG_FRACTION, _MAX_WRONG_DISTANCE = 0.01, 5.0
 
@@ -93,14 +94,19 @@ def stamp_unit(t: FloatArray, rate_hz: float) -> str:
     return nearest if far[nearest] < MAX_RATE_LOG and far["s"] > np.log(MAX_RATE_RATIO) else "s"
 
 
-def slowest_ms(log: TextLog) -> float:
+def own_rates(log: Log) -> list[tuple[str, str, float]]:
+    """Name, unit and sample time in ms of each channel of a log that states several sample times; empty for others."""
+    if isinstance(log, TextLog):
+        units = log.units or [""] * log.n_columns
+        return list(zip(log.headings, units, log.sample_ms, strict=True)) if log.sample_ms else []
+    stated = [(n, a.units, 1e3 / a.rate_hz) for n, a in log.arrays.items() if a.rate_hz and a.is_signal]
+    return stated if len({ms for *_, ms in stated}) > 1 else []
+
+
+def slowest_ms(channels: Sequence[tuple[str, str, float]]) -> float:
     """Longest sample time of the channels whose names or units show a quantity, temperatures aside."""
-    guesses = (
-        guess_by_name(name, None, unit)
-        for name, unit in zip(log.headings, log.units or [""] * log.n_columns, strict=True)
-    )
-    times = zip(guesses, log.sample_ms, strict=True)
-    return max((ms for guess, ms in times if guess.quantity not in ("", "temperature")), default=max(log.sample_ms))
+    times = [ms for name, unit, ms in channels if guess_by_name(name, None, unit).quantity not in ("", "temperature")]
+    return max(times, default=max(ms for *_, ms in channels))
 
 
 def clock_of(log: Log) -> Clock:
@@ -108,8 +114,10 @@ def clock_of(log: Log) -> Clock:
 
     Raises DataError for a time that runs backwards.
     """
-    if isinstance(log, TextLog) and log.sample_ms:
-        return Clock(float(f"{1e3 / slowest_ms(log):.6g}"), "sample time of the slowest channel with a known quantity")
+    if channels := own_rates(log):
+        return Clock(
+            float(f"{1e3 / slowest_ms(channels):.6g}"), "sample time of the slowest channel with a known quantity"
+        )
     shapes = log.shapes()
     unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
     for name in (*filter(is_time, shapes), *unnamed):

@@ -217,14 +217,18 @@ class Filters:
         return A, B, C, D
 
     def _of_motor(self, sections: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-        from scipy.signal import tf2ss  # takes a while
-
         A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
-        parts = [tf2ss(section[:3], section[3:]) for section in sections] + [_DELAY] * self.delay
+        parts = [_state_space(section) for section in sections] + [_DELAY] * self.delay
         for a, b, c, d in parts:
             A = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
             B, C, D = np.vstack([B, b @ D]), np.hstack([d @ C, c]), d @ D
         return A, B, C, D
+
+
+def _state_space(section: FloatArray) -> tuple[FloatArray, ...]:
+    """A, B, C, D of a section (6,) in controller canonical form."""
+    b, a = section[:3] / section[3], section[3:] / section[3]
+    return np.array([-a[1:], [1.0, 0.0]]), np.array([[1.0], [0.0]]), (b[1:] - b[0] * a[1:])[None], b[None, :1]
 
 
 _DELAY = (np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))

@@ -24,7 +24,7 @@ fit has found is one of whole samples and one of a part of a sample.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import expm
@@ -32,6 +32,7 @@ from scipy.linalg import expm
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
+from elastid.frf.matrices import inverse
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import Estimated, FittedModel
 from elastid.linear.linear_model import LinearModel, state_space, torque_elements
@@ -210,6 +211,7 @@ class Scene:
     P: ComplexArray
 
     @classmethod
+    @lru_cache(maxsize=4)  # of the estimate, coarse and fine, and of draws
     def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> "Scene":
         """Scene on a grid with so many lines."""
         freq_hz = grid(plants, lines, per_mode)
@@ -217,23 +219,35 @@ class Scene:
 
     def closed(self, gains: JointLoop, filters: Filters | None) -> "Closed":
         """The loops of gains (n_u,) or (N, n_u)."""
-        stack = gains.each(lambda part: np.atleast_2d(part)[:, None])
-        rate_hz = self.plants.rate_hz
-        H = 1.0 if filters is None else filters.response(self.freq_hz, rate_hz)
-        F, F_r = (part.response(self.freq_hz, rate_hz) * H for part in (stack, replace(stack, kd=0 * stack.kd)))
-        S = np.asarray(np.linalg.inv(np.eye(self.P.shape[-1]) + F[..., :, None] * self.P))
-        return Closed(self, gains, filters, S, 1 - np.einsum("...ij,...ji->...i", self.P, S) * F_r)
+        return Closed(self, gains, filters)
 
 
 @dataclass(frozen=True, eq=False)
 class Closed:
-    """Loops of N plants closed by a controller: S (N, F, n_u, n_u) and E_ii (N, F, n_u)."""
+    """Loops of N plants closed by a controller."""
 
     scene: Scene
     gains: JointLoop
     filters: Filters | None
-    S: ComplexArray
-    E: ComplexArray
+
+    def _controller(self, has_damping: bool) -> ComplexArray:
+        """F or F_r (N, F, n_u)."""
+        freq_hz, rate_hz = self.scene.freq_hz, self.scene.plants.rate_hz
+        stack = self.gains.each(lambda part: np.atleast_2d(part)[:, None])
+        H = 1.0 if self.filters is None else self.filters.response(freq_hz, rate_hz)
+        return np.asarray(replace(stack, kd=has_damping * stack.kd).response(freq_hz, rate_hz) * H)
+
+    @cached_property
+    def S(self) -> ComplexArray:
+        """Sensitivity (N, F, n_u, n_u)."""
+        P = self.scene.P
+        difference = np.eye(P.shape[-1]) + self._controller(True)[..., :, None] * P
+        return inverse(difference.reshape(-1, *P.shape[2:])).reshape(P.shape)
+
+    @cached_property
+    def E(self) -> ComplexArray:
+        """E_ii (N, F, n_u)."""
+        return np.asarray(1 - np.einsum("...ij,...ji->...i", self.scene.P, self.S) * self._controller(False))
 
     @cached_property
     def size(self) -> FloatArray:

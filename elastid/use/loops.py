@@ -121,9 +121,20 @@ class Cascade:
         for rows in (*np.arange(3 * n).reshape(3, n), *np.arange(3 * n, len(x))[:, None]):
             step = np.zeros(len(x))
             step[rows] = _STEP
-            ahead, behind = (self.at(x + shift).response(freq_hz, rate_hz) for shift in (step, -step))
-            slopes[..., rows] = np.log(ahead / behind)[..., self.owners[rows]] / (2 * _STEP)
+            part = rows[0] // n if rows[0] < 3 * n else 3 + (rows[0] - 3 * n) // 3
+            ahead, behind = (self.at(x + shift)._factor(part, freq_hz, rate_hz) for shift in (step, -step))
+            slopes[..., rows] = np.log(ahead / behind) / (2 * _STEP)
         return slopes
+
+    def _factor(self, part: int, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+        """Factor of F: (..., n_u) of the gains (part 0 and 1) or low passes (2), (..., 1) of one notch (from 3 on)."""
+        if part < 2:
+            return self.gains.response(freq_hz, rate_hz)
+        of_part = [low_pass(corner, rate_hz) for corner in self.low_pass_hz]
+        if part > 2:
+            freq, width, depth = self.notches[part - 3].tolist()
+            of_part = [notch(freq, width, depth, rate_hz)]
+        return Filters(tuple([section] for section in of_part)).response(freq_hz, rate_hz)
 
     def on(self, scene: Scene) -> Closed:
         """The loops that it closes."""
@@ -148,7 +159,8 @@ class Cascade:
 
 
 def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
-    return bool(cascade.on(scene).peaks_db.max() <= limit_db)
+    loops = cascade.on(scene)
+    return bool(20 * np.log10(loops.size.max()) <= limit_db and loops.stable.all())
 
 
 def slowed(cascade: Cascade, is_kept: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
@@ -408,11 +420,11 @@ def design_loops(
     def drawn_of(family: PostureFamily) -> Plants | None:
         return family.draws(result, draws, seed) if draws else None
 
-    state = None
+    state, drawn = None, drawn_of(family)
     if today is not None:
-        variant = replace(family, rate_hz=today_hz or family.rate_hz)
-        state = todays_loops(variant, drawn_of(variant), today)
-    drawn = drawn_of(family)
+        variant = replace(family, rate_hz=today_hz) if today_hz else family
+        is_same = variant.rate_hz == family.rate_hz
+        state = todays_loops(family, drawn, today) if is_same else todays_loops(variant, drawn_of(variant), today)
     first_hz = min((mode.freq_hz for modes in family.modes for mode in modes), default=family.rate_hz)
     cascade = robust(family.estimate, drawn, first_hz, delay_samples)
     designed = assess(DESIGNED, family, drawn, cascade.gains, cascade.filters(family.rate_hz))

@@ -21,6 +21,7 @@ from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
+from elastid.frf.matrices import singular_values
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import UncertainModes
 from elastid.linear.linear_model import LinearModel
@@ -140,8 +141,7 @@ def _extremes(
 
 def largest_gain(G: ComplexArray) -> FloatArray:
     """Largest singular value (...) of matrices (..., n, n)."""
-    squares = np.linalg.eigvalsh(np.swapaxes(G, -1, -2).conj() @ G)[..., -1]
-    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+    return singular_values(G.reshape(-1, *G.shape[-2:]))[:, 0].reshape(G.shape[:-2])
 
 
 @frozen_value

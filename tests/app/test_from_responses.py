@@ -137,3 +137,16 @@ def test_complex_signals_of_a_log_are_no_responses(time: str, tmp_path: Path) ->
     study = load_with_logs(tmp_path / "s" / "study.yml").study
     assert study.friction is not None
     assert study.experiment.as_recorded().rate_hz == 200.0
+
+
+@pytest.mark.parametrize(("value", "n_out"), [(0.0, 1), (np.nan, 1), (1e300, 1), (1e4, 1), (None, 0)])
+def test_one_wrong_line_of_a_response_is_discarded(value: float | None, n_out: int, tmp_path: Path) -> None:
+    """A mode between two lines is no wrong one, nor is an element without a response."""
+    G = accelerations(1)
+    G = np.concatenate([G, np.zeros_like(G[:, :1])], axis=1)
+    if value is not None:
+        G[77, 1] = value
+    np.savez(tmp_path / "frf.npz", H=G, freq_hz=FREQ)
+    response = estimated(tmp_path / "s", tmp_path / "frf.npz")
+    assert len(response.freq_hz) == len(FREQ) - n_out
+    assert (FREQ[77] in response.freq_hz) == (n_out == 0)

@@ -1,17 +1,23 @@
 """Texts as people have them: languages, units, separators, codes of letters, remarks; one axis at 250 Hz."""
 
+import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 import pytest
+from plants.refusals import refused
 
 from elastid.app.from_log import texts_from_logs
 from elastid.base.errors import notes_of
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.result import identify_friction
+from elastid.recorded.files.formats import read_channels
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.study import load_with_logs
 
@@ -196,3 +202,73 @@ def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> Non
     assert numbers["Fc_m1"] == pytest.approx(0.3, rel=0.01)
     said = [*measured.notes, *notes_of(measured.records)]
     assert fault in ("none", "heading again", "time of zero", "cut off") or said
+
+
+def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path: Path) -> None:
+    """Torque at four times the rate of the position, which begins 0.4 s later."""
+    nptdms = pytest.importorskip("nptdms")
+    fast, start = np.arange(4 * len(LONG)) / (4 * RATE), np.datetime64("2024-05-01T10:00:00.000000")
+    rows = (("torque", motion_of(fast)[0], 4 * RATE, 0, "Nm"), ("position", motion_of(LONG)[1], RATE, 400, "rad"))
+    channels = []
+    for label, x, rate, late, unit in rows:
+        properties = {"wf_start_time": start + np.timedelta64(late, "ms"), "wf_increment": 1 / rate}
+        values, properties = x[round(late * rate / 1e3) :], properties | {"unit_string": unit}
+        channels.append(nptdms.ChannelObject("log", label, values, properties=properties))
+    with nptdms.TdmsWriter(tmp_path / "log.tdms") as writer:
+        writer.write_segment(channels)
+    texts = texts_from_logs(tmp_path / "new", [tmp_path / "log.tdms"])
+    (tmp_path / "new").mkdir()
+    for file, text in texts.items():
+        (tmp_path / "new" / file).write_text(text, encoding="utf-8")
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    robot = study.as_robot()
+    (record,) = read_friction_logs(robot, study.experiment, tmp_path / "new", robot.driven_names, {}).records
+    torque, position = motion_of(0.4 + np.arange(len(record.position)) / RATE)
+    np.testing.assert_allclose(record.position, position, atol=1e-9)
+    assert np.median(np.abs(record.torque - torque)) < 1e-3
+
+
+def test_cells_of_matlab_7_3_are_names_and_units(tmp_path: Path) -> None:
+    """Of an iddata struct."""
+    with h5py.File(tmp_path / "log.mat", "w", userblock_size=512) as file:
+        group, texts = file.create_group("data"), file.create_group("#refs#")
+        for name, values in (("InputData", U), ("OutputData", Q), ("Ts", np.array([1 / RATE]))):
+            group.create_dataset(name, data=values[None])
+        for name, words in (("InputName", "motor"), ("OutputName", "arm"), ("InputUnit", "N*m"), ("OutputUnit", "rad")):
+            cell = texts.create_dataset(name, data=np.array([[ord(letter)] for letter in words], np.uint16))
+            cell.attrs["MATLAB_class"] = np.bytes_("char")
+            references = np.array([[cell.ref]], dtype=h5py.ref_dtype)
+            group.create_dataset(name, data=references, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
+    content = bytearray((tmp_path / "log.mat").read_bytes())
+    content[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    (tmp_path / "log.mat").write_bytes(bytes(content))
+    text = texts_from_logs(tmp_path / "new", [tmp_path / "log.mat"])["study.yml"]
+    assert "channel: data.InputData, quantity: torque, unit: N*m}" in text
+    assert "channel: data.OutputData, quantity: position, unit: rad}" in text
+    assert "rate_hz: 250 " in text
+
+
+def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: Path) -> None:
+    """Time histories are read; power spectra are refused by their name."""
+    pyuff = pytest.importorskip("pyuff")
+    keys = {"rsp_dir": 3, "ref_dir": 0, "ref_node": 0, "id1": "", "rsp_ent_name": "NONE", "ref_ent_name": "NONE"}
+    keys |= {"abscissa_spacing": 1, "abscissa_inc": 1 / RATE, "abscissa_spec_data_type": 17, "x": T, "type": 58}
+    keys |= {"orddenom_spec_data_type": 0}
+    for kind, name in ((1, "log.uff"), (2, "psd.uff")):
+        for node, x in enumerate((U, Q), start=1):
+            data = {"data": x if kind == 1 else x**2, "func_type": kind, "rsp_node": node}
+            units = {"ordinate_spec_data_type": 14 - node, "ordinate_axis_units_lab": ("N", "m/s^2")[node - 1]}
+            pyuff.UFF(str(tmp_path / name)).write_sets(keys | data | units, "add" if node > 1 else "overwrite")
+    path = tmp_path / "log.uff"
+    path.write_text(re.sub(r"(\d)[eE]([+-]\d\d)", r"\1D\2", path.read_text()))
+    log = read_channels(path, [ChannelSpec("u", "1z", "1z", quantity="force")], TextFormatSpec())
+    np.testing.assert_allclose(log[:, 0], U, atol=1e-6)
+    with refused("responses/table", place="psd.uff", holds="auto spectrum"):
+        texts_from_logs(tmp_path / "new", [tmp_path / "psd.uff"])
+
+
+def test_signals_of_different_lengths_without_rates_are_refused(tmp_path: Path) -> None:
+    """As of two topics."""
+    np.savez(tmp_path / "log.npz", tau_1=U[::5], q_1=Q)
+    with refused("records/clock", place="log.npz", holds=("tau_1 300", "q_1 1500")):
+        texts_from_logs(tmp_path / "new", [tmp_path / "log.npz"])

@@ -130,7 +130,7 @@ def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch
     run = simulate(rich(0.5), 4)
     whole = tracked(kalman, run)
     monkeypatch.setattr(extended_kalman_filter, "_BLOCK", 200)
-    parts = tracked(kalman, run)
+    parts = tracked(KalmanFilter(kalman.joint, kalman.rate_hz), run)
     np.testing.assert_array_equal(np.hstack([parts.x, parts.std]), np.hstack([whole.x, whole.std]))
 
 

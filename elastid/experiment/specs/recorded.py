@@ -24,8 +24,8 @@ class CascadeSpec(GainsSpec):
         "1 for controllers without velocity lag; a value that is too small causes a position error proportional to "
         "speed. It replaces reference.velocity_feedforward.", least=0, most=1)] = 0.0
     reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: unknown).",
-        "if the log has the rate of the references: images of their steps are then in the torques. elastid subtracts "
-        "them if the references are logged or the cycle is 2 ms or longer.")] = None
+        "if the log has the rate of the references: their steps then alias into the torques. elastid subtracts these "
+        "aliases if the references are logged or the cycle is 2 ms or longer. Else it states their size.")] = None
     velocity: Annotated[Literal["difference", "exact"], Key("Velocity in the feedback: `difference` of two encoder "
         "positions, or `exact` (the velocity of the simulation).", "`exact` for logs of simulators, whose controllers "
         "read the joint velocity of the state.")] = "difference"

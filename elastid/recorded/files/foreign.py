@@ -119,7 +119,7 @@ def _values(table: Any, name: str) -> NDArray[Any]:
 def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
 
-    Waveforms of one rate whose start times differ are cut to the samples that all of them have.
+    Waveforms whose start times differ are cut to the time that all of them have.
     """
     nptdms = installed("nptdms", "tdms", path)
     with nptdms.TdmsFile.open(path) as file:
@@ -131,19 +131,21 @@ def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 
 def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[slice]:
-    """Samples of each waveform, by its properties and length, from the latest start to the first end at its rate."""
+    """Samples of each waveform, by its properties and length, from the latest start to the first end of all.
+
+    All samples of waveforms without a time, and if those with a time have no time in common.
+    """
     steps = [float(properties.get("wf_increment", 0.0)) for properties, _ in waveforms]
-    starts = [_start_s(properties) for properties, _ in waveforms]
+    starts = [
+        _start_s(properties) if step > 0 else None for (properties, _), step in zip(waveforms, steps, strict=True)
+    ]
+    timed = [(s, s + n * step) for (_, n), step, s in zip(waveforms, steps, starts, strict=True) if s is not None]
+    latest, end = max((s for s, _ in timed), default=0.0), min((e for _, e in timed), default=0.0)
     parts = []
     for (_, n), step, start in zip(waveforms, steps, starts, strict=True):
-        alike = [i for i, other in enumerate(steps) if other == step > 0 and starts[i] is not None]
-        if start is None or len(alike) < 2 or len({starts[i] for i in alike}) == 1:
-            parts.append(slice(0, n))
-            continue
-        latest = max(starts[i] or 0.0 for i in alike)
-        ends = [waveforms[i][1] - round((latest - (starts[i] or 0.0)) / step) for i in alike]
-        first = round((latest - start) / step)
-        parts.append(slice(first, first + max(min(ends), 0)))
+        is_whole = start is None or end <= latest or len({s for s, _ in timed}) == 1
+        first = 0 if start is None or is_whole else round((latest - start) / step)
+        parts.append(slice(first, n if is_whole else min(n, first + round((end - latest) / step))))
     return parts
 
 
@@ -189,7 +191,7 @@ def opened_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> It
 
 
 def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:
-    """Name and array of every dataset, or field of a compound one, below a group; MATLAB's references are left out."""
+    """Name and array of every dataset, or field of a compound one, below a group; cells of MATLAB by number."""
     import h5py
 
     for key, item in group.items():
@@ -198,6 +200,10 @@ def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "")
             yield from _datasets(item, separator, is_transposed, f"{name}{separator}")
         elif isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:
             continue  # an object of a class: the numbers refer to its members elsewhere
+        elif isinstance(item, h5py.Dataset) and is_transposed and item.attrs.get("MATLAB_class") == b"cell":
+            cells = [item.file[reference] for reference in np.ravel(item[()])]
+            whole = [(i, cell) for i, cell in enumerate(cells, start=1) if isinstance(cell, h5py.Dataset)]
+            yield from ((f"{name}{{{i}}}", _dataset(cell, "", True)) for i, cell in whole if cell.dtype.kind in "fiu")
         elif isinstance(item, h5py.Dataset) and item.dtype.names is not None:
             yield from ((f"{name}.{field}", _dataset(item, field, is_transposed)) for field in item.dtype.names)
         elif isinstance(item, h5py.Dataset):

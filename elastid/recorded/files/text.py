@@ -147,15 +147,15 @@ class TextLog(Log):
                 return None, str(error)
 
     def _with_missing_cells(self, needed: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
-        """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows with such cells.
+        """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows that lack numbers.
 
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
-        rows = [fields for line in lines if (fields := _fields(line, self.format))]
-        rows = [fields for fields in rows if not all(_is_word(field) for field in fields)]
+        every = [fields for line in lines if (fields := _fields(line, self.format))]
+        rows = [fields for fields in every if not all(map(_is_word, fields))]
         columns = [_values([row[i] if i < len(row) else "" for row in rows]) for i in needed]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
-        return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum())
+        return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(every) - len(rows)
 
     def wrong_cell(self, columns: Sequence[int], part: slice) -> str:
         """Message on the first cell without a number in a range of rows; empty without such a cell."""
@@ -416,6 +416,9 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
     comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
     whole = [_fields(line, replace(text, comment="")) for line in comments]  # a number sign within a heading
     rows = plain + [_fields(line, text) for line in comments] + whole
+    last = next((fields for fields in reversed(plain[: len(after)]) if fields), [])
+    # A last column of remarks has a heading, and no numbers.
+    rows = [*([last[:n_columns]] if len(last) == n_columns + 1 else []), *rows]
     rows = [fields for fields in rows if len(fields) == n_columns]
     times = next((fields for fields in rows if fields[0] == _SAMPLE_TIME), [""] * n_columns)
     names = next((fields for fields in rows if not any(map(_is_number, fields))), next(iter(rows), []))

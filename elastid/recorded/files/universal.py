@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,17 @@ from elastid.recorded.files.log import ArrayLog, StoredArray
 
 # A universal file starts with the mark of a data set, in fixed columns, and the number of the set.
 _START = re.compile(rb"    -1 *\r?\n {1,5}\d{1,5}b?\s")
+_START_OF_BINARY = re.compile(rb"-1 *\r?\n +\d{1,5}b\s")
+_EXPONENT = re.compile(rb"(\d\.\d+)[Dd]([+-]\d\d)")
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 UFF_QUANTITIES = {8: "position", 11: "velocity", 12: "acceleration"}
 _UNITS = {8: "m", 11: "m/s", 12: "m/s^2", 13: "N"}
 TIME_HISTORY = 1
+# Functions of a data set 58 by their type.
+FUNCTIONS = {
+    0: "unknown", 2: "auto spectrum", 3: "cross spectrum", 5: "transmissibility", 6: "coherence", 9: "power spectral "
+    "density", 12: "spectrum",
+}  # fmt: skip
 
 
 def is_universal_file(path: Path, head: bytes = b"") -> bool:
@@ -38,11 +46,25 @@ def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
     """The data sets of some types; StudyError without pyuff, DataError for a damaged file."""
     pyuff = installed("pyuff", "uff", path)
     try:
-        file = pyuff.UFF(str(path))
-        return [file.read_sets(int(i)) for i in np.flatnonzero(np.isin(file.get_set_types(), types))]
+        with _readable(path) as name:
+            file = pyuff.UFF(name)
+            return [file.read_sets(int(i)) for i in np.flatnonzero(np.isin(file.get_set_types(), types))]
     except Exception as error:  # a damaged file makes pyuff raise anything
         text = f"{path}: damaged, truncated or not a universal file ({error}). Copy or export it again"
         raise DataError("responses/table", text) from error
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[str]:
+    """Path of the file, or of a copy whose exponents are written with E in place of Fortran's D."""
+    content = path.read_bytes()
+    if _START_OF_BINARY.search(content) or not _EXPONENT.search(content):
+        yield str(path)
+        return
+    with TemporaryDirectory() as folder:
+        copy = Path(folder, path.name)
+        copy.write_bytes(_EXPONENT.sub(rb"\1E\2", content))
+        yield str(copy)
 
 
 def place_of(data_set: dict[str, Any], side: str) -> str:

@@ -18,7 +18,7 @@ from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold
 from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.text import TextLog, guess_format
+from elastid.recorded.files.text import MAX_WRONG_FRACTION, TextLog, guess_format
 from elastid.recorded.files.universal import is_universal_file, time_histories
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.recorded.responses.table import (
@@ -31,6 +31,10 @@ from elastid.recorded.responses.table import (
     uff_table,
 )
 from elastid.response import Covariance, Response
+
+# Zeros of an element from which on it has no response; magnitude of a line over both neighbours that no mode has whose
+# damping the lines show.
+MAX_ZERO_FRACTION, MIN_SPIKE_RATIO = 0.5, 100.0
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
@@ -81,9 +85,12 @@ def link_side_response(
         )
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
-    size = np.abs(np.where(G == 0, 1.0, G))
+    is_zero = G == 0  # at all lines of an element that has no response, else of a missing value
+    size = np.abs(np.where(is_zero, 1.0, G))
     # Beyond these are placeholders of missing values; squares of smaller ones vanish.
     good = (freq_hz > 0) & np.all((size > 1 / MAX_COMPUTABLE) & (size < MAX_COMPUTABLE), axis=(1, 2))
+    good &= ~(is_zero & (is_zero.mean(axis=0) < MAX_ZERO_FRACTION)).any(axis=(1, 2))
+    good &= ~_is_spike(size).any(axis=(1, 2))
     variance = None if table.variance is None else table.variance[order][:, rows][:, :, columns]
     if variance is not None:
         good &= np.isfinite(variance).all(axis=(1, 2))
@@ -115,6 +122,14 @@ def link_side_response(
     )  # fmt: skip
 
 
+def _is_spike(size: FloatArray) -> BoolArray:
+    """Lines of magnitudes (F, ...) far above both neighbours, if they are few: of no mode whose damping lines show."""
+    result = np.zeros(size.shape, dtype=np.bool_)
+    if len(size) > 2:
+        result[1:-1] = size[1:-1] > MIN_SPIKE_RATIO * np.maximum(size[:-2], size[2:])
+    return np.asarray(result & (result.mean(axis=0) <= MAX_WRONG_FRACTION))
+
+
 def _held_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
     """The rate at which a command is renewed; 0 of an input that is not held."""
     return 0.0 if spec.hold_of(channel) == "band-limited" else channel.rate_hz or spec.rate_hz or 0.0
@@ -138,6 +153,9 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
     return H
 
 
+_UNUSABLE = f"missing, not finite, or {MIN_SPIKE_RATIO:g} times above both neighbours"
+
+
 def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[Note, ...]:
     if good.all():
         return ()
@@ -148,7 +166,7 @@ def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tup
             table.path,
         )
     n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))
-    reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, "not finite")) if n]
+    reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, _UNUSABLE)) if n]
     text = f"{n_out} of {len(good)} lines are discarded: {' and '.join(reasons)}"
     # Analysers begin at 0 Hz, where no motion has an acceleration.
     severity: Severity = "information" if n_out == static else "warning"

@@ -11,6 +11,7 @@ negative direction is the same place with the other sign.
 """
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +28,7 @@ from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.modal.spec import GeometrySpec
 from elastid.recorded.files.log import StoredArray
 from elastid.recorded.files.text import TextLog
-from elastid.recorded.files.universal import UFF_QUANTITIES, is_universal_file, place_of, sets_of
+from elastid.recorded.files.universal import FUNCTIONS, UFF_QUANTITIES, is_universal_file, place_of, sets_of
 
 # Hz in one of the file's unit; MATLAB's time unit is the second unless the file states another.
 _IN_HZ = {
@@ -360,12 +361,12 @@ def _responses(path: Path) -> list[dict[str, Any]]:
     sets = sets_of(path, 58)
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
-        raise DataError(
-            "responses/table",
-            f"none of its {len(sets)} data sets 58 is a frequency response (function type 4). Export frequency "
-            "responses, or read time histories (type 1) as logs: experiment.recorded",
-            path,
+        counts = Counter(int(data_set["func_type"]) for data_set in sets)
+        named = (
+            ", ".join(f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items()) or "none"
         )
+        text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {named}"
+        raise DataError("responses/table", f"{text}. Export frequency responses or time histories", path)
     return responses
 
 
