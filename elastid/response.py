@@ -140,8 +140,10 @@ class Response(Kept):
     sliding, input_units : tuple of str
         Translating inputs and outputs, with units N and m; unit of each input with a voltage or a current.
     bias : complex array (n_b, n_u, F, n_y, n_u) or None
-        Systematic errors by friction of each input's motor, each with an unknown factor of unit variance; all
-        configurations share the first factors, the last one belongs to this configuration.
+        Systematic errors by friction of each input's motor or by images of its references, each with an unknown factor
+        of unit variance; all configurations share the first factors, the last one belongs to this configuration.
+    image_errors : int
+        Number of the first systematic errors in `bias` that are images of references instead of friction.
     correlated_lines : float
         Number of lines over which the noise of G is correlated (sum of the autocorrelation), 1 for independent lines.
     hold : HeldTorque or None
@@ -190,6 +192,7 @@ class Response(Kept):
     bias: ComplexArray | None = labelled(
         "error by friction", "{unit}", "extent inputs freq_hz outputs inputs", default=None
     )
+    image_errors: int = 0
     correlated_lines: float = 1.0
     hold: HeldTorque | None = None
     leakage: ComplexArray | None = labelled(
@@ -309,6 +312,7 @@ class Response(Kept):
             leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns],
             quality=None,
             bias=None,
+            image_errors=0,
             ratio_std=self.ratio_std[columns] if len(self.ratio_std) else self.ratio_std,
         )
 

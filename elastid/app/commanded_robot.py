@@ -72,9 +72,12 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
         f"joints {', '.join(found) or 'none'}.",
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
     ]
-    if is_whole and _stands_on_base(robot, result):
+    if is_whole:
         comments.append(
             "Inertia and gravity of each joint are identified. Half of the inertia is assigned to the rotor."
+            if _stands_on_base(robot, result)
+            else "The identified inertia J of each joint, with its links, is not in this file: "
+            "masses and inertias are those of the robot model."
         )
     comments += [
         "Link-side values, with standard deviation and 95 % interval:",

@@ -304,9 +304,11 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
     for joint, reason in prediction.missing.items():
         run.console.warn(f"joint {joint}: no prediction, {reason}")
     if not prediction.balances:
+        alone = ": they have no torques. Judge the model on commands: `elastid predict RUN --log LOG`"
+        why = " (see the warnings above)" if prediction.missing else alone
         raise DataError(
             "predict/mismatch",
-            "no joint can be predicted on these logs (see the warnings above)",
+            f"no joint can be predicted on these logs{why}",
             f"--with {path}",
         )
     return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words

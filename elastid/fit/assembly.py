@@ -252,7 +252,7 @@ class NoRestError(FitError):
 
 def is_friction_taken_out(response: Response) -> bool:
     """True if friction was, which leaves the errors of its levels among the systematic ones."""
-    return response.bias is not None and len(response.bias) > SYSTEMATIC_ERRORS
+    return response.bias is not None and len(response.bias) - response.image_errors > SYSTEMATIC_ERRORS
 
 
 def is_distorted_by_friction(response: Response) -> bool:
@@ -286,8 +286,12 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
     return high
 
 
-def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
+def relinearise(
+    assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, near: RelinearisedOptimum | None = None
+) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
+
+    near: an optimum of the same responses, whose motion-induced bias and factors are those of the start.
 
     Until it moves by less than 10 FINE, for 10 rounds at most, 30 with a robust loss: each gains a decimal or two, and
     of a quiet rig whose file is off the first moves by 1e5.
@@ -295,25 +299,31 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
     end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
-    moved, is_settled = math.inf, False
+    if near is not None:
+        pairs = zip(assembly.responses, near.responses, strict=True)
+        c, rested = near.factors, replace(assembly, responses=tuple(replace(G, G=at_rest.G) for G, at_rest in pairs))
+    moved, is_settled, history = math.inf, False, list[tuple[FloatArray, FloatArray]]()
     for i in range(rounds):
         try:
-            if i == 1 or (i == 2 and moved > 3):  # std: most effects of a motion do not move the optimum so far
-                rested = assembly.at_rest(end.x)
+            # std: most effects of a motion do not move the optimum so far
+            if (i == 1 and near is None) or (i == 1 + (near is None) and moved > 3):
+                rested, history = assembly.at_rest(end.x), []
             current = rested.reweighted(end.x)
             fit = current.at(end.x, criterion)
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
         if len(c):
             biased = current.with_modelled_bias(fit, end.x)
-            c = next_factors(biased.unbiased(c).as_linearised(fit, current), biased.responses, end.x, c)
+            following = next_factors(biased.unbiased(c).as_linearised(fit, current), biased.responses, end.x, c)
+            history = [*history[-1:], (c, following)]
+            c = accelerated(*history) if i > 1 and len(history) == 2 else following
             current, fit = biased, biased.unbiased(c).as_linearised(fit, current)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         precise = replace(fit.problem, evaluate=fit.evaluate)
         before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
-        is_whole = i > 0 or all(response.motion is None for response in assembly.responses)
+        is_whole = i > 0 or near is not None or all(response.motion is None for response in assembly.responses)
         is_settled = is_whole and (moved < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
             break
@@ -328,6 +338,18 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
     )
     notes = () if is_settled else (Note("fit/posture-mismatch", text),)
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
+
+
+def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, FloatArray]) -> FloatArray:
+    r"""Return the next c of an iteration c -> F(c) by Anderson's method of depth 1, from two pairs c, F(c).
+
+    .. math:: c_{k+1} = F(c_k) - \gamma\, (F(c_k) - F(c_{k-1})), \quad
+              \gamma = \frac{f_k^T (f_k - f_{k-1})}{\|f_k - f_{k-1}\|^2}, \quad f = F(c) - c
+
+    Poorly identifiable parameters make F contract slowly. (Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
+    """
+    f, change = now[1] - now[0], now[1] - now[0] - before[1] + before[0]
+    return np.asarray(now[1] - (f @ change) / max(float(change @ change), 1e-300) * (now[1] - before[1]))
 
 
 def _where_it_stands(

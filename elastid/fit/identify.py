@@ -128,7 +128,8 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
         if (freed := find_presliding(evidence)) is None:
             return evidence
         assembly, begin = freed[0], (replace(starts[0], x=freed[1]), *starts[1:])
-        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet)
+        near = evidence.optimum if evidence.optimum.end.converged else None
+        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet, near)
         if not are_identified(result, assembly.linearisation.presliding):
             return evidence
         both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
@@ -346,22 +347,24 @@ _Ends: TypeAlias = tuple[tuple[LocalOptimum, ...], int]  # best first, and how m
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
 
 
-def _with_found_floor(assembly: Assembly, spec: FitSpec, ends: _Ends, execution: Execution) -> _Found:
-    """Estimate with the model error of the study, by default estimated from the residuals.
+def _with_found_floor(
+    assembly: Assembly, spec: FitSpec, ends: _Ends, execution: Execution, near: RelinearisedOptimum | None = None
+) -> _Found:
+    """Estimate with the model error of the study, by default estimated from the residuals; near: see `relinearise`.
 
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
     lines, and springs and dampers take it up. There the floor is the usual one.
     """
     if spec.weights.model_error is not None:
-        return assembly, *_estimate(assembly, ends, execution)
+        return assembly, *_estimate(assembly, ends, execution, near)
     bare = assembly.with_floor(None)
-    estimate = _estimate(bare, ends, execution)
+    estimate = _estimate(bare, ends, execution, near)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if estimate[0].end.converged and not estimate[2].exceeds_noise and not is_distorted:
         return bare, *estimate
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, estimate[0]))
     del bare, estimate  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, ends, execution)
+    return floored, *_estimate(floored, ends, execution, near)
 
 
 def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Found:
@@ -408,9 +411,11 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
     return agreement is not None and agreement.disagrees
 
 
-def _estimate(assembly: Assembly, ends: _Ends, execution: Execution) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
+def _estimate(
+    assembly: Assembly, ends: _Ends, execution: Execution, near: RelinearisedOptimum | None
+) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
     starts, hits = ends
-    optimum = relinearise(assembly, starts[0], assembly.spec.criterion)
+    optimum = relinearise(assembly, starts[0], assembly.spec.criterion, near)
     fit, end = optimum.fit, optimum.end
     is_taken_out = any(map(is_friction_taken_out, assembly.responses))
     known = fit, optimum.responses, optimum.weights, end.x

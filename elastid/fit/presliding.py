@@ -45,6 +45,7 @@ FIRST_SHARES = (1e-3, 0.1)
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
 MOST_STD = 0.8  # of the logarithm of the stiffness of a spring that is identified
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
+STARTED = 0.6  # of the largest drop by a linear step at a starting rate, from which on a solve starts there, too
 
 Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad, and a, 1/s
 
@@ -77,7 +78,9 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
     for response in assembly.responses:
         if any(map(is_load, response.inputs)) or response.controller is not None:
             return ()
-        bias = response.bias[:-1] if response.bias is not None and is_friction_taken_out(response) else None
+        bias = None
+        if response.bias is not None and is_friction_taken_out(response):
+            bias = response.bias[response.image_errors : -1]
         places |= {
             place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
         }
@@ -127,31 +130,34 @@ class _State:
         """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
         if not self._sees(joint):
             return math.inf
-        J, of_springs, r = self._rows
-        both, free = (np.linalg.qr(rows.T)[0] for rows in (np.vstack([J, of_springs[joint]]), J))
-        return float(np.sum((both.T @ r) ** 2) - np.sum((free.T @ r) ** 2))
+        of_springs, r = self._rows
+        return float(np.sum((np.linalg.qr(of_springs[joint].T)[0].T @ r) ** 2))
 
     def starts(self, joint: str) -> list[tuple[RelaxingSpring, float, float]]:
-        """A spring with s and a for each starting rate: s by a linear step, both signs where the motion is not seen."""
+        """A spring with s and a for each starting rate that a linear step in s favours.
+
+        Both signs at two rates where the motion is not measured.
+        """
         rates = _rates(self.base.responses)
         usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_SHARES
         if not self._sees(joint):
             return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in (1, -1) for a in rates[1:-1].tolist()]
-        J, of_springs, r = self._rows
-        Q, C = np.linalg.qr(J.T)[0], of_springs[joint]
-        C = C - (C @ Q) @ Q.T
+        of_springs, r = self._rows
+        C = of_springs[joint]
         steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
+        drops = -steps * (C @ r)
         return [
             (RelaxingSpring(joint, 1 if s > 0 else -1), float(np.clip(abs(s), least * usual, usual)), a)
-            for s, a in zip(steps.tolist(), rates.tolist(), strict=True)
+            for s, a, drop in zip(steps.tolist(), rates.tolist(), drops.tolist(), strict=True)
+            if drop >= STARTED * drops.max()
         ]
 
     def _sees(self, joint: str) -> bool:
         return all(f"motor {joint}" in part.kernel.model.outputs for part in self.fit.parts)
 
     @cached_property
-    def _rows(self) -> tuple[FloatArray, dict[str, FloatArray], FloatArray]:
-        """dr/dx (n_x, N) with priors, dr/ds (n_a, N) at the starting rates by joint, and r (N,)."""
+    def _rows(self) -> tuple[dict[str, FloatArray], FloatArray]:
+        """dr/ds (n_a, N) at the starting rates by joint, without its projection on dr/dx, and r (N,), with priors."""
         rows, columns, residuals, rates = [], [], [], _rates(self.base.responses)
         for part in self.fit.parts:
             mixing = part.mixing
@@ -164,7 +170,8 @@ class _State:
         none = np.zeros((len(rates), len(distance)))  # priors have none
         seen = [joint for joint in columns[0] if all(joint in each for each in columns)]
         of_springs = {joint: np.hstack([*(each[joint] for each in columns), none]) for joint in seen}
-        return np.hstack([*rows, np.diag(slope)]), of_springs, np.concatenate([*residuals, distance])
+        Q = np.linalg.qr(np.hstack([*rows, np.diag(slope)]).T)[0]
+        return {joint: C - (C @ Q) @ Q.T for joint, C in of_springs.items()}, np.concatenate([*residuals, distance])
 
     def trials(self, joint: str) -> "Iterator[_State]":
         """States with a spring of another motor, from all starts."""

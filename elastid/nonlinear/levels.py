@@ -24,7 +24,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
 from elastid.base.statistics import mean_of_neighbours
 from elastid.nonlinear.friction import Kind, Shape
 from elastid.nonlinear.motion import NEIGHBOURS, Motion, motion_of
@@ -210,8 +210,8 @@ def _choices(
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
 SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
 MAX_DELAY_S = 0.025
-# Below, one near 0 where its score is so many standard deviations; half the power is not to be had there any more.
-SCORED_STD, NEAR_DELAYED_POWER = 5.0, 0.9
+# Below, one near 0: half the power cannot be saved there any more. Only where a linear step leaves so much less, too.
+NEAR_DELAYED_POWER = 0.9
 DELAY_ITERATIONS = 2  # of the levels at a delay, whose power has an error of 1e-4
 
 
@@ -225,7 +225,7 @@ def torque_delay(
     if not choice.shapes:
         return 0.0
     is_wide = choice.residual_power_ratio.max(initial=0.0) >= SEARCHED_ABOVE
-    if not is_wide and delay_score(data, candidates, choice) < SCORED_STD:
+    if not is_wide and delay_step_power(data, candidates, choice) > NEAR_DELAYED_POWER:
         return 0.0
     from scipy.optimize import minimize_scalar
 
@@ -247,10 +247,11 @@ def torque_delay(
     return float(search.x) if search.fun < limit else 0.0
 
 
-def delay_score(data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], choice: Choice) -> float:
-    r"""Delay of the torques over its standard deviation, in one step from 0: the most of a motor.
+def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], choice: Choice) -> float:
+    r"""Return the power that one step from 0 in the delays of the torques leaves in other realisations.
 
-    A late friction is :math:`\Phi f - j \omega T \Phi f`: a column more of each motor.
+    Relative to the power without delay, geometric mean over motors.  A late friction is
+    :math:`\Phi f - j \omega T \Phi f`: one column more for each motor, which cross-validation accepts or not.
     """
     chosen, motor_of = [candidates.index(shape) for shape in choice.shapes], choice.motor_of
     motors = np.unique(motor_of)
@@ -262,11 +263,18 @@ def delay_score(data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape
         for s in data
     ]
     equations = normal_equations(late, np.concatenate([f, np.zeros(len(motors))]), np.concatenate([motor_of, motors]))
-    is_free = np.concatenate([f > 0, np.ones(len(motors), np.bool_)])
-    free = replace(equations, A=equations.A[:, is_free][:, :, is_free], b=equations.b[:, is_free])
-    C = covariance(free)
-    T = (2 * C * equations.dof_share @ free.b.sum(axis=0))[-len(motors) :]
-    return float(np.max(np.abs(T) / np.sqrt(np.maximum(np.diag(C)[-len(motors) :], 1e-300)), initial=0.0))
+
+    def power(motor: int, members: IntArray) -> float:
+        A, b = equations.A[:, members[:, None], members], equations.b[:, members]
+        return held_out(A, b, equations.c[:, motor], lambda A, b: inverse(A) @ b)
+
+    powers = []
+    for column, motor in enumerate(motors.tolist(), len(f)):
+        acting = np.flatnonzero((motor_of == motor) & (f > 0))
+        powers.append((power(motor, np.append(acting, column)), power(motor, acting)))
+    late_power, power_at_0 = np.array(powers).T
+    ratios = quotient(late_power, power_at_0, 1.0)
+    return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-12)))))
 
 
 def delayed(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:

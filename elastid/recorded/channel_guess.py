@@ -86,7 +86,7 @@ class LogGuess:
     references: tuple[ChannelGuess, ...] = ()
 
     def with_separate_motions(self) -> "LogGuess":
-        """The joints, each with a motion of its own."""
+        """Drop joints that share the motion channel of an earlier joint."""
         motions = [joint.motion.key for joint in self.joints]
         return replace(self, joints=tuple(j for i, j in enumerate(self.joints) if motions[i] not in motions[:i]))
 

@@ -15,6 +15,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.recorded.repair import Log
+from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 from elastid.simulation.spec import ReferencePathSpec
@@ -79,6 +80,12 @@ class Drives:
             C_fb, C_ff = self.controlled(f_m)
             S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
             yield m, np.asarray(S * C_ff * self.low_passes(f_m) / filters)
+
+    @property
+    def is_subtracted(self) -> bool:
+        """True if images of references that are not logged can be subtracted: else the unknown lag dominates them."""
+        cycle = self.controller.cycle
+        return abs(self.rate_hz * cycle - 1) <= MAX_CLOCK_ERROR and cycle > 2 * np.pi * TORQUE_LAG_S
 
     def per_reference(self, freq_hz: FloatArray, tau: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
         """Compute the torques (F, n_u) of all images in a log late by tau, and of the lines."""

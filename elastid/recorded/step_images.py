@@ -16,14 +16,15 @@ error of K_v then cancels in the torques:
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.record import MOTION_ORDER
 from elastid.recorded.commanded_torques import (
-    TORQUE_LAG_S,
     Drives,
     Match,
     match_torques,
@@ -32,11 +33,12 @@ from elastid.recorded.commanded_torques import (
 )
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.time_stamps import MAX_CLOCK_ERROR
-from elastid.response import STEP_IMAGES
+from elastid.response import STEP_IMAGES, Response
 from elastid.robot import Robot
 
 _MIN_EXPLAINED = 0.25  # of the power of the torques, by the controller
 _LOWEST = 0.05  # of the rate: images are compared above, since they are small and friction dominates below
+_LAG_STD_S, _GAIN_STD = 1.5e-4, 0.15  # of the torques' lag with the delay of the log, and relative, of the gains
 _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, and no torque shows its reference
 
 
@@ -73,8 +75,7 @@ def without_step_images(
         return signals
     text = _size(drives, freq_hz, U)
     if abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR:
-        is_slow = controller.cycle > 2 * np.pi * TORQUE_LAG_S  # else the unknown lag dominates the images
-        if not roles["r"] and Q is not None and is_slow:
+        if not roles["r"] and Q is not None and drives.is_subtracted:
             return _subtracted(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
         if match is not None and match.explained > _MIN_EXPLAINED:
             return _subtracted(signals, u, _images_by_references(match, freq_hz, R), text, log)
@@ -84,6 +85,41 @@ def without_step_images(
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
+
+
+def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) -> Response:
+    r"""Return a response to torques with the systematic errors by images of references that are not logged.
+
+    .. math:: \delta G = -G \big[\delta\epsilon_j\, e_j e_j^T (I + C_{fb} P)
+              + \epsilon_j \gamma\, e_j e_j^T C_{fb} P\big], \qquad
+              \epsilon = \frac{\sum_{m \ne 0} L_m S_m C_{ff} F_r}{C_{ff} F_r}
+
+    for each motor j, P: angles of the motors by torques.  Subtracted images are wrong by the lag of the torques, delta
+    epsilon, and by the error gamma of the gains.  Images that were not subtracted have an unknown phase.
+    """
+    controller, rate_hz = recorded.controller, recorded.known_rate_hz
+    torques = {channel.at: channel for channel in recorded.channels if channel.role == "u"}
+    is_logged = any(channel.role in ("r", "reference") for channel in recorded.channels)
+    if controller is None or controller.reference is None or is_logged or not 0 < rate_hz * controller.cycle < 4:
+        return response
+    if any(place not in torques or place not in response.outputs for place in response.inputs):
+        return response
+    drives = Drives.of(controller, robot, [torques[place] for place in response.inputs], rate_hz)
+    f, rows = response.freq_hz, [response.outputs.index(place) for place in response.inputs]
+    C_fb, C_ff = drives.controlled(f)
+    s = 2j * np.pi * f[:, None]
+    P = response.G[:, rows] * s[..., None] ** -MOTION_ORDER[response.quantity]
+    fed_back, unit = C_fb[:, :, None] * P, np.eye(len(rows))
+    images = drives.per_reference(f)[0]
+    if drives.is_subtracted:
+        late, early = (drives.per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
+        changes = [((late - early) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
+    else:
+        rotated = sum(1j * np.sign(m) * image for m, image in drives.logged(f))
+        changes = [(part / np.sqrt(2), unit + fed_back) for part in (images, rotated)]
+    errors = np.stack([-np.einsum("fyj,fj,fju->jfyu", response.G, e / C_ff, by_torque) for e, by_torque in changes])
+    bias = np.zeros((1, *errors.shape[1:]), complex) if response.bias is None else response.bias
+    return replace(response, bias=np.concatenate([errors, bias]), image_errors=len(errors))
 
 
 def _without_jump(x: FloatArray) -> ComplexArray:

@@ -18,10 +18,13 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import CascadeSpec, FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.fit.identify import fit_parameters
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
+from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
+from elastid.recorded.step_images import with_image_errors
 from elastid.robot import Limits
 from elastid.robot.simplified import without_dry_friction
 from elastid.simulation.spec import ReferencePathSpec
@@ -63,21 +66,47 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(("is_logged", "suffix"), [(True, ""), (False, ""), (True, "-late")])
 def test_images_of_reference_steps_are_subtracted(is_logged: bool, suffix: str, logs: Path) -> None:
     """Torques at the cycle without a filter, delay free: k within 0.2 % and 3 std, logged references or not, late."""
-    files = tuple(FileSpec(f"{p}-r{m}-e{e}{suffix}.csv", p, m, e) for p in POSTURES for m in range(2) for e in range(2))
-    channels = (*U, *Y, *(R if is_logged else ()))
-    recorded = RecordedSpec(1 / CYCLE, channels, files, period=1.0, controller=CONTROLLER)
-    rig = RecordedRig(ROBOT, ExperimentSpec(POSTURES, recorded=recorded), logs)
-    records = [rig.measure(trial) for trial in rig.experiments]
+    records, recorded = measured(logs, CONTROLLER, (*U, *Y, *(R if is_logged else ())), suffix)
     notes = {(note.code, note.severity) for record in records for note in record.notes}
     assert notes == {("records/step-images", "information")}
-    each = [[r for r in records if r.configuration.name == name] for name in POSTURES]
-    responses = [estimate(of_one, EstimatorSpec(friction="none")) for of_one in each]
-    free = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*", "delay")}
-    start = ROBOT.with_parameters({"k_1": 2.4e5, "k_2": 2.4e5})
-    result = fit_parameters(responses, start, FitSpec(parameters=free, starts=1))
+    result = fitted(records, recorded)
     truth = {name: ROBOT.parameters()[name][0] for name in ("k_1", "k_2")}
     assert max(abs(result.values[name] / k - 1) for name, k in truth.items()) < 2e-3
     assert max(deviation(result, name, k) for name, k in truth.items()) < 3
+
+
+@pytest.mark.slow
+def test_images_by_inaccurate_gains_are_systematic_errors(logs: Path) -> None:
+    """Gains 10 to 15 % off, references not logged: k within 0.2 %, delay within 0.02 ms, both within 3 std."""
+    gains = GAINS | {"position_gain": 22.0, "velocity_gain": (2550.0, 1725.0)}
+    records, recorded = measured(logs, replace(CONTROLLER, **gains), (*U, *Y))
+    result = fitted(records, recorded)
+    truth = {name: ROBOT.parameters()[name][0] for name in ("k_1", "k_2")}
+    assert max(abs(result.values[name] / k - 1) for name, k in truth.items()) < 2e-3
+    assert max(deviation(result, name, k) for name, k in truth.items()) < 3
+    std = np.sqrt(np.diag(result.covariance))[result.parameters.free_names.index("delay")]
+    assert abs(result.values["delay"] - 0.5 / RATE) < min(2e-5, 3 * std)  # torques are held for a tick
+
+
+def measured(
+    logs: Path, controller: CascadeSpec, channels: tuple[ChannelSpec, ...], suffix: str = ""
+) -> tuple[list[Record], RecordedSpec]:
+    """Records of all logs with a stated controller."""
+    files = tuple(FileSpec(f"{p}-r{m}-e{e}{suffix}.csv", p, m, e) for p in POSTURES for m in range(2) for e in range(2))
+    recorded = RecordedSpec(1 / CYCLE, channels, files, period=1.0, controller=controller)
+    rig = RecordedRig(ROBOT, ExperimentSpec(POSTURES, recorded=recorded), logs)
+    return [rig.measure(trial) for trial in rig.experiments], recorded
+
+
+def fitted(records: list[Record], recorded: RecordedSpec) -> Result:
+    """Springs and delay by records of all postures."""
+    each = [[r for r in records if r.configuration.name == name] for name in POSTURES]
+    responses = [
+        with_image_errors(estimate(of_one, EstimatorSpec(friction="none")), recorded, ROBOT) for of_one in each
+    ]
+    free = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*", "delay")}
+    start = ROBOT.with_parameters({"k_1": 2.4e5, "k_2": 2.4e5})
+    return fit_parameters(responses, start, FitSpec(parameters=free, starts=1))
 
 
 @pytest.mark.slow

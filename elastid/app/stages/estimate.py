@@ -35,12 +35,11 @@ def estimate(study: Study, work: Work) -> Artefacts:
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
     names, friction, recorded = read_configurations(records), None, study.experiment.recorded
-    commands = recorded if recorded is not None and recorded.has_commands_alone else None
-    if estimator.friction != "none" and commands is None:
+    if estimator.friction != "none" and (recorded is None or not recorded.has_commands_alone):
         on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
         friction = find_friction(on_motors, estimator, lines, Execution(work.jobs))
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, commands=commands)
+    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, recorded=recorded)
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
@@ -62,19 +61,23 @@ def estimate_configuration(
     friction: FrictionTakenOut | None,
     robot: Robot | None,
     configuration: str,
-    commands: RecordedSpec | None = None,
+    recorded: RecordedSpec | None = None,
 ) -> tuple[Response, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  commands: logs
-    without torques, with the controller of their references.
+    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  recorded: logs,
+    maybe with the controller of their references.
     """
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
-    if commands is not None and robot is not None:
-        from elastid.recorded.reference_loop import with_reference_loop  # brings CasADi
+    if recorded is not None and recorded.controller is not None and robot is not None:
+        from elastid.recorded.reference_loop import with_reference_loop  # these bring CasADi
+        from elastid.recorded.step_images import with_image_errors
 
-        response = with_reference_loop(response, commands, robot, records[0])
+        if recorded.has_commands_alone:
+            response = with_reference_loop(response, recorded, robot, records[0])
+        else:
+            response = with_image_errors(response, recorded, robot)
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)

@@ -11,6 +11,7 @@ G e_j z e_j^T G of a noisy G would be correlated with its noise, and the factors
 a few realisations.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -92,12 +93,11 @@ def errors_of(response: Response) -> ComplexArray:
 def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
     """C (n_b, n_e) of the errors of one response: d Ghat / d c = C errors, zero where a factor is not of it."""
     n, n_u = (0, 0) if response.bias is None else response.bias.shape[:2]
-    shares = np.zeros((len(factors), n, n_u))
+    shares, counts = np.zeros((len(factors), n, n_u)), Counter(name for name, _, known in factors if known)
     for b, (name, i, configuration) in enumerate(factors):
         if name not in response.inputs or i >= n - 1:
             continue
-        count = sum(factor[0] == name and factor[2] != "" for factor in factors)
-        share = (configuration == response.configuration.name) - 1 / count if configuration else 1.0
+        share = (configuration == response.configuration.name) - 1 / counts[name] if configuration else 1.0
         shares[b, i, response.inputs.index(name)] = share
     return shares.reshape(len(factors), n * n_u)
 

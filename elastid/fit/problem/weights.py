@@ -14,6 +14,7 @@ from elastid.base.names import posture_of
 from elastid.base.workers import Kept
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import USUAL_FLOOR, FactorSpec, FitSpec, WeightSpec, misnamed
+from elastid.frf.matrices import inverse
 from elastid.response import Covariance, Response
 
 
@@ -43,7 +44,7 @@ class Whitening(Kept):
         both = used[:, :, None] & used[:, None, :]
         relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
         relative[:, diagonal, diagonal] += ~used
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(relative)))
+        return inverse(np.asarray(np.linalg.cholesky(relative)))
 
     def lines(self, keep: BoolArray | slice) -> "Whitening":
         """Whitening on some lines."""
