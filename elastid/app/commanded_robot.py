@@ -76,8 +76,8 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
         comments.append(
             "Inertia and gravity of each joint are identified. Half of the inertia is assigned to the rotor."
             if _stands_on_base(robot, result)
-            else "The identified inertia J of each joint, with its links, is not in this file: "
-            "masses and inertias are those of the robot model."
+            else "This file does not contain the identified total inertia J of each joint. Its masses and inertias are "
+            "copied from the robot model."
         )
     comments += [
         "Link-side values, with standard deviation and 95 % interval:",

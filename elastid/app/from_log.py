@@ -112,7 +112,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     guess = guess if robot is None else in_order_of(robot, guess, positions)
     unused = list(_unused(guess, [signal for signal, _ in read.signals], read.shapes, clock))
     unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
-    unused += [f"# Counted as missing, or no sample: {one_line(cell.partition('. ')[0])}" for cell in wrong]
+    unused += [f"# First cell without a number: {one_line(cell.partition('. ')[0])}" for cell in wrong]
     if guess.is_motion:
         _columns(read.firsts, form, guess, False)
         paths = [relative_paths(measurement, folder) for measurement in read.measurements]

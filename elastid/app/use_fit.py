@@ -240,7 +240,9 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
     recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
     if not isinstance(recorded, Mapping) or not recorded:
         raise StudyError(
-            "options/invalid", "--log takes the channels of experiment.recorded, which the study has not", study
+            "options/invalid",
+            "--log needs the section experiment.recorded, which is missing. Add it with channels and rate_hz",
+            study,
         )
     files = recorded.get("files") or [{}]
     entries = [
@@ -304,7 +306,7 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
     for joint, reason in prediction.missing.items():
         run.console.warn(f"joint {joint}: no prediction, {reason}")
     if not prediction.balances:
-        alone = ": they have no torques. Judge the model on commands: `elastid predict RUN --log LOG`"
+        alone = ", which contain no torques. For position references: `elastid predict RUN --log LOG`"
         why = " (see the warnings above)" if prediction.missing else alone
         raise DataError(
             "predict/mismatch",

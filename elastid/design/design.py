@@ -65,9 +65,10 @@ def presliding(fitted: Sequence[Measurement], robot: Robot) -> tuple[Note, ...]:
         ratio = motion / distances.get(place, math.nan)
         if AMPLITUDES[0] < ratio < AMPLITUDES[1]:
             text = (
-                f"between two reversals it moves {ratio:.2g} of the presliding distance (limit {AMPLITUDES[1]:g}), "
-                "so that friction acts as a spring and the stiffness is less certain than forecast. Raise "
-                f"excitation.torque_rms by a factor of {AMPLITUDES[1] / ratio:.2g}, or lower excitation.band_hz"
+                f"the distance between two reversals is {ratio:.2g} times the presliding distance (limit "
+                f"{AMPLITUDES[1]:g} times). Friction acts partly as a spring, and the stiffness is less certain than "
+                f"forecast. Raise excitation.torque_rms by a factor of {AMPLITUDES[1] / ratio:.2g}, or lower "
+                "excitation.band_hz"
             )
             notes.append(Note("design/presliding", text, place))
     return tuple(notes)

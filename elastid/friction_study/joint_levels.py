@@ -78,8 +78,9 @@ def find_joint_levels(
 
 
 GAINS_EXACT = (
-    "the controller's gains are taken as exact: inertia, Coulomb friction and the sum of viscous friction and velocity "
-    "gain are proportional to the position gain, and an error of the velocity gain is one of viscous friction"
+    "the gains of the controller are assumed exact. Inertia, Coulomb friction and the sum of viscous friction and "
+    "velocity gain scale with the position gain. An error of the velocity gain causes the opposite error of the "
+    "viscous friction"
 )
 
 
@@ -90,8 +91,8 @@ def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecor
         late = (records[0].gains or (0.0, 0.0))[0] / 2000
         unit = "N*s/m" if joint.slides else "N*m*s/rad"
         text += (
-            f". The controller is taken as continuous: if its period is 1 ms, viscous friction is {late:.2g} {unit} "
-            "higher. State the period by controller.reference.cycle and controller.ticks"
+            f". The controller is modelled as continuous. For a period of 1 ms, add {late:.2g} {unit} to the viscous "
+            "friction, or state controller.reference.cycle and controller.ticks"
         )
     gains = Note("friction/gains", text, f"joint {joint.name}", severity="information")
     return JointLevels(joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit)

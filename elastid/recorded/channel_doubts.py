@@ -227,7 +227,7 @@ def _of_sensor(joint: JointSignals) -> Iterator[Doubt]:
     is_certain = np.isfinite(std)
     if MIN_GAIN_OVER_STD * std < -gain or (not is_certain and relations[1].is_against_motion):
         text = f"motor torque and torque sensor ({names}) have opposite signs"
-        yield Doubt(i, "sign", f"{text}; a sensor behind the gear has role d with sign: -1 if both count alike")
+        yield Doubt(i, "sign", f"{text}; change the sign of the sensor channel (role d)")
         return
     if not is_certain:  # the sensor measures an inertia, which is a part of the motor's
         inertias = [relation.inertia for relation in relations]

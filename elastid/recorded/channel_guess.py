@@ -65,7 +65,7 @@ class JointGuess:
         gain = self.sensor_gain * self.torque.ratio
         if self.sensor is None or abs(np.log(gain)) < MAX_EFFICIENCY:
             return ""
-        return f"{self.torque.name} is {gain:.3g} times {self.sensor.name}; give unit, and side or ratio, of both"
+        return f"{self.torque.name} is {gain:.3g} times {self.sensor.name}. State unit, and side or ratio, of both"
 
     @property
     def slides(self) -> bool:

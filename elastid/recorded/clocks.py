@@ -136,8 +136,10 @@ def clock_of(log: Log) -> Clock:
             rate_hz = (typical_hz if grid is None else grid[1]) / TIME_UNITS[unit]
             is_even = grid is not None and len(grid[0]) > grid[0][-1]
             why = f"steps of {name}, which seems to be in {unit}"
-            why += f"; it does not rise after sample {falls[0]}" if len(falls) else ""
-            why += f"; wrong values: {len(wrong)}, the first at sample {wrong[0]}" if len(wrong) else ""
+            why += f"; the time does not rise after sample {falls[0]}" if len(falls) else ""
+            why += (
+                f"; {len(wrong)} wrong stamps were interpolated, the first at sample {wrong[0]}" if len(wrong) else ""
+            )
             return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
     for name, array in log.arrays.items():
         if array.rate_hz:

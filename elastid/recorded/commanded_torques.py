@@ -152,12 +152,12 @@ def report_controller(match: Match, log: Log) -> None:
     names = "position_gain", "velocity_gain"
     for channel, (of_position, of_velocity) in zip(match.drives.torques, match.gains().T.tolist(), strict=True):
         factors = of_position / max(of_velocity, 1e-300), of_velocity
-        wrong = [f"{n} {f:.3g}" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
+        wrong = [f"{n} = {f:.3g} times" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
         if wrong:
             text = (
-                f"{channel.at}: the logged torques fit the stated {' and '.join(wrong)} times as large (limit "
-                f"{100 * _MAX_GAIN_ERROR:.0f} % off). Correct experiment.recorded.controller; where only velocity_gain "
-                "is off, check the torque constant too"
+                f"{channel.at}: the logged torques indicate {' and '.join(wrong)} the stated value (limit "
+                f"{100 * _MAX_GAIN_ERROR:.0f} % deviation). Correct experiment.recorded.controller, or the torque "
+                "constant if only velocity_gain deviates"
             )
             log.note("records/controller", text)
 

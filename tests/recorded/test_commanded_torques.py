@@ -30,8 +30,8 @@ ROBOT = Robot(
 
 
 @pytest.mark.parametrize(("of_kp", "of_kd", "wrong"), [
-    (1.0, 1.0, ()), (1.04, 1.0, ()), (1.0, 1.25, ("velocity_gain 0.8",)), (1.25, 1.0, ("position_gain 0.8",)),
-    (1.25, 1.25, ("velocity_gain 0.8",)),
+    (1.0, 1.0, ()), (1.04, 1.0, ()), (1.0, 1.25, ("velocity_gain = 0.8",)), (1.25, 1.0, ("position_gain = 0.8",)),
+    (1.25, 1.25, ("velocity_gain = 0.8",)),
 ])  # fmt: skip
 def test_gains_that_the_torques_contradict_are_reported(
     of_kp: float, of_kd: float, wrong: tuple[str, ...], tmp_path: Path

@@ -150,7 +150,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
             if not spec.channels:
                 raise StudyError(
                     "study/invalid",
-                    "its inputs and outputs are unknown; give them as channels beside the files",
+                    "the inputs and outputs of this file are not stated. List them in experiment.responses.channels",
                     path,
                 )
             with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):

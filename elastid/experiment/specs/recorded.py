@@ -25,7 +25,8 @@ class CascadeSpec(GainsSpec):
         "speed. It replaces reference.velocity_feedforward.", least=0, most=1)] = 0.0
     reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: unknown).",
         "if the log has the rate of the references: their steps then alias into the torques. elastid subtracts these "
-        "aliases if the references are logged or the cycle is 2 ms or longer. Else it states their size.")] = None
+        "aliases if the references are logged, or positions are logged and the cycle is about 2 ms or longer. "
+        "Otherwise it warns.")] = None
     velocity: Annotated[Literal["difference", "exact"], Key("Velocity in the feedback: `difference` of two encoder "
         "positions, or `exact` (the velocity of the simulation).", "`exact` for logs of simulators, whose controllers "
         "read the joint velocity of the state.")] = "difference"
@@ -149,9 +150,9 @@ class RecordedSpec:
     half_wave: Annotated[bool, Key("If true, the excitation has odd lines only, and the negated second half of a "
         "period counts as a repetition.", "true for odd grids with few periods; even lines would turn into "
         "noise.")] = False
-    time: Annotated[str, Key("Name of the channel with time stamps in s, ms, us or ns, from which the samples are "
-        "interpolated to rate_hz (default: uniform sampling).", "for logs with dropouts or jitter, or with an "
-        "uncertain rate.")] = ""
+    time: Annotated[str, Key("Name of the channel with time stamps (s, ms, us, ns, or date and time), from which "
+        "the samples are interpolated to rate_hz (default: uniform sampling).", "for logs with dropouts or jitter, or "
+        "with an uncertain rate.")] = ""
     hold: Annotated[Hold, Key("Behaviour of the acting torques between samples. `zero-order`: logged commands; the "
         "model then includes half a sample of delay, a sinc and aliases. `band-limited`: torques measured through a "
         "filter, or much faster than the update of the drive.", "`zero-order` for commands; a wrong choice shows as a "

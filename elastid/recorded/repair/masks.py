@@ -88,8 +88,8 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         if lost:
             missing = np.concatenate([np.arange(a, b) for a, b in lost])
             result[missing, c] = np.nan
-            text = f"{log.names[c]} is constant or 0 for {missing.size} samples from {log.time_of(missing[0])} on"
-            log.report(MASKED, missing.size, f"{text}, while other channels vary; treated as missing")
+            text = f"{log.names[c]} is constant or 0 for {missing.size} samples in total while other channels vary"
+            log.report(MASKED, missing.size, f"{text}, first at {log.time_of(missing[0])}; treated as missing")
     return result
 
 

@@ -340,7 +340,11 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
     if 0 < len(twice) <= max(1.0, MAX_FALLING_FRACTION * len(time_s)) and even_grid(time_s) is None:
         place = log.time_of(twice[0])
-        log.report("rows with the stamp of another", len(twice), f"{len(twice)} stamps occur twice, first {place}")
+        log.report(
+            "rows with the stamp of another",
+            len(twice),
+            f"{len(twice)} rows have the time of the row before, the first at {place}; discarded",
+        )
         time_s, signals = np.delete(time_s, twice), np.delete(signals, twice, axis=0)
     falls = np.flatnonzero(np.diff(time_s) < 0)
     if not len(falls):
@@ -355,7 +359,7 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
         log.report("rows sorted by time", len(falls), f"{len(falls)} rows are not in the order of time, first {place}")
         return time_s[order], signals[order]
     gap_s = (MAX_BRIDGED + 2) * float(np.median(np.diff(time_s)))
-    log.report(SET_BACK, len(falls), f"the time runs backwards at {place}: a gap of unknown length")
+    log.report(SET_BACK, len(falls), f"the time falls at {place}, as if a clock was set back: a gap of unknown length")
     rises = np.diff(time_s, prepend=time_s[0])
     rises[falls + 1] = gap_s
     return np.cumsum(rises), signals

@@ -153,7 +153,7 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
     return H
 
 
-_UNUSABLE = f"missing, not finite, or {MIN_SPIKE_RATIO:g} times above both neighbours"
+_UNUSABLE = f"missing, 0, not finite, or above {MIN_SPIKE_RATIO:g} times both neighbours"
 
 
 def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[Note, ...]:
