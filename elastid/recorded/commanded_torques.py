@@ -24,7 +24,7 @@ _SMALLEST = 0.03  # of the largest reference: DFT lines with smaller ones are no
 # Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
 # before it.
 TORQUE_LAG_S = 3e-4
-# From this part of the power of the torques on, which the controller explains, its gains are known to _MAX_GAIN_ERROR.
+# From this part of the power of a torque on, which the controller explains, its gains are known to _MAX_GAIN_ERROR.
 _MIN_CERTAIN, _MAX_GAIN_ERROR = 0.98, 0.1
 _REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # from the log of a reference to the path that it takes
 
@@ -119,12 +119,13 @@ class Match:
     delay_s: float
     explained: float
 
-    def gains(self) -> FloatArray:
-        """Factors (2, n_u) of the parts by position and velocity gain that fit best."""
-        columns = np.stack([self.commanded - self.by_velocity, self.by_velocity])
-        U = self.U - self.images * self.scale
-        both = [[np.concatenate([z.real, z.imag]) for z in (*columns[:, :, j], U[:, j])] for j in range(U.shape[1])]
-        return np.stack([np.linalg.lstsq(np.stack(rows[:2], axis=1), rows[2])[0] for rows in both], axis=1)
+    def gains(self, motor: int) -> tuple[FloatArray, float]:
+        """Factors (2,) of the parts by position and velocity gain of a motor; the part of its power they explain."""
+        parts = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
+        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in parts)
+        A = np.stack(columns, axis=1)
+        factors = np.linalg.lstsq(A, u)[0]
+        return factors, 1 - float(np.sum((u - A @ factors) ** 2)) / max(float(u @ u), 1e-300)
 
 
 def match_torques(
@@ -147,10 +148,11 @@ def match_torques(
 
 def report_controller(match: Match, log: Log) -> None:
     """Report motors whose logged torques need other gains than the controller of the study."""
-    if match.explained < _MIN_CERTAIN:
-        return
     names = "position_gain", "velocity_gain"
-    for channel, (of_position, of_velocity) in zip(match.drives.torques, match.gains().T.tolist(), strict=True):
+    for motor, channel in enumerate(match.drives.torques):
+        (of_position, of_velocity), explained = match.gains(motor)
+        if explained < _MIN_CERTAIN:  # of a motor at rest, or with another controller
+            continue
         factors = of_position / max(of_velocity, 1e-300), of_velocity
         wrong = [f"{n} = {f:.3g} times" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
         if wrong:

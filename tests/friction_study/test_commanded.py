@@ -84,7 +84,7 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
 @pytest.mark.slow
 @pytest.mark.parametrize("differentiates", [False, True])
 def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates: bool, tmp_path: Path) -> None:
-    """Feedback held for 1 ms: f is k_p T / 2 = 10 % too low with a continuous controller, and J up to 5 %."""
+    """Feedback held for 1 ms: f is k_p T / 2 = 10 % too low with a continuous controller."""
     r = references(3000, 1, 0.35, 4.0)
     q = positions(one_joint, r, 0.005, tick=5, differentiates=differentiates)
     q += np.random.default_rng(3).normal(0, 1e-4, r.shape)

@@ -1,5 +1,6 @@
 """Logs of torques, positions and references: the torques show which gain of the stated controller is wrong."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ from plants.referenced_joint import RATE, N, ReferencedJoint
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import CascadeSpec, FileSpec, RecordedSpec
+from elastid.recorded.commanded_torques import Drives, match_torques, report_controller
+from elastid.recorded.repair import Log
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -48,3 +51,22 @@ def test_gains_that_the_torques_contradict_are_reported(
     texts = [note.text for note in rig.measure(rig.experiments[0]).notes if note.code == "records/controller"]
     assert len(texts) == bool(wrong)
     assert all(gain in text for text, gain in zip(texts, wrong, strict=True))
+
+
+def test_a_motor_at_rest_contradicts_no_gain() -> None:
+    """Motor 1 obeys the controller of the study, motor 2 has noise alone; of both 99.9 % of the power is explained."""
+    f, rng = np.linspace(1.0, 40.0, 80), np.random.default_rng(0)
+    axis = Body("next", "load", joints=(replace(ROBOT.driven[0], name="2"),), inertia=JOINT.load)
+    torques = [ChannelSpec("u", f"motor {i}", f"u{i}") for i in (1, 2)]
+    controller = CascadeSpec(position_gain=20.0, velocity_gain=20.0)
+    drives = Drives.of(controller, replace(ROBOT, bodies=(*ROBOT.bodies, axis)), torques, RATE)
+    R, Q = (rng.standard_normal((80, 2)) + 1j * rng.standard_normal((80, 2)) for _ in range(2))
+    R[:, 1] = Q[:, 1] = 0.0
+    C_fb, C_ff = drives.controlled(f)
+    U = C_ff * R - C_fb * Q + 0.1 * rng.standard_normal((80, 2))
+    match = match_torques(drives, f, U, R, Q, 0.0)
+    assert match is not None
+    assert match.explained > 0.999
+    log = Log("log", ("u1", "u2"))
+    report_controller(match, log)
+    assert not log.findings.at("record")
