@@ -315,8 +315,8 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     if not long or (not len(gaps) and long == [(0, len(lacking))]):
         return (gathered,)
     for start in gaps[:1, 0]:
-        text = f"{len(gaps)} gaps of more than {MAX_BRIDGED} samples, the first at {log.time_of(start)}"
-        log.report("logs divided at gaps", len(gaps), f"{text}: log divided into {len(long)} parts")
+        text = f"gaps of more than {MAX_BRIDGED} samples: {len(gaps)}, the first at {log.time_of(start)}"
+        log.report("logs divided at gaps", len(gaps), f"{text}; parts between them that are used: {len(long)}")
     return tuple(
         replace(
             gathered,
