@@ -47,8 +47,8 @@ CHANCE = 0.1
 class CommandedLog:
     """Commands and encoder positions (n, m) of the joints of one log, link side, SI.
 
-    command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains of a continuous controller that acts as that of
-    the log does; late_inertia (m,): of its late feedback (`acting_gains`).  velocity (m,): at the first sample.
+    command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains of the equivalent continuous controller;
+    late_inertia (m,), kg m^2: of its late feedback (`acting_gains`).  velocity (m,): at the first sample.
     carried (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
     is_held: true if commands are held from sample to sample, false if they are linear between samples.
     turns (m,): true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.

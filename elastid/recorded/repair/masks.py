@@ -74,7 +74,7 @@ def without_zero_rows(signals: FloatArray, log: Log) -> FloatArray:
 def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
     """Mask (NaN) runs in which a channel of signals (n, c) is 0 or hangs while others move, and which ends by a leap.
 
-    A leap is longer than the steps between 99 % of the samples.
+    A leap is longer than LEAP times the 99 % quantile of the steps of the channel.
     """
     result = np.copy(signals)
     size = np.maximum(np.nanstd(signals, axis=0), 1e-300)

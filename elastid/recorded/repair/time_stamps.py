@@ -356,10 +356,12 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
     if steps.min() > np.median(steps) / 2:
-        log.report("rows sorted by time", len(falls), f"{len(falls)} rows are not in the order of time, first {place}")
+        log.report(
+            "rows sorted by time", len(falls), f"{len(falls)} rows were not in time order, the first at {place}; sorted"
+        )
         return time_s[order], signals[order]
     gap_s = (MAX_BRIDGED + 2) * float(np.median(np.diff(time_s)))
-    log.report(SET_BACK, len(falls), f"the time falls at {place}, as if a clock was set back: a gap of unknown length")
+    log.report(SET_BACK, len(falls), f"the time falls at {place}, as after a clock was set back; treated as a gap")
     rises = np.diff(time_s, prepend=time_s[0])
     rises[falls + 1] = gap_s
     return np.cumsum(rises), signals
