@@ -15,6 +15,10 @@ filtering is no error of the equation and neither ripple nor the noise of deriva
 1997). What a joint does at rest and at reversals, where it sticks, is no sliding: samples as near are left out. The
 residuals of a real axis are not white; the covariance of `least_squares.solve` allows for it.
 
+Noise of the position attenuates the numbers of velocity and acceleration (errors in variables). Its variance in the
+acceleration grows with the fifth power of the passband, which is halved until the expected bias is small beside the
+std of the numbers.
+
 Axes that move together are regressed jointly with the rigid body that they carry,
 
 .. math:: u = Y(q, \dot q, \ddot q)\, \pi + J_m \ddot q + o + f \dot q + F_c\, \mathrm{sgn}\, \dot q
@@ -25,6 +29,7 @@ body lacks (springs, counterbalances, couplings of gears) stay in the residuals:
 are small. The base parameters, with the columns that they belong to, give the rigid body's torque along other logs.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -64,6 +69,7 @@ from elastid.friction_study.motion_terms import (
     axis_equations,
     change_of,
     equations_of,
+    noise_bias,
     regressed,
     shown_terms,
     with_other_curves,
@@ -73,6 +79,7 @@ from elastid.robot import Friction, MeasuredRange, Robot
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
+LOWEST_PASSBAND_HZ = 5.0  # to which it is halved where noise of the position biases the numbers
 # Share of the time of sliding at lower speeds, which is short.
 _SLOWEST_SHARE = 0.02
 # Numbers that are compared between both bands.
@@ -80,6 +87,8 @@ JUDGED = ("inertia", "viscous", "coulomb")
 
 
 # Limits of the judgement of a motion (scripts/studies/results.csv).
+NOISE_ERROR = 0.1  # of the expected shift between both bands by noise of the position, whose spectrum is assumed white
+MAX_BIAS = 0.5  # of a number by noise of the position, over its std, with which the band is wide enough
 NARROW_BAND = 0.25  # of the passband, in which a true model has the same numbers
 MAX_SHIFT = 2.8  # of a number between both bands, over its std, that counts as an error of the model
 SPRING_SHIFT = 0.5  # of a number with a spring between motor and link, over its std, that is a misfit
@@ -184,7 +193,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     agree better with a rigid joint have no such spring.
     """
     for _ in range(3):
-        fit = _regressed(motions, passband_hz)
+        fit = _regressed(motions, (passband_hz,))
         spring = fit.motion.spring
         if spring is None or 2 * abs(fit.chosen["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
             return fit
@@ -193,8 +202,9 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     return fit
 
 
-def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
-    signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
+def _regressed(motions: Sequence[Motion], passbands_hz: tuple[float, ...]) -> MotionFriction:
+    """Friction in the last passband; its judgement takes all of them, of which the first ones have too much noise."""
+    signals = [MotionSignals.of(motion, passbands_hz[-1]) for motion in motions]
     for signal in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
             if not signal.moves(direction) and not signal.motion.is_run_down:
@@ -209,22 +219,51 @@ def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
     if terms.apart and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
         terms = replace(terms, apart=False)
         chosen = with_other_curves(signals, terms, regressed(signals, terms))
+    bias = noise_bias(signals, terms.at(chosen), chosen)
+    if _is_noisy(chosen, bias) and (half_hz := passbands_hz[-1] / 2) >= LOWEST_PASSBAND_HZ:
+        try:
+            slow = [MotionSignals.of(motion, half_hz) for motion in motions]
+        except DataError:
+            slow = signals
+        if not any(signal.used.all() for signal in slow):
+            return _regressed(motions, (*passbands_hz, half_hz))
+    chosen = chosen.widened(bias)
     if motions[0].spring is not None:
         stiff = [replace(motion, spring=None) for motion in motions]
         rigid = regressed([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
         if rigid.sum_of_squares < chosen.sum_of_squares:
-            return _regressed(stiff, passband_hz)
+            return _regressed(stiff, passbands_hz)
         chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
     if fit.motion.is_run_down:
         return fit
-    bands = both_bands([MotionLog({"": signal}) for signal in signals], NARROW_BAND)
-    result = judged(fit, "", moved_numbers(bands, lambda log: axis_equations(log.first, fit.terms)))
-    if not bands:
-        return result
-    change, text = _by_spring(fit.chosen, [log.first for log in bands[1]], fit.terms)
-    misfit = "; ".join(filter(None, (text, result.misfit)))
-    return replace(result, chosen=result.chosen.widened(change), misfit=misfit)
+    misfits = list[str]()
+    for passband_hz in passbands_hz:
+        logs = [MotionLog({"": MotionSignals.of(motion, passband_hz)}) for motion in motions]
+        if bands := both_bands(logs, NARROW_BAND):
+            fit, text = _by_spring(fit, [log.first for log in bands[1]])
+            misfits.append(text)
+        fit = judged(fit, "", _moved_without_noise(bands, fit), passband_hz)
+        misfits.append(fit.misfit)
+    return replace(fit, misfit="; ".join(dict.fromkeys(filter(None, misfits))))
+
+
+def _moved_without_noise(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
+    """Shift of the numbers of one axis between both bands, without the expected shift by noise of the position."""
+    moved = moved_numbers(bands, lambda log: axis_equations(log.first, fit.terms))
+    if not moved:
+        return moved
+    wide, slow = (noise_bias([log.first for log in band], fit.terms, fit.chosen) for band in bands)
+    expected = dict(zip(fit.chosen.names, (slow - wide).tolist(), strict=True))
+    return {
+        (joint, name): (change - expected[name], math.hypot(std, NOISE_ERROR * expected[name]))
+        for (joint, name), (change, std) in moved.items()
+    }
+
+
+def _is_noisy(fit: Regression, bias: FloatArray) -> bool:
+    """True if the bias (n_x,) by noise of the position counts beside the std of a number."""
+    return any(abs(bias[i]) > MAX_BIAS * fit.std(name) for i, name in enumerate(fit.names) if name in JUDGED)
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
@@ -284,11 +323,15 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Hel
         yield Held("directions.coulomb", text)
 
 
-def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: MotionTerms) -> tuple[FloatArray, str]:
-    """The change of the numbers (n_x,) by a spring between motor and link, 0 within chance, and a misfit's reason."""
+def _by_spring(fit: MotionFriction, slow: Sequence[MotionSignals]) -> tuple[MotionFriction, str]:
+    """Friction with the change by a spring between motor and link in its intervals, and a misfit's reason.
+
+    The change is zero if the spring is within chance.
+    """
+    numbers, terms = fit.chosen, fit.terms
     rigid, elastic = (regressed(slow, replace(terms, spring=shows), steps=0) for shows in (False, True))
     if elastic.chance("spring", 1) > FALSE_ALARM:
-        return np.zeros(len(numbers.names)), ""
+        return fit, ""
     change = change_of(rigid, elastic)
     stds = np.max(np.abs(change) / np.maximum(np.sqrt(np.diag(numbers.covariance)), 1e-300))
     highest_hz = np.sqrt(max(elastic["inertia"], 0.0) / elastic["spring"]) / 2 / np.pi
@@ -297,7 +340,7 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
         f"motor is held; with it numbers change by {stds:.2g} std; move more slowly, or identify the spring from "
         "frequency responses"
     )
-    return change, text if stds > SPRING_SHIFT else ""
+    return replace(fit, chosen=numbers.widened(change)), text if stds > SPRING_SHIFT else ""
 
 
 Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
@@ -312,9 +355,9 @@ def moved_numbers(bands: Sequence[Sequence[MotionLog]], equations: Callable[[Mot
     return shift_between(wide, slow, rate_hz)
 
 
-def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
+def judged(fit: MotionFriction, joint: str, moved: Moved, passband_hz: float) -> MotionFriction:
     """Friction with the change between bands in its intervals where it is beyond chance, and a misfit's reason."""
-    numbers, passband_hz = fit.chosen, fit.passband_hz
+    numbers = fit.chosen
     changes = {name: change for (of, name), change in moved.items() if of == joint and name in JUDGED}
     shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
     stds, worst = max(((abs(change) / std, name) for name, (change, std) in changes.items()), default=(0.0, ""))
@@ -404,7 +447,7 @@ def regress_robot_motion(
     friction = {
         joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
     }
-    return {joint: replace(judged(fit, joint, moved), rigid_body=body) for joint, fit in friction.items()}, alone
+    return {joint: replace(judged(fit, joint, moved, fit.passband_hz), rigid_body=body) for joint, fit in friction.items()}, alone
 
 
 def _states(robot: Robot, log: MotionLog) -> FloatArray:
