@@ -193,7 +193,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     agree better with a rigid joint have no such spring.
     """
     for _ in range(3):
-        fit = _regressed(motions, (passband_hz,))
+        fit = _regressed(motions, passband_hz, passband_hz)
         spring = fit.motion.spring
         if spring is None or 2 * abs(fit.chosen["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
             return fit
@@ -202,9 +202,9 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     return fit
 
 
-def _regressed(motions: Sequence[Motion], passbands_hz: tuple[float, ...]) -> MotionFriction:
-    """Friction in the last passband; its judgement takes all of them, of which the first ones have too much noise."""
-    signals = [MotionSignals.of(motion, passbands_hz[-1]) for motion in motions]
+def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) -> MotionFriction:
+    """Friction in the passband, or in a half or quarter of it if noise of the position requires this."""
+    signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for signal in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
             if not signal.moves(direction) and not signal.motion.is_run_down:
@@ -220,32 +220,38 @@ def _regressed(motions: Sequence[Motion], passbands_hz: tuple[float, ...]) -> Mo
         terms = replace(terms, apart=False)
         chosen = with_other_curves(signals, terms, regressed(signals, terms))
     bias = noise_bias(signals, terms.at(chosen), chosen)
-    if _is_noisy(chosen, bias) and (half_hz := passbands_hz[-1] / 2) >= LOWEST_PASSBAND_HZ:
+    if _is_noisy(chosen, bias) and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
         try:
             slow = [MotionSignals.of(motion, half_hz) for motion in motions]
         except DataError:
             slow = signals
         if not any(signal.used.all() for signal in slow):
-            return _regressed(motions, (*passbands_hz, half_hz))
+            return _regressed(motions, half_hz, widest_hz)
     chosen = chosen.widened(bias)
     if motions[0].spring is not None:
         stiff = [replace(motion, spring=None) for motion in motions]
         rigid = regressed([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
         if rigid.sum_of_squares < chosen.sum_of_squares:
-            return _regressed(stiff, passbands_hz)
+            return _regressed(stiff, passband_hz, widest_hz)
         chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
-    if fit.motion.is_run_down:
-        return fit
-    misfits = list[str]()
-    for passband_hz in passbands_hz:
-        logs = [MotionLog({"": MotionSignals.of(motion, passband_hz)}) for motion in motions]
+    return fit if fit.motion.is_run_down else _with_model_errors(fit, motions, widest_hz)
+
+
+def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz: float) -> MotionFriction:
+    """Friction with errors of the model in its intervals and a misfit's reason.
+
+    A spring is visible in some band from the regression's to the widest; the numbers are compared in the widest.
+    """
+    bands, texts = tuple[list[MotionLog], ...](), list[str]()
+    halvings = round(math.log2(widest_hz / fit.passband_hz))
+    for band_hz in (widest_hz / 2**k for k in range(halvings, -1, -1)):
+        logs = [MotionLog({"": MotionSignals.of(motion, band_hz)}) for motion in motions]
         if bands := both_bands(logs, NARROW_BAND):
             fit, text = _by_spring(fit, [log.first for log in bands[1]])
-            misfits.append(text)
-        fit = judged(fit, "", _moved_without_noise(bands, fit), passband_hz)
-        misfits.append(fit.misfit)
-    return replace(fit, misfit="; ".join(dict.fromkeys(filter(None, misfits))))
+            texts.append(text)
+    fit = judged(fit, "", _moved_without_noise(bands, fit), widest_hz)
+    return replace(fit, misfit="; ".join(filter(None, (next(filter(None, texts), ""), fit.misfit))))
 
 
 def _moved_without_noise(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
@@ -447,7 +453,9 @@ def regress_robot_motion(
     friction = {
         joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
     }
-    return {joint: replace(judged(fit, joint, moved, fit.passband_hz), rigid_body=body) for joint, fit in friction.items()}, alone
+    return {
+        joint: replace(judged(fit, joint, moved, fit.passband_hz), rigid_body=body) for joint, fit in friction.items()
+    }, alone
 
 
 def _states(robot: Robot, log: MotionLog) -> FloatArray:
