@@ -32,6 +32,7 @@ are small. The base parameters, with the columns that they belong to, give the r
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import casadi as ca
@@ -403,6 +404,7 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
+_PIECE = 10_000  # samples whose columns are in memory at once
 # Numbers of a joint's frame in the order of the regressor's columns, with their units.
 _OF_FRAME = {"m": "kg"} | dict.fromkeys(("mcx", "mcy", "mcz"), "kg*m")
 _OF_FRAME |= dict.fromkeys(("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"), "kg*m^2")
@@ -422,7 +424,8 @@ def regress_robot_motion(
     """
     joints = tuple(logs[0].of_joints)
     chosen, regrouped = _base_columns(robot, joints, logs)
-    rigid = [_columns(robot, joints, joints, log, chosen) for log in logs]
+    of_chosen = RigidColumns(robot, joints, joints, chosen)
+    rigid = [of_chosen.filtered(log) for log in logs]
 
     def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
         return [equations_of(log, terms, block, sliding) for log, block in zip(logs, rigid, strict=True)]
@@ -436,7 +439,7 @@ def regress_robot_motion(
     least = solve(equations(terms), rate_hz)
     moved = moved_numbers(
         both_bands(logs, NARROW_BAND),
-        lambda log: equations_of(log, terms, _columns(robot, joints, joints, log, chosen)),
+        lambda log: equations_of(log, terms, of_chosen.filtered(log)),
     )
     names, units = zip(*_numbers(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
@@ -446,9 +449,9 @@ def regress_robot_motion(
     alone = [
         {
             joint: replace(signal, motion=replace(signal.motion, torque=signal.motion.torque - torque))
-            for (joint, signal), torque in zip(log.of_joints.items(), (columns @ least_shrunk).T, strict=True)
+            for (joint, signal), torque in zip(log.of_joints.items(), of_chosen.torques(log, least_shrunk), strict=True)
         }
-        for log, columns in zip(logs, rigid, strict=True)
+        for log in logs
     ]
     friction = {
         joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
@@ -458,14 +461,15 @@ def regress_robot_motion(
     }, alone
 
 
-def _states(robot: Robot, log: MotionLog) -> FloatArray:
+def _states(robot: Robot, log: MotionLog, samples: slice = slice(None)) -> FloatArray:
     """q, v, a (3, n_l, n) of all joints of the robot."""
     names = [joint.name for joint in robot.joints]
-    state = np.zeros((3, len(names), len(log.first.position)))
+    state = np.zeros((3, len(names), len(log.first.position[samples])))
     for joint, angle in log.resting.items():
         state[0, names.index(joint)] = angle
     for joint, signal in log.of_joints.items():
-        state[:, names.index(joint)] = signal.position, signal.velocity, signal.acceleration
+        moved = (signal.position, signal.velocity, signal.acceleration)
+        state[:, names.index(joint)] = [part[samples] for part in moved]
     return state
 
 
@@ -474,9 +478,10 @@ def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
     if robot.loops:
         text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
         raise DataError("friction/rigid-body", text, f"robot {robot.name}")
-    names, state = [joint.name for joint in robot.joints], _states(robot, log)
+    names, dynamics = [joint.name for joint in robot.joints], inverse_dynamics(robot)
     theta = np.array([[value] for value, _ in robot.parameters().values()])
-    tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
+    states = (_states(robot, log, slice(i, i + _PIECE)) for i in range(0, len(log.first.position), _PIECE))
+    tau = np.hstack([dynamics(*state, np.tile(theta, state.shape[2])).full() for state in states])
     rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
     return {joint: tau[names.index(joint)] + rotors[joint] * axis.acceleration for joint, axis in log.of_joints.items()}
 
@@ -489,7 +494,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
     rows = tuple(joint for joint in log.of_joints if joint in body.joints)
     if not rows:
         return {}
-    sample = _columns(robot, body.joints, rows, log).reshape(-1, len(body.columns))
+    sample = RigidColumns(robot, body.joints, rows).sampled(log).reshape(-1, len(body.columns))
     left = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0)
     lacking = left / _sizes(sample) > MAX_UNIDENTIFIED
     if lacking.any():
@@ -499,8 +504,8 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
             f"the motion needs rigid-body parameters that are not identified ({first}"
             f"{', ...' if lacking.sum() > 3 else ''}). Use a friction study of a log in which these joints move",
         )
-    torques = _columns(robot, body.joints, rows, log, body.chosen) @ body.predicting
-    return {joint: torques[:, i] for i, joint in enumerate(rows)}
+    torques = RigidColumns(robot, body.joints, rows, body.chosen).torques(log, body.predicting)
+    return dict(zip(rows, torques, strict=True))
 
 
 def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
@@ -516,7 +521,8 @@ def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLo
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """
-    sample = np.vstack([column for log in logs for column in _columns(robot, joints, joints, log)])
+    every = RigidColumns(robot, joints, joints)
+    sample = np.vstack([columns for log in logs for columns in every.sampled(log)])
     size = _sizes(sample)
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
@@ -531,23 +537,57 @@ def _sizes(sample: FloatArray) -> FloatArray:
     return np.where(size > 1e-9 * size.max(), size, np.inf)
 
 
-def _columns(
-    robot: Robot, joints: Sequence[str], rows: Sequence[str], log: MotionLog, chosen: IntArray | None = None
-) -> FloatArray:
-    """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; all for None, at some 500 instants."""
-    names, state = [joint.name for joint in robot.joints], _states(robot, log)
-    if chosen is None:
-        chosen, state = np.arange(10 * len(names) + 2 * len(joints)), state[:, :, :: max(1, state.shape[2] // 500)]
-    n, n_l, places, m = state.shape[2], len(names), [names.index(joint) for joint in rows], len(joints)
-    q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
-    of_frames = chosen[chosen < 10 * n_l].tolist()
-    Y = ca.Function("part", [q, v, a], [regressor(robot)(q, v, a)[places, of_frames]])
-    rotors = np.zeros((n, len(rows), 2 * m))
-    for i, (joint, place) in enumerate(zip(rows, places, strict=True)):
-        k = list(joints).index(joint)
-        rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
-    of_rigid_body = np.asarray(ca.DM(Y(*state))).reshape(len(rows), n, -1).swapaxes(0, 1)
-    return np.concatenate([of_rigid_body, rotors[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
+@dataclass(frozen=True)
+class RigidColumns:
+    """Columns of all but friction in the torques of the joints of `rows`, of joints that moved together.
+
+    chosen: indices of the columns in `_numbers`; None for all.
+    """
+
+    robot: Robot
+    joints: tuple[str, ...]
+    rows: tuple[str, ...]
+    chosen: IntArray | None = None
+
+    @cached_property
+    def _function(self) -> tuple[ca.Function, IntArray, list[int]]:
+        """Rigid body's columns from q, v, a; indices of rotors and offsets among `chosen`; places of the rows."""
+        n_l, names = len(self.robot.joints), [joint.name for joint in self.robot.joints]
+        chosen = np.arange(10 * n_l + 2 * len(self.joints)) if self.chosen is None else self.chosen
+        places = [names.index(joint) for joint in self.rows]
+        q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
+        columns = regressor(self.robot)(q, v, a)[places, chosen[chosen < 10 * n_l].tolist()]
+        return ca.Function("part", [q, v, a], [columns]), chosen[chosen >= 10 * n_l] - 10 * n_l, places
+
+    def at(self, log: MotionLog, samples: slice) -> FloatArray:
+        """Columns (n, len(rows), n_b) at some samples."""
+        (function, further, places), state = self._function, _states(self.robot, log, samples)
+        n, m = state.shape[2], len(self.joints)
+        rotors = np.zeros((n, len(places), 2 * m))
+        for i, (joint, place) in enumerate(zip(self.rows, places, strict=True)):
+            k = self.joints.index(joint)
+            rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
+        of_rigid_body = np.asarray(ca.DM(function(*state))).reshape(len(places), n, -1).swapaxes(0, 1)
+        return np.concatenate([of_rigid_body, rotors[:, :, further]], axis=2)
+
+    def sampled(self, log: MotionLog) -> FloatArray:
+        """Columns (n, len(rows), n_b) at some 500 samples."""
+        return self.at(log, slice(0, None, max(1, len(log.first.position) // 500)))
+
+    def torques(self, log: MotionLog, numbers: FloatArray) -> FloatArray:
+        """Torque (len(rows), n) of numbers (n_b,)."""
+        starts = range(0, len(log.first.position), _PIECE)
+        return np.concatenate([self.at(log, slice(i, i + _PIECE)) @ numbers for i in starts]).T
+
+    def filtered(self, log: MotionLog) -> FloatArray:
+        """Columns behind the filter of both sides, at the samples that are kept."""
+        kept, reach = log.first.kept, len(log.first.taps) + log.first.kept.step
+        pieces = []
+        for start in range(kept.start, kept.stop, _PIECE // kept.step * kept.step or kept.step):
+            stop, first = min(start + (_PIECE // kept.step * kept.step or kept.step), kept.stop), max(0, start - reach)
+            here = replace(log.first, kept=slice(start - first, stop - first, kept.step))
+            pieces.append(here.filtered(self.at(log, slice(first, stop + reach))))
+        return np.concatenate(pieces)
 
 
 def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:

@@ -256,7 +256,7 @@ def equations_of(
     sliding: bool = True,
     about: Regression | None = None,
 ) -> Equations:
-    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all at full rate.
+    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all behind the filter.
 
     sliding: of samples that are clear of reversals alone.
     """
@@ -266,7 +266,7 @@ def equations_of(
     X = np.zeros((*used.shape, len(names)))
     for k, (i, _, name) in enumerate(names):
         X[:, i, k] = columns[i][name]
-    R = np.zeros((*used.shape, 0)) if rigid is None else log.first.filtered(rigid)
+    R = np.zeros((*used.shape, 0)) if rigid is None else rigid
     y = np.stack([axis.filtered(axis.motion.torque) for axis in log.of_joints.values()], axis=1)
     states = [axis.filtered(state) for axis in log.of_joints.values() for state in (axis.position, axis.velocity)]
     numbers = tuple((joint, name) for _, joint, name in names)
