@@ -213,7 +213,7 @@ class JointSamples:
         return np.pad(span >= 2 * reach * MOVING * count, reach)
 
 
-@frozen_value
+@dataclass(frozen=True)
 class Track:
     """Followed numbers x (n, p) over n samples, their std (n, p), and variance (n, p) without errors of held ones.
 
@@ -294,33 +294,39 @@ class KalmanFilter:
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
         drift, own = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
         given = np.tile(noise.vector(joint, self.rate_hz), (_BLOCK, 1))
-        parts, times, (x, P) = list[tuple[FloatArray, ...]](), np.zeros(1), first_estimate(joint, 0.0)
+        lengths, start, (x, P) = [len(motion.angle) for motion in motions], 0, first_estimate(joint, 0.0)
         shapes = [(_BLOCK, n_x), (_BLOCK, P.shape[1], n_x), (_BLOCK,), (_BLOCK,)]
-        for motion in motions:
+        numbers, time_s = np.empty((3, sum(lengths), p)), np.zeros(sum(lengths) + 1)
+        innovations = np.empty((2, sum(lengths)))
+        for n, motion in zip(lengths, motions, strict=True):
             before, P_before = x, P
             first = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
             half, later = np.diff(first) * self.rate_hz / FIRST_SAMPLES
             x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
-            if parts:
+            if start:
                 x[own], P[own] = before[own], P_before[own]
                 P[own, : n_x - p] = 0.0
-                P[own, own] += np.diag(drift**2 * max(0.0, motion.start_s - times[-1]))
-            n = len(motion.angle)
-            signals = np.pad(np.stack([motion.torque, motion.load, motion.angle]), ((0, 0), (0, -n % _BLOCK)), "edge")
+                P[own, own] += np.diag(drift**2 * max(0.0, motion.start_s - time_s[start]))
             for begin in range(0, n, _BLOCK):
-                block = np.ascontiguousarray(signals[:, begin : begin + _BLOCK])
+                block = np.stack(
+                    [signal[begin : begin + _BLOCK] for signal in (motion.torque, motion.load, motion.angle)]
+                )
+                here = slice(start + begin, start + begin + block.shape[1])
+                block = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])), "edge")
                 every = evaluated(self._block, [x, P.T, *block, given], shapes)
                 states, spread, e, S = (output[: n - begin] for output in every)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, own]
                 held = np.sum(spread[:, n_x:, own] ** 2, axis=1)
-                parts.append((states[:, own].copy(), np.sqrt(variance), variance - held, e, S))
+                numbers[:, here] = states[:, own], np.sqrt(variance), variance - held
+                innovations[:, here] = e, S
                 x, P = states[-1], spread[-1].T.copy()
-            times = np.append(times, motion.start_s + np.arange(1, n + 1) / self.rate_hz)
+            time_s[start + 1 : start + n + 1] = motion.start_s + np.arange(1, n + 1) / self.rate_hz
+            start += n
         moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
         moves |= moves.mean() < 0.1
         covariance = P[own, own] - P[own, n_x:] @ P[own, n_x:].T
-        x, std, variance, e, S = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, times[1:], moves)
+        (x, std, variance), (e, S) = numbers, innovations
+        return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, time_s[1:], moves)
 
 
 def estimate_noise(

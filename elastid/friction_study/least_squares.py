@@ -28,7 +28,7 @@ from scipy.fft import dct
 from scipy.optimize import least_squares
 from scipy.special import fdtri, stdtr, stdtrit
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, f_test
 
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
@@ -254,9 +254,10 @@ def _expected(
 ) -> tuple[FloatArray, FloatArray]:
     r"""Mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
 
-    of_errors (n, m, n_x): of each log, the parts that its errors have in those of the numbers.  explained:
-    orthonormal columns (n, m, r) of all numbers in some blocks, which the residuals lack, so that these are smaller than the errors, above all
-    where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of B terms,
+    of_errors (n, m, n_x): of each log, contributions of its errors to the errors of the numbers.  explained: blocks of
+    orthonormal columns (n, m, r) of all numbers, which the residuals lack, so that these are smaller than the errors,
+    above all where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of
+    B terms,
 
     .. math:: V = \frac{2}{B} \mathrm{tr}\, C D (I - Q Q^T) D C^T, \quad D = \mathrm{diag}(w), \quad Q Q^T: explained
     """

@@ -227,6 +227,7 @@ def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) 
         except DataError:
             slow = signals
         if not any(signal.used.all() for signal in slow):
+            del signals, slow  # before others are made
             return _regressed(motions, half_hz, widest_hz)
     chosen = chosen.widened(bias)
     if motions[0].spring is not None:

@@ -18,8 +18,8 @@ from math import comb
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
-from scipy.ndimage import maximum_filter1d
+from scipy.interpolate import BSpline
+from scipy.ndimage import correlate1d, maximum_filter1d, spline_filter1d
 from scipy.signal import butter, cont2discrete, lfilter, resample_poly, sosfiltfilt, upfirdn
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
@@ -262,23 +262,21 @@ class MotionSignals:
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
         # The position where the torque acts: a command that is held acts half a sample later.
-        samples, acting = np.arange(len(motion.position)), motion.position
+        acting = motion.position
         if motion.torque_delay_s:
-            acting = np.asarray(make_interp_spline(samples, acting, k=5)(samples + motion.torque_delay_s * rate))
+            acting = spline_derivative(spline_filter1d(acting, 5), 0, motion.torque_delay_s * rate)
         position = np.asarray(sosfiltfilt(smooth, acting))
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
-        spline = make_interp_spline(samples / rate, position, k=5)
-        logged = make_interp_spline(samples / rate, acting, k=5)
-        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
+        spline, logged = spline_filter1d(position, 5), spline_filter1d(acting, 5)
+        derivatives = np.stack([spline_derivative(logged, order) * rate**order for order in (1, 2)])
         # A jump between two samples is sampled as its part within the band is.
         # Samples of jumps in a period of the passband.
         finer = max(1, int(np.ceil(100.0 * passband_hz / rate)))
-        instants = np.arange(finer * len(position)) / (finer * rate)
-        velocity = np.asarray(spline(instants, nu=1))
+        velocity = np.stack([spline_derivative(spline, 1, i / finer) * rate for i in range(finer)], axis=1).ravel()
         direction = resample_poly(np.sign(velocity), 1, finer, padtype="line")
         taps = b_spline_taps(rate, passband_hz)
         kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
-        acceleration = np.asarray(spline(samples / rate, nu=2))
+        acceleration = spline_derivative(spline, 2) * rate**2
         return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
 
     @cached_property
@@ -362,6 +360,13 @@ class MotionSignals:
         """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
         inside = self.velocity[self.kept.start : self.kept.stop]
         return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
+
+
+def spline_derivative(coefficients: FloatArray, order: int, shift: float = 0.0) -> FloatArray:
+    """Derivative (n,) per sample^order of a quintic spline at its samples plus a shift of less than one sample."""
+    basis = BSpline.basis_element(np.arange(-3.0, 4.0), extrapolate=False)
+    weights = np.nan_to_num((basis.derivative(order) if order else basis)(shift - np.arange(-3, 4)))
+    return np.asarray(correlate1d(coefficients, weights, mode="mirror"))
 
 
 # Boxes whose convolution the taps are, and their width over a period of the passband for -3 dB at its end.

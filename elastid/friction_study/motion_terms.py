@@ -201,8 +201,11 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
     """Stribeck velocity (of m candidates) that best explains the residual of a regression without Stribeck effect."""
     logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
-    falls = [axis.direction[:, None] * np.exp(-((axis.velocity[:, None] / velocities) ** 2)) for axis in signals]
-    filtered = [axis.filtered(fall) * axis.used[:, None] for axis, fall in zip(signals, falls, strict=True)]
+    filtered = [
+        np.stack([axis.filtered(axis.direction * np.exp(-((axis.velocity / v) ** 2))) for v in velocities], axis=1)
+        * axis.used[:, None]
+        for axis in signals
+    ]
     Q = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
     left, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
     return float(velocities[np.argmax((left @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
