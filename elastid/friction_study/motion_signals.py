@@ -11,7 +11,7 @@ plateau, whose ends are where the line is left. Elsewhere, as in ways with sever
 velocity is steady.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import comb
@@ -40,6 +40,7 @@ def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray,
     return position, velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 
 
+PIECE = 20_000  # samples whose columns are in memory at once
 # Thresholds of plateaus and their pairs, and of the judgement of passes.
 STEADY_SHARE = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
 SHORTEST_S = 0.15
@@ -303,6 +304,22 @@ class MotionSignals:
         sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
         first = (before + h) // kept.step
         return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
+
+    def pieces(self) -> Iterator[tuple["MotionSignals", slice]]:
+        """Parts whose kept samples are together those of all, and their samples; ends within the filter are in both."""
+        step, n, log = self.kept.step, len(self.position), self.motion
+        reach, size = len(self.taps) + step, max(1, PIECE // step) * step
+        for start in range(self.kept.start, self.kept.stop, size):
+            stop = min(start + size, self.kept.stop)
+            here = slice(max(0, start - reach), min(n, stop + reach))
+            names = ("position", "torque", "temperature", "payload_torque")
+            cut = {name: None if (x := getattr(log, name)) is None else x[here] for name in names}
+            part = replace(
+                self, motion=replace(log, **cut), kept=slice(start - here.start, stop - here.start, step),  # type: ignore[arg-type]
+                derivatives=self.derivatives[:, here],
+                **{name: getattr(self, name)[here] for name in ("position", "velocity", "acceleration", "direction")},
+            )  # fmt: skip
+            yield part, here
 
     @property
     def noise_powers(self) -> FloatArray:
