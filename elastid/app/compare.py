@@ -16,7 +16,7 @@ from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, own_path
-from elastid.fit.parameter_choice import choose, named_geometry
+from elastid.fit.parameter_selection import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant

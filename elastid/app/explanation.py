@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from elastid.base.display import capital
-from elastid.nonlinear.effects import SHEET
+from elastid.nonlinear.basis_functions import SHEET
 from elastid.store.friction_study import read_friction_result
 from elastid.store.results import read_fit, read_gears
 from elastid.study import load

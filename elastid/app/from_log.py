@@ -23,8 +23,8 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
-from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import (
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.channel_guess import (
     MIN_SAMPLES,
     JointGuess,
     LogGuess,
@@ -33,13 +33,13 @@ from elastid.recorded.channel_guess import (
     signals_of,
     wrong_cells,
 )
-from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_name
-from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
-from elastid.recorded.command_log import gains_in
-from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.text import TextLog, described_format, guess_format
-from elastid.recorded.files.universal import is_universal_file, time_histories
-from elastid.recorded.repair.periodicity import find_period, repetition
+from elastid.logs.channel_names import ChannelGuess, ChannelKey, guess_by_name
+from elastid.logs.clocks import MAX_SAMPLES, Clock, clock_of
+from elastid.logs.command_log import gains_in
+from elastid.logs.files.formats import opened_log
+from elastid.logs.files.text import TextLog, described_format, guess_format
+from elastid.logs.files.universal import is_universal_file, time_histories
+from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Joint, Robot
 
 _SAME_RATE = 0.01  # relative difference of the rates of logs of one study

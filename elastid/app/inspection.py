@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from elastid.base.arrays import FloatArray, shown_values, value_range
 from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.clocks import is_clock
-from elastid.recorded.files.formats import is_log, naming, opened_log
-from elastid.recorded.files.text import BLOCK_LINES, TextLog, described_format, guess_format
-from elastid.recorded.files.universal import is_universal_file
-from elastid.recorded.repair.time_stamps import even_grid, steps_in_words
-from elastid.recorded.responses.reading import contents_of
-from elastid.recorded.responses.table import HOW_TO_SAVE
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.clocks import is_clock
+from elastid.logs.files.formats import is_log, naming, opened_log
+from elastid.logs.files.text import BLOCK_LINES, TextLog, described_format, guess_format
+from elastid.logs.files.universal import is_universal_file
+from elastid.logs.repair.time_stamps import even_grid, steps_in_words
+from elastid.logs.responses.reading import contents_of
+from elastid.logs.responses.table import HOW_TO_SAVE
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
 from elastid.store.reading import described as described_artefact

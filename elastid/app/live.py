@@ -31,12 +31,12 @@ from elastid.experiment.simulated.hardware import logged_quantity
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.fit.fitted_robot import estimated_robot
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
-from elastid.recorded.files.formats import is_log
+from elastid.logs.files.formats import is_log
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp

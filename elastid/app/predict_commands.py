@@ -17,10 +17,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import MisfitError, StudyError
 from elastid.base.execution import Execution
-from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.experiment.specs.logs import RecordedSpec
 from elastid.fit.fitted_robot import estimated_robot
+from elastid.logs.command_log import CommandLog, read_command_log, read_study_log
 from elastid.record import JointLoop
-from elastid.recorded.command_log import CommandLog, read_command_log, read_study_log
 from elastid.report.figures.fit import command_errors_figure
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of

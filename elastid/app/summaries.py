@@ -23,12 +23,12 @@ from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.values import SCHEMA, json_value, write_json
-from elastid.validation.agreement import Agreement, Validation
+from elastid.validation.frf_error import Agreement, Validation
+from elastid.validation.simulation import NO_TWIN, TwinFindings
 from elastid.validation.torque_balance import BandBalance, TorqueBalance
-from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
-    from elastid.friction_study.motion import RigidBody
+    from elastid.friction_study.inverse_dynamics_regression import RigidBody
     from elastid.friction_study.result import FrictionResult
 
 

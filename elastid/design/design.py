@@ -10,16 +10,16 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
-from elastid.design.choice import choose_configurations
+from elastid.design.configuration_selection import choose_configurations
 from elastid.design.forecast import COULOMB_RATIO, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
+from elastid.design.predicted_response import Prospect
 from elastid.design.problem import DesignProblem, Measurement, best_spectra_of, with_torques, with_typical_spectrum
-from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, room, unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.parameter_choice import with_tolerances
+from elastid.fit.parameter_selection import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels, frictions
 from elastid.linear.presliding import AMPLITUDES
 from elastid.record import Configuration, drive_unit

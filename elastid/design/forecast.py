@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled, quotient
 from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
-from elastid.design.prospect import ExpectedResponse, expected_fit
+from elastid.design.predicted_response import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.least_squares import as_real

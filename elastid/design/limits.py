@@ -22,8 +22,8 @@ from elastid.base.execution import Execution
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
 from elastid.excitation.phases import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.movement import Rehearsal, reference, references
 from elastid.experiment.plan.plan import Experiment, Plan, torque_rms
+from elastid.experiment.plan.reference_trajectory import Rehearsal, reference, references
 from elastid.experiment.simulated.plant import closed_loop_of, feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Configuration

@@ -26,14 +26,14 @@ from elastid.base.execution import Execution
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.base.units import to_si
-from elastid.design.choice import Candidates, informations, obstacles
+from elastid.design.configuration_selection import Candidates, informations, obstacles
 from elastid.design.design import settled_problem
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of
 from elastid.design.spec import unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
-from elastid.fit.parameter_choice import with_tolerances
+from elastid.fit.parameter_selection import with_tolerances
 from elastid.fit.result import Result
 from elastid.parameters import Parameters
 from elastid.record import Configuration

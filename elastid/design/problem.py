@@ -8,19 +8,19 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
-from elastid.design.choice import Candidates, draw_candidates, visible
+from elastid.design.configuration_selection import Candidates, draw_candidates, visible
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion, best_powers, even_powers
-from elastid.design.prospect import Prospect
+from elastid.design.predicted_response import Prospect
 from elastid.design.spec import DesignSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec
-from elastid.experiment.plan.movement import movement, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
+from elastid.experiment.plan.reference_trajectory import movement, reach
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.model.formulation import EXACT

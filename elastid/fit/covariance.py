@@ -16,7 +16,7 @@ line k. Each variance is the largest of the first three estimates, plus the last
 - configurations, blocks: where V exceeds what the noise explains, the model is in error, and the parameters absorb a
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
-- systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
+- systematic errors of given size (`problem.systematic_errors`) are further unknowns c with a prior.
 - ratios of gears that differ from angle to angle (`gear_ratios`).
 - friction taken out of the torques (`taken_out_error`): what its shapes and levels leave in every configuration alike.
 - floor: the model error alpha |G| that the study declares or the residuals show. Such an error is the same on
@@ -43,7 +43,11 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.execution import Execution
 from elastid.base.statistics import small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
-from elastid.fit.line_sums import (
+from elastid.fit.problem.frf_residuals import ElasticFit, chunked, each_at_home
+from elastid.fit.problem.systematic_errors import find_factors
+from elastid.fit.problem.weights import Weights
+from elastid.fit.result import is_in_error
+from elastid.fit.robust_covariance import (
     LineSums,
     block_variance,
     correlation_length,
@@ -52,10 +56,6 @@ from elastid.fit.line_sums import (
     sum_lines,
     triangle,
 )
-from elastid.fit.problem.elastic import ElasticFit, chunked, each_at_home
-from elastid.fit.problem.shared_bias import find_factors
-from elastid.fit.problem.weights import Weights
-from elastid.fit.result import is_in_error
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.parameters import Parameter, Parameters
 from elastid.response import UNEXPLAINED, Response
@@ -281,8 +281,8 @@ def file_variance(sums: Sums, of_file: Sequence[int]) -> tuple[FloatArray, Float
     return np.sum((J @ sums.half) ** 2, axis=0), variance_left(J, sums.half)
 
 
-# Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that
-# were taken out. Levels are known to 0.5 to 1 % (`nonlinear.levels`); k was within 0.05 %, d within 0.5 % of the truth
+# Relative std of a stiffness, a damping and a viscous friction by the compensation of friction or of gear effects.
+# Amplitudes are estimated to 0.5 to 1 % (`nonlinear.variable_projection`); k was within 0.05 %, d within 0.5 %
 # (scripts/studies/results.csv).
 STIFFNESS_ERROR, DAMPING_ERROR, FRICTION_ERROR = 2e-4, 2e-3, 1e-2
 # Of the error by unexplained distortion, the share that relaxing springs of motors leave.

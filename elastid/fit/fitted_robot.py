@@ -8,13 +8,13 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, named
 from elastid.base.errors import index_of
-from elastid.fit.parameter_choice import group_labels, tolerances_of
-from elastid.fit.problem.elastic import linear_model
+from elastid.fit.parameter_selection import group_labels, tolerances_of
+from elastid.fit.problem.frf_residuals import linear_model
 from elastid.fit.result import Result
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.moving_posture import effect_of_motion
+from elastid.linear.motion_bias import effect_of_motion
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate

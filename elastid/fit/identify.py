@@ -20,7 +20,16 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, FitError, StudyError, check_kind
 from elastid.base.execution import Execution, lasting_workers
-from elastid.fit.assembly import (
+from elastid.fit.covariance import Uncertainty, estimate_uncertainty
+from elastid.fit.diagnosis.channel_hypotheses import common_delay
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
+from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
+from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
+from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, judge
+from elastid.fit.diagnosis.sensitivities import thinning
+from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
+from elastid.fit.diagnosis.status import at_bound
+from elastid.fit.frf_problem import (
     Assembly,
     NoRestError,
     RelinearisedOptimum,
@@ -29,20 +38,11 @@ from elastid.fit.assembly import (
     is_friction_taken_out,
     relinearise,
 )
-from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
-from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
-from elastid.fit.diagnosis.judge import RESIDUALS, diagnose, judge
-from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
-from elastid.fit.diagnosis.readings import common_delay
-from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
-from elastid.fit.diagnosis.sensitivities import thinning
-from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.parameter_choice import choose, ratio_within, tolerances_of, with_tolerances
+from elastid.fit.parameter_selection import choose, ratio_within, tolerances_of, with_tolerances
 from elastid.fit.presliding import are_identified, find_presliding, without_presliding
-from elastid.fit.problem.elastic import ElasticFit, each_at_home, home_of
+from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest

@@ -32,8 +32,8 @@ from elastid.base.errors import FitError, Note, StudyError, did_you_mean
 from elastid.base.execution import Execution
 from elastid.base.names import is_match, matching
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.assembly import RelinearisedOptimum
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.frf_problem import RelinearisedOptimum
+from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import LeastSquares, LocalOptimum
 from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import Result

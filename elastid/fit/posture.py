@@ -14,7 +14,7 @@ from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.fitted_model import Axes, Doubt, Estimated, FittedModel
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.loaded import Ports, acted_on, moved_by
+from elastid.linear.static_deflection import Ports, acted_on, moved_by
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec

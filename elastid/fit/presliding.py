@@ -20,12 +20,12 @@ from elastid.base.arrays import ComplexArray, FloatArray, named
 from elastid.base.errors import FitError, Note, notes_of
 from elastid.base.execution import HERE
 from elastid.base.statistics import chi_square_limit
-from elastid.fit.assembly import Assembly, is_distorted_by_friction, is_friction_taken_out
 from elastid.fit.diagnosis.hypothesis import Evidence
-from elastid.fit.diagnosis.judge import temper
 from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.rank_hypotheses import temper
 from elastid.fit.diagnosis.sensitivities import thinning
-from elastid.fit.problem.elastic import ElasticFit, Part, each_at_home
+from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_taken_out
+from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import Presliding, Result
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve

@@ -24,8 +24,8 @@ from scipy.special import fdtri
 from elastid.base.arrays import BoolArray, FloatArray, folded, frozen_value, named
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
-from elastid.friction_study.laws import friction_of
 from elastid.friction_study.least_squares import cosine_count, long_run, state_widening
+from elastid.friction_study.static_model_fit import friction_of
 from elastid.robot import Friction, MeasuredRange
 from elastid.simulation.rigid_joints import NUMBERS, CommandedJoints
 

@@ -32,10 +32,8 @@ from elastid.friction_study.commanded import (
     simulate_commanded,
     smoothed_motion,
 )
-from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
-from elastid.friction_study.least_squares import FALSE_ALARM
-from elastid.friction_study.levels import find_levels, passes_of
-from elastid.friction_study.motion import (
+from elastid.friction_study.constant_velocity import find_levels, passes_of
+from elastid.friction_study.inverse_dynamics_regression import (
     PASSBAND_HZ,
     ROBOT_PASSBAND_HZ,
     MotionFriction,
@@ -44,9 +42,11 @@ from elastid.friction_study.motion import (
     regress_robot_motion,
     torques_in_file,
 )
+from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.motion_signals import STEADY_SHARE, Motion, MotionLog, MotionSignals, detect_passes
-from elastid.friction_study.motion_terms import full_rate_columns
+from elastid.friction_study.regressor import full_rate_columns
 from elastid.friction_study.result import RIGID_TERMS, JointLevels, held_spring, noted
+from elastid.friction_study.static_model_fit import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, Purpose
 from elastid.robot import Joint, Robot

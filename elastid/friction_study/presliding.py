@@ -43,7 +43,7 @@ from elastid.base.errors import DataError, FitError, Note
 from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec, Method
-from elastid.friction.operators import Path, stop
+from elastid.friction.stop_operator import Path, stop
 from elastid.friction_study.least_squares import Optimum, minimise
 from elastid.friction_study.motion_signals import MIN_COUNTS
 from elastid.model.formulation import ElasticJoint

@@ -20,11 +20,11 @@ from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.commanded import DELAY, CommandedJoint
-from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
-from elastid.friction_study.levels import Levels
-from elastid.friction_study.motion import MotionFriction, RigidBody
+from elastid.friction_study.constant_velocity import Levels
+from elastid.friction_study.inverse_dynamics_regression import MotionFriction, RigidBody
 from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.spec import FrictionSpec, LawSpec
+from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, held_joint
 from elastid.record import FrictionRecord, FrictionRecords, motion_unit

@@ -38,7 +38,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, froz
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.excitation.grids import line_frequencies
-from elastid.friction.operators import Path, bristle, stop
+from elastid.friction.stop_operator import Path, bristle, stop
 from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
 from elastid.record import Record
 

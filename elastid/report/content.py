@@ -16,7 +16,7 @@ from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.twin import NO_TWIN, TwinFindings
+from elastid.validation.simulation import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.design.forecast import Forecast, LimitUse
@@ -26,8 +26,8 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.modal.spec import GeometrySpec
     from elastid.nonlinear.friction import FrictionTakenOut
     from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
-    from elastid.validation.agreement import Agreement, Validation
     from elastid.validation.comparison import Comparison
+    from elastid.validation.frf_error import Agreement, Validation
     from elastid.validation.measured_modes import MeasuredModes
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import NoteGroup, grouped, notes_of
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_study.follow import FollowedFriction
-from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
+from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.report.answer import Questions
-from elastid.validation.twin import LINK, NO_TWIN, TwinFindings
+from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, Held
+from elastid.report.command_summary import Questions
+from elastid.validation.simulation import LINK, NO_TWIN, TwinFindings
 
 # The first answer, by the status.
 GOOD = {

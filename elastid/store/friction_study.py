@@ -4,13 +4,13 @@ from pathlib import Path
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
 from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_dataclass, reader
 from elastid.store.values import write_artefact, writer
-from elastid.validation.twin import NO_TWIN, TwinFindings
+from elastid.validation.simulation import NO_TWIN, TwinFindings
 
 PLAN, RECORDS, LEVELS = "friction plan", "friction records", "constant-velocity torques"
 FRICTION, FILTER = "friction", "filter"

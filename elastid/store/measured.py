@@ -11,8 +11,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
-from elastid.experiment.plan.movement import Reference, references
 from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.reference_trajectory import Reference, references
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.record import Record

@@ -26,9 +26,9 @@ from elastid.store.files import write_rows, write_text
 from elastid.store.reading import read_part, reader
 from elastid.store.values import SCHEMA, from_json, json_value, or_text, write_artefact, write_json, writer
 from elastid.use.map import WorkspaceMap
-from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison, Refit
-from elastid.validation.twin import NO_TWIN, TwinFindings
+from elastid.validation.frf_error import Validation
+from elastid.validation.simulation import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
     from elastid.use.loops import Loops

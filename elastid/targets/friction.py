@@ -22,12 +22,12 @@ from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.extended_kalman_filter import FollowedJoint, filter_step, first_estimate
-from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
 from elastid.targets.numbers import c_row
-from elastid.use.plans import SLIDING
+from elastid.use.trajectory_optimisation import SLIDING
 
 
 def write_observers(folder: Path, observers: Mapping[str, FollowedFriction]) -> tuple[Path, ...]:

@@ -24,7 +24,7 @@ from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import tune
 from elastid.use.moves import KINDS, MotionLimits, Move, References
-from elastid.use.plans import (
+from elastid.use.trajectory_optimisation import (
     CommandedRobot,
     Planned,
     best_plan,

@@ -41,13 +41,13 @@ from elastid.base.errors import ElastidError, StudyError
 from elastid.base.names import matching, posture_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.agreement import Fold, agreement
+from elastid.validation.frf_error import Fold, agreement
 
 # The coordinates that are elastic in a model, in the order of the robot, by their labels.
 Elastic: TypeAlias = tuple[str, ...]

@@ -30,8 +30,8 @@ from study_plants import NOISE, Plant, Rig, demo, responses, three_mass
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import Execution
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.assembly import RelinearisedOptimum, relinearise
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty, inverse_information
+from elastid.fit.frf_problem import RelinearisedOptimum, relinearise
 from elastid.fit.intervals import choose_profiles, profile_ends
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import WeightSpec

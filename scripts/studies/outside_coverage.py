@@ -49,8 +49,8 @@ from elastid.fit.identify import identify
 from elastid.fit.problem.weights import with_floor
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.take_out import estimate_without_friction
+from elastid.nonlinear.compensate_friction import estimate_without_friction
+from elastid.nonlinear.identify_friction import find_friction
 from elastid.record import Configuration, Motion, Record
 from elastid.study import Study, load
 

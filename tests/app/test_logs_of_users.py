@@ -14,11 +14,11 @@ from plants.refusals import refused
 from elastid.app.from_log import texts_from_logs
 from elastid.base.errors import notes_of
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.result import identify_friction
-from elastid.recorded.files.formats import read_channels
-from elastid.recorded.friction_logs import read_friction_logs
+from elastid.logs.files.formats import read_channels
+from elastid.logs.friction_logs import read_friction_logs
 from elastid.study import load_with_logs
 
 N, RATE = 1500, 250.0

@@ -17,8 +17,8 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
-from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.take_out import net_record
+from elastid.nonlinear.compensate_friction import net_record
+from elastid.nonlinear.identify_friction import find_friction
 from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
 from elastid.robot.simplified import with_joints

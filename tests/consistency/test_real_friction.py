@@ -13,7 +13,7 @@ from scipy.io import loadmat
 from elastid.app import cli
 from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFilter
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, NIS_BAND
-from elastid.friction_study.motion import regress_motion
+from elastid.friction_study.inverse_dynamics_regression import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.store.friction_study import (
     read_filter,

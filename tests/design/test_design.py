@@ -11,8 +11,8 @@ from plants.refusals import refused
 import elastid
 from elastid.app.console import forecast_table
 from elastid.design.design import design, presliding, sticking
+from elastid.design.predicted_response import friction_level
 from elastid.design.problem import DesignProblem
-from elastid.design.prospect import friction_level
 from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan

@@ -23,11 +23,18 @@ from elastid.fit.covariance import (
     unexplained_error,
 )
 from elastid.fit.intervals import bootstrap, profile_ends
-from elastid.fit.line_sums import LineSums, autocovariance, block_variance, disagreement, jackknife_variance, sum_blocks
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit
+from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.result import is_in_error, largest_by_chance
+from elastid.fit.robust_covariance import (
+    LineSums,
+    autocovariance,
+    block_variance,
+    disagreement,
+    jackknife_variance,
+    sum_blocks,
+)
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import modes

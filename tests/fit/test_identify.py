@@ -10,10 +10,10 @@ from plants.measured_robots import deviations
 from plants.refusals import refused
 
 from elastid.base.errors import Note
-from elastid.fit.assembly import Assembly
 from elastid.fit.covariance import taken_out_error
+from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.result import DISTORTED, Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec

@@ -8,20 +8,20 @@ import pytest
 from plants.data_sheet_arm import POSTURES, SPEC, arm, measure
 from plants.dry_friction import CONFIGURATIONS, robot, simulated
 
-from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.presliding import rate_band, with_presliding
-from elastid.fit.problem.elastic import linear_model
+from elastid.fit.problem.frf_residuals import linear_model
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.presliding import RelaxingSpring
 from elastid.linear.response.transfer import frequency_response
-from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.take_out import estimate_without_friction
+from elastid.nonlinear.compensate_friction import estimate_without_friction
+from elastid.nonlinear.identify_friction import find_friction
 from elastid.response import Response
 from elastid.robot import Tolerances
 from elastid.targets.numbers import lines_of

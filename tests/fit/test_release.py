@@ -11,7 +11,7 @@ from plants.data_sheet_arm import POSTURES, SPEC, arm, measure, off
 from plants.marks import slow
 
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_choice import choose, with_tolerances
+from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
 from elastid.response import Response

@@ -9,6 +9,7 @@ from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, ri
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study import extended_kalman_filter
+from elastid.friction_study.constant_velocity import Levels
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
     FollowedJoint,
@@ -18,8 +19,7 @@ from elastid.friction_study.extended_kalman_filter import (
     estimate_noise,
 )
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, consistency
-from elastid.friction_study.follow import FollowedFriction, follow, with_tolerances
-from elastid.friction_study.levels import Levels
+from elastid.friction_study.friction_tracking import FollowedFriction, follow, with_tolerances
 from elastid.friction_study.result import JointFriction
 
 

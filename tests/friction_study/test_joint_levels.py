@@ -12,14 +12,14 @@ from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import FrictionSpec
+from elastid.logs.friction_logs import read_friction_logs
 from elastid.record import FrictionRecords
-from elastid.recorded.friction_logs import read_friction_logs
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot
-from elastid.validation.friction_twin import friction_balances
+from elastid.validation.friction_simulation import friction_balances
 
 LENGTH, PAYLOAD = 0.8, 5.0
 ROBOT_WITH_TOOL = replace(ROBOT, frames=(Frame("tool", "arm", Placement((LENGTH, 0.0, 0.0))),))

@@ -10,7 +10,7 @@ from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, 
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.levels import Pass, PassRegression, find_levels, passes_of
+from elastid.friction_study.constant_velocity import Pass, PassRegression, find_levels, passes_of
 from elastid.friction_study.motion_signals import detect_passes
 from elastid.record import FrictionRecord
 

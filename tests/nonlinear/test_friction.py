@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from elastid.friction.operators import Path, stop
+from elastid.friction.stop_operator import Path, stop
 from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes, friction_rows, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.nonlinear.motion import Motion as KnownMotion

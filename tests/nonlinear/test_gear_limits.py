@@ -11,10 +11,10 @@ from plants.two_mass_gear import LINES, POSTURE, RATE_HZ, RATIO, SAMPLES, Gear, 
 from elastid.fit.result import ModificationIndex, Result
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.drives import DriveLines
-from elastid.nonlinear.gear_levels import GearData
-from elastid.nonlinear.gear_motion import Estimate
-from elastid.nonlinear.gear_sheet import LOST, coarse_encoders, difference, left, refusal
+from elastid.nonlinear.gear_characteristics import LOST, coarse_encoders, difference, left, refusal
+from elastid.nonlinear.gear_estimation import GearData
+from elastid.nonlinear.hidden_motion_smoother import Estimate
+from elastid.nonlinear.period_model import DriveLines
 from elastid.nonlinear.spec import GearsSpec
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters

@@ -7,13 +7,13 @@ import numpy as np
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
-from elastid.friction_study.laws import Held, StaticLaw
-from elastid.friction_study.levels import Levels
-from elastid.friction_study.motion import MotionFriction, regress_motion
+from elastid.friction_study.constant_velocity import Levels
+from elastid.friction_study.inverse_dynamics_regression import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.presliding import AtRest, Elements
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.spec import LawSpec
+from elastid.friction_study.static_model_fit import Held, StaticLaw
 from elastid.friction_study.warm_up import ThermalModel
 from elastid.report.friction_content import FrictionContent
 

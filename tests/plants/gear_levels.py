@@ -10,9 +10,9 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.drives import without_arm
-from elastid.nonlinear.gear_choice import choose_effects
-from elastid.nonlinear.gear_levels import GearData, Levels
+from elastid.nonlinear.gear_estimation import GearData, Levels
+from elastid.nonlinear.gear_model_selection import choose_effects
+from elastid.nonlinear.period_model import without_arm
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response

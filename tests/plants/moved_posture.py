@@ -6,7 +6,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.moving_posture import effect_of_motion
+from elastid.linear.motion_bias import effect_of_motion
 from elastid.linear.response.transfer import to_response
 from elastid.model.elastic import ElasticModel
 from elastid.response import MotorMotion

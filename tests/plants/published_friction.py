@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.levels import Levels
+from elastid.friction_study.constant_velocity import Levels
 
 F_C, F_CL, F_SL, NU_L, D_S, D_ST = 3.11e-2, 2.34e-2, 0.126, 9.22, -2.50e-2, 1.60e-3
 NU_0, NU_T, ALPHA, ALPHA_T, T_V, EXPONENT = -24.81, 0.98, 1.30e-4, 1.32e-3, 20.71, 1.36

@@ -10,9 +10,9 @@ import pytest
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
-from elastid.experiment.plan.movement import Reference
+from elastid.experiment.plan.reference_trajectory import Reference
 from elastid.fit.covariance import estimate_uncertainty
-from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.frf_residuals import elastic_fit
 from elastid.fit.problem.weights import weigh
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, Response

@@ -14,8 +14,8 @@ from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
+from elastid.validation.simulation import LINK, MOTION, TORQUE, TwinRun, elastic_runs
 from elastid.validation.torque_balance import DRY, ELASTICITY, RIGID_BODY, VISCOUS, elastic_balances
-from elastid.validation.twin import LINK, MOTION, TORQUE, TwinRun, elastic_runs
 
 RATE_HZ, N = 500.0, 1000
 J_MOTOR, J_LINK, K, VISCOUS_COEFFICIENT, DRY_SHARE = 3.0, 6.0, 2e4, 40.0, 0.1

@@ -14,15 +14,15 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError, notes_of
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ToolSpec
-from elastid.experiment.specs.recorded import RecordedSpec, ResponseFileSpec
+from elastid.experiment.specs.logs import RecordedSpec, ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.effects import notes_before_gears
-from elastid.nonlinear.find import find_friction
+from elastid.logs.files.formats import naming
+from elastid.logs.responses.reading import link_side_response, read_table
+from elastid.nonlinear.basis_functions import notes_before_gears
+from elastid.nonlinear.compensate_friction import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
-from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
+from elastid.nonlinear.identify_friction import find_friction
 from elastid.record import Configuration, Record
-from elastid.recorded.files.formats import naming
-from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
 from elastid.store.artefacts import kind_of
@@ -71,8 +71,8 @@ def estimate_configuration(
     records = tuple(read_records(path, configuration))
     response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
     if recorded is not None and recorded.controller is not None and robot is not None:
-        from elastid.recorded.reference_loop import with_reference_loop  # these bring CasADi
-        from elastid.recorded.step_images import with_image_errors
+        from elastid.logs.reference_loop import with_reference_loop  # these bring CasADi
+        from elastid.logs.step_images import with_image_errors
 
         if recorded.has_commands_alone:
             response = with_reference_loop(response, recorded, robot, records[0])

@@ -17,14 +17,14 @@ from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
-from elastid.fit.parameter_choice import AT_TOOL
+from elastid.fit.parameter_selection import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import DISTORTED, HELD_AS_EXACT, Result
-from elastid.nonlinear.effects import notes_before_gears
+from elastid.nonlinear.basis_functions import notes_before_gears
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table, parameter_rows
-from elastid.report.overview import (
+from elastid.report.run_summary import (
     OPEN_GEARS,
     accuracy,
     is_wrong,
@@ -38,7 +38,7 @@ from elastid.simulation.controller import loop_of
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
-from elastid.validation.agreement import agreement
+from elastid.validation.frf_error import agreement
 
 TRUSTED = ("converged", "noise_unknown", "at_bound")
 

@@ -18,12 +18,12 @@ from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
-from elastid.friction_study.follow import FollowedFriction, follow_joints
+from elastid.friction_study.friction_tracking import FollowedFriction, follow_joints
 from elastid.friction_study.joint_levels import find_joint_levels
-from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointLevels, identify_friction
 from elastid.friction_study.spec import FilterSpec
-from elastid.recorded.friction_logs import read_friction_logs
+from elastid.friction_study.static_model_fit import NOT_ASKED
+from elastid.logs.friction_logs import read_friction_logs
 from elastid.report.figures.drawings import friction_study_drawings
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import html_of_friction
@@ -31,7 +31,7 @@ from elastid.store import friction_study as stored
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.measured import write_signals
 from elastid.study import Study
-from elastid.validation.friction_twin import friction_twin, predict_logs
+from elastid.validation.friction_simulation import friction_twin, predict_logs
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:

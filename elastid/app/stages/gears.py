@@ -24,9 +24,9 @@ from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.effects import ANSWERED
+from elastid.nonlinear.basis_functions import ANSWERED
+from elastid.nonlinear.gear_characteristics import open_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
-from elastid.nonlinear.gear_sheet import open_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.content import ParameterRow, gear_line
 from elastid.response import Response

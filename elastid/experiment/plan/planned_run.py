@@ -8,8 +8,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, folded
 from elastid.base.display import number
-from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
+from elastid.experiment.plan.reference_trajectory import Rehearsal
 from elastid.record import Record
 
 # Limits for contradictions between a record and its plan.

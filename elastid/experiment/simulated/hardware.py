@@ -20,7 +20,7 @@ from elastid.base.errors import StudyError
 from elastid.experiment.specs.simulated import NoiseSpec, TorqueRippleSpec
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LagElement, sensor_elements, torque_elements
-from elastid.linear.moving_posture import is_point
+from elastid.linear.motion_bias import is_point
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion

@@ -11,8 +11,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference, references
 from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.reference_trajectory import Reference, Rehearsal, check_movement, reference, references
 from elastid.experiment.simulated.hardware import (
     Noise,
     draw_noise,

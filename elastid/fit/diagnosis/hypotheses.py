@@ -10,19 +10,20 @@ To add one, write a function and an entry.  An entry may be put into this list, 
                       advice="check the wiring of the current sensors")
     identify(responses, robot, spec, hypotheses=(MINE, *HYPOTHESES))
 
-`hypothesis` describes the fields, `judge` how causes are judged: by the drop of V, the size of the change that it
-takes relative to the usual one, and the plausibility of the family.
+`hypothesis` describes the fields. `rank_hypotheses` judges causes by the drop of V, the change relative to a usual
+change, and the plausibility of the family.
 """
 
 import math
 from dataclasses import replace
 from itertools import pairwise
 
+from elastid.fit.diagnosis.alternative_models import find_variants
+from elastid.fit.diagnosis.channel_hypotheses import FORMS, READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size, axis
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.priors import relative
-from elastid.fit.diagnosis.readings import FORMS, READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.sensitivities import (
     channel_delays,
     gear_couplings,
@@ -31,7 +32,6 @@ from elastid.fit.diagnosis.sensitivities import (
     posture_angles,
     stiffening,
 )
-from elastid.fit.diagnosis.variants import find_variants
 from elastid.fit.result import ModificationIndex
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")

@@ -26,12 +26,12 @@ from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
-from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_tolerances, relative, tolerance_of
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
+from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
 from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
 from elastid.fit.result import NO_CAUSE, REQUIRED, ModificationIndex, Result
 

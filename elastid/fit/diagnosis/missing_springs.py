@@ -15,7 +15,6 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, named
 from elastid.base.errors import FitError
-from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.sensitivities import (
@@ -27,7 +26,8 @@ from elastid.fit.diagnosis.sensitivities import (
     squares,
     thinned,
 )
-from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.problem.frf_residuals import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve

@@ -38,8 +38,8 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, named
 from elastid.base.errors import ElastidError
 from elastid.base.execution import HERE
-from elastid.fit.assembly import Assembly
-from elastid.fit.problem.elastic import ElasticFit, Part, at_measured_places, each_at_home, places_of
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.problem.frf_residuals import ElasticFit, Part, at_measured_places, each_at_home, places_of
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.linear.equilibrium import equilibrium

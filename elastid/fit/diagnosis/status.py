@@ -14,7 +14,7 @@ noise, by `drop`, and moves a parameter by `effect` of its standard deviations a
 
 By a number that the data move beyond `LIMITS.prior` standard deviations of its prior or tolerance.
 
-By static load tests, or responses at the tool, that contradict the responses of the motors (`second_source`).
+By static load tests, or responses at the tool, that contradict the responses of the motors (`static_and_tool_data`).
 
 A damping that the responses do not show, or show as less than none, falls to zero, whose logarithm has no end: no
 bound is wide enough there.

@@ -2,8 +2,8 @@ r"""Deflections under static loads as residuals of unit variance, fitted togethe
 
 .. math:: r_i = (y_i - \hat y_i(\theta(x))) / \sigma_i, \qquad V = \dots + r^T r
 
-sigma: of the readings of a test (`LoadTest`); y of `linear.loaded`, at every x that of the robot at rest there,
-nonlinear springs included. To first order y = J K^-1 J^T F.
+sigma: standard deviation of a reading (`LoadTest`). `linear.static_deflection` computes y at the equilibrium of x,
+with nonlinear springs. To first order y = J K^-1 J^T F.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.fit.load_tests import LoadTest
-from elastid.linear.loaded import Load, LoadedRobot
+from elastid.linear.static_deflection import Load, LoadedRobot
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters

@@ -17,10 +17,10 @@ from elastid.report.content import ReportContent, ResponsesContent, parameter_ro
 from elastid.report.figures import fit, friction
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.twin import NO_TWIN, TwinFindings
+from elastid.validation.simulation import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
-    from elastid.friction_study.follow import FollowedFriction
+    from elastid.friction_study.friction_tracking import FollowedFriction
     from elastid.friction_study.result import FrictionResult, JointFriction
 
 # Begins the section of a figure of one configuration.

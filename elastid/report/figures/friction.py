@@ -19,8 +19,8 @@ from elastid.report.figures.style import Curve, Panel
 from elastid.robot import Robot
 
 if TYPE_CHECKING:  # they bring SciPy, which figures of friction taken out do without
-    from elastid.friction_study.laws import StaticLaw
-    from elastid.friction_study.levels import Levels
+    from elastid.friction_study.constant_velocity import Levels
+    from elastid.friction_study.static_model_fit import StaticLaw
 
 # Of a law, and of friction taken out of responses.
 POINTS, POINTS_TAKEN_OUT = 200, 400

@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.filter_consistency import NIS_BAND
-from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.friction_tracking import FollowedFriction
+from elastid.friction_study.inverse_dynamics_regression import PARTS, MotionFriction, motion_parts
 from elastid.friction_study.least_squares import Regression
-from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
 from elastid.friction_study.motion_signals import MotionSignals, distinct_speeds
-from elastid.friction_study.motion_terms import columns_of
+from elastid.friction_study.regressor import columns_of
 from elastid.report.figures import style
 from elastid.report.figures.friction import POINTS, quantity, units
 from elastid.report.figures.style import Curve, Panel

@@ -26,7 +26,7 @@ from elastid.base.errors import grouped
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_whole
 from elastid.nonlinear.friction import friction_rows
-from elastid.report import overview
+from elastid.report import run_summary
 from elastid.report.content import (
     ParameterRow,
     ReportContent,
@@ -83,13 +83,15 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
 def _level(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
     """Index of WIDTH_WORDS of the widest interval of stiffness and damping at these joints; None without one."""
     terms = {f"{kind}_{name}" for name in names for kind in "kd"}
-    return max((overview.width_class(row) for row in rows if row.name in terms), default=None)
+    return max((run_summary.width_class(row) for row in rows if row.name in terms), default=None)
 
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
     level = _level(names, rows.values())
-    widths = ", ".join(f"{row.name} ±{percent(overview.half_width(row))}" for row in terms) or "nothing identified here"
+    widths = (
+        ", ".join(f"{row.name} ±{percent(run_summary.half_width(row))}" for row in terms) or "nothing identified here"
+    )
     css_class = "held" if level is None else f"w{level}"
     label = escape(", ".join(names))
     return (
@@ -119,23 +121,23 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     """Values for the status bar and the three columns; a sketch only where the robot has points that are drawn."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
     sketched = content.robot if drawing is not None else None
-    classes: list[int | None] = [overview.width_class(row) for row in rows]
+    classes: list[int | None] = [run_summary.width_class(row) for row in rows]
     if sketched is not None:
         classes = [_level(names, rows) for names in joint_groups(sketched)]
     return {
-        "sentence": overview.verdict_sentence(content.result, rows, content.agreements),
-        "numbers_answer": overview.numbers_answer(content.result, rows, content.gears),
-        "summary": overview.summary_line(content),
+        "sentence": run_summary.verdict_sentence(content.result, rows, content.agreements),
+        "numbers_answer": run_summary.numbers_answer(content.result, rows, content.gears),
+        "summary": run_summary.summary_line(content),
         "sketch": robot_sketch(sketched, drawing, rows) if sketched is not None and drawing is not None else "",
-        "widest": None if overview.is_wrong(content.result) else overview.widest(rows),
-        "half_width": overview.half_width,
-        "width_class": overview.width_class,
-        "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
+        "widest": None if run_summary.is_wrong(content.result) else run_summary.widest(rows),
+        "half_width": run_summary.half_width,
+        "width_class": run_summary.width_class,
+        "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(run_summary.WIDTH_WORDS)],
         "counted": "point" if sketched else "parameter",
-        "strip": overview.strip(content.validation.configurations),
-        "residuals": overview.residual_sentence(content.result, content.agreements),
-        "actions": overview.next_steps(content.result, rows),
-        "commands": overview.COMMANDS,
+        "strip": run_summary.strip(content.validation.configurations),
+        "residuals": run_summary.residual_sentence(content.result, content.agreements),
+        "actions": run_summary.next_steps(content.result, rows),
+        "commands": run_summary.COMMANDS,
         "meanings": meanings(content),
     }
 
@@ -304,5 +306,5 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     viewer = mode_viewer(content.mode_rows, content.rate_is_known)
     scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
     names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
-    names["questions"] = overview.questions_of_responses(content)
+    names["questions"] = run_summary.questions_of_responses(content)
     return render("responses.html.j2", content, figures, responses, scripts, **names)

@@ -12,7 +12,7 @@ from elastid.experiment.plan.friction import pass_reference
 from elastid.experiment.simulated.friction_rig import heat_of
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
 from elastid.friction_study import spec
-from elastid.friction_study.levels import find_levels, passes_of
+from elastid.friction_study.constant_velocity import find_levels, passes_of
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, WarmUpSpec
 from elastid.robot import TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers

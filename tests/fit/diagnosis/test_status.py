@@ -19,7 +19,7 @@ from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.parameters import Parameters
 from elastid.report.content import parameter_rows
-from elastid.report.overview import next_steps, residual_sentence
+from elastid.report.run_summary import next_steps, residual_sentence
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
 

@@ -12,14 +12,14 @@ from plants.three_mass import FREQ, NO_FLOOR, measured, noise_of, parameters, pl
 from plants.two_mass import circular
 
 import elastid.base.arrays as base_arrays
-import elastid.fit.problem.elastic as chunks
+import elastid.fit.problem.frf_residuals as chunks
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.execution import HERE, Execution, lasting_workers
 from elastid.base.kernels import is_compiled
-from elastid.fit.assembly import Assembly
-from elastid.fit.parameter_choice import choose
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
-from elastid.fit.problem.elastic import ElasticFit, each_at_home, elastic_fit, home_of
+from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, elastic_fit, home_of
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.referenced_joint import RATE, ReferencedJoint
 
-from elastid.fit.problem.elastic import linear_model
+from elastid.fit.problem.frf_residuals import linear_model
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel

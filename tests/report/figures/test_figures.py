@@ -24,8 +24,8 @@ from plants.taken_friction import taken_friction
 
 from elastid.base.statistics import QUANTILE_95
 from elastid.design.forecast import QUANTITIES, Forecast, LimitUse
-from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.spec import LawSpec
+from elastid.friction_study.static_model_fit import StaticLaw
 from elastid.nonlinear.friction import Shape
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.report.content import parameter_rows

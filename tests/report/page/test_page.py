@@ -22,15 +22,15 @@ from elastid.base.display import number
 from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
 from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.report.answer import Answer
+from elastid.report.command_summary import Answer
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
 from elastid.report.page.page import first_screen, html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import write_page_of_answer
 from elastid.store.friction_study import read_simulation, write_friction_result
-from elastid.validation.agreement import validate
-from elastid.validation.twin import LINK, MOTION, TORQUE, TwinFindings, TwinRun, TwinSignal
+from elastid.validation.frf_error import validate
+from elastid.validation.simulation import LINK, MOTION, TORQUE, TwinFindings, TwinRun, TwinSignal
 
 
 class Page(HTMLParser):

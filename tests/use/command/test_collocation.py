@@ -9,7 +9,7 @@ from plants.commanded_arm import arm, move, rigid_gears
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
 from elastid.use.moves import MotionLimits, point_to_point
-from elastid.use.plans import (
+from elastid.use.trajectory_optimisation import (
     CommandedRobot,
     best_plan,
     first_duration,

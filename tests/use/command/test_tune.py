@@ -13,7 +13,7 @@ from elastid.fit.posture import default_frame
 from elastid.robot import Frame, Robot
 from elastid.study import load_robot
 from elastid.use.moves import MotionLimits, point_to_point
-from elastid.use.plans import CommandedRobot, best_plan, sampled
+from elastid.use.trajectory_optimisation import CommandedRobot, best_plan, sampled
 from elastid.use.tune import Given, TwinLoop, tune_move
 
 
