@@ -178,6 +178,6 @@ def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
     check_line_count(probe.freq_hz, problem.parameters)
     known = problem.prior_information()
     for q, configuration in enumerate(probe.configurations):
-        if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
+        if configuration.name in set(problem.experiment.configurations) - set(problem.excluded_configurations):
             known = known + problem.prospect(probe, q).information(configuration, problem.parameters.x)
     return problem.prospect(probe, -1), known

@@ -50,7 +50,7 @@ class Forecast:
     )
     notes: tuple[Note, ...]
     choice: str = ""
-    parts: FloatArray = labelled(
+    variance_fractions: FloatArray = labelled(
         "fractions of the variance: noise, prior, systematic", "", "part parameters",
         default_factory=lambda: np.zeros((0, 0)),
     )  # fmt: skip
@@ -64,7 +64,7 @@ class Forecast:
     def std_contributions(self) -> dict[str, FloatArray]:
         """Contributions (n,) to `std` by name, as in a `Result`; empty for an exact robot model."""
         names = ("std_noise", "std_prior", "std_systematic")
-        return {name: self.std * np.sqrt(part) for name, part in zip(names, self.parts, strict=False)}
+        return {name: self.std * np.sqrt(part) for name, part in zip(names, self.variance_fractions, strict=False)}
 
     @property
     def relative(self) -> FloatArray:
@@ -95,7 +95,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
     """
     parameters = expected[0].parameters
-    free, freq_hz = parameters.asked, expected[0].response.freq_hz
+    free, freq_hz = parameters.requested, expected[0].response.freq_hz
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
@@ -118,12 +118,14 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
     known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
-    return Forecast(*known, (*notes, *correlated(names, by_noise)), parts=fractions if n < len(x) else np.zeros((0, 0)))
+    return Forecast(
+        *known, (*notes, *correlated(names, by_noise)), variance_fractions=fractions if n < len(x) else np.zeros((0, 0))
+    )
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Raise StudyError for a grid with fewer lines than unknowns; the message states a sufficient period."""
-    if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
+    if refused := line_count_refusal(len(freq_hz), len(parameters.requested), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
 
 
@@ -132,7 +134,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
 
     They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
     """
-    asked = parameters.asked
+    asked = parameters.requested
     n = len(asked)
     R = np.asarray(np.linalg.qr(np.roll(R, -n, axis=1), "r"))[-n:, -n:]
     ranges = [p.upper - p.lower for p in asked]

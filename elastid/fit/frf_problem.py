@@ -109,7 +109,7 @@ class Assembly:
 
     @property
     def _moved(self) -> set[str]:
-        return {name for G in self.responses for name in self.parameters.moved(G.configuration.name)}
+        return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
 
     @property
     def notes(self) -> tuple[Note, ...]:

@@ -173,7 +173,7 @@ class Family:
             q = rigid_posture(self.model, configuration, self.theta)
             given = gains_of(self.model, q, given)
         n_u = self.model.n_u
-        return JointLoop.each(given, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
+        return JointLoop.gain_derivatives(given, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
 
 
 def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configuration]) -> Configuration:

@@ -329,7 +329,7 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
 def _has_moved(before: Result, after: Result) -> bool:
     """True if a stiffness or a damping has moved by more than counts as an effect."""
     limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
-    moves = zip(after.parameters.asked, np.abs(after.x - before.x).tolist(), strict=False)
+    moves = zip(after.parameters.requested, np.abs(after.x - before.x).tolist(), strict=False)
     return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
 
 

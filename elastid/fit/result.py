@@ -322,7 +322,7 @@ class Result:
         values, std = self.values, self.std
         rows, least = [], {name: ROUNDING * number for name, number in std.items()}
         parts = {kind: part for kind, part in self.std_contributions.items() if any(part[p] > least[p] for p in part)}
-        for p in self.parameters.asked:
+        for p in self.parameters.requested:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
             each = (stds_of[p.name] for stds_of in (*parts.values(), std))
@@ -346,7 +346,7 @@ class Result:
     @property
     def _counts(self) -> str:
         """Numbers of the parameters that data, and prior alone, identify, and of the weakly identifiable, in words."""
-        n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
+        n, weak = len(self.parameters.requested), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
         by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
         good = n - weak - len(by_prior)
         if len(by_prior) == n:
@@ -394,7 +394,9 @@ class Result:
         """For each stiffness that a typical base lowers beyond its interval: by how much."""
         limits, remarks = QUANTILE_95 * self.std_of_x, {}
         for part in self.assumed_rigid:
-            for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
+            for p, change, limit in zip(
+                self.parameters.requested, part.changes.tolist(), limits.tolist(), strict=False
+            ):
                 if p.name.startswith("k") and -change > limit:
                     remarks[p.name] = (
                         f"{p.name} is estimated for a rigid base. If the base has a typical stiffness "
@@ -471,7 +473,7 @@ class Result:
     @property
     def has_tolerances(self) -> bool:
         """True if numbers of the robot's file moved within their tolerances."""
-        return len(self.parameters.asked) < len(self.x)
+        return len(self.parameters.requested) < len(self.x)
 
     @property
     def std_noise(self) -> dict[str, float]:
@@ -504,18 +506,18 @@ class Result:
     @property
     def std_with_base(self) -> dict[str, float]:
         """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
-        n = len(self.parameters.asked)
+        n = len(self.parameters.requested)
         base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
     def _shared(self, share: FloatArray, without: float) -> FloatArray:
         """Fraction of the variance (n_asked,), infinite for unidentifiable parameters. without: default fraction."""
-        variance = np.diag(self.covariance)[: len(self.parameters.asked)]
+        variance = np.diag(self.covariance)[: len(self.parameters.requested)]
         part = share[: len(variance)] if len(share) else np.full(len(variance), without)
         return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
-        wanted, std = self.parameters.asked, np.sqrt(np.maximum(variance, 0.0))
+        wanted, std = self.parameters.requested, np.sqrt(np.maximum(variance, 0.0))
         scale = [math.exp(x) if p.log else 1.0 for p, x in zip(wanted, self.x, strict=False)]
         return Named("parameter", {p.name: float(s * e) for p, s, e in zip(wanted, std, scale, strict=True)})
 
@@ -545,7 +547,7 @@ class Result:
 
     def keys(self) -> tuple[str, ...]:
         """Names of the identified parameters that were asked for: a result is a mapping of them to estimates."""
-        return tuple(p.name for p in self.parameters.asked)
+        return tuple(p.name for p in self.parameters.requested)
 
     def __contains__(self, name: object) -> bool:
         return name in self.parameters.free_names

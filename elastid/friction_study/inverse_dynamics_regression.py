@@ -93,10 +93,10 @@ class RigidBody:
 
     .. math:: \tau = Y_b(q, \dot q, \ddot q)\, \pi_b, \qquad Y = Y_b\, regrouped
 
-    Y: the regressor of all frames (10 n_l), rotors and offsets of the joints, n_c in all; chosen: places of Y_b in it.
-    A base parameter is its number and regrouped (n_b, n_c) times those which the motions could not separate from it
-    (Gautier, J. Robotic Systems 8(4), 1991).  columns: names of all n_c; units: of the base parameters.
-    values: by least squares, with std; predicting: by ridge regression, for other logs.
+    Y: the regressor of all frames (10 n_l), rotors and offsets of the joints, n_c columns; base_columns: indices of
+    Y_b. A base parameter is its number and regrouped (n_b, n_c) times those which the motions could not separate from
+    it (Gautier, J. Robotic Systems 8(4), 1991).  columns: names of all n_c; units: of the base parameters. values: by
+    least squares, with std; predicting: by ridge regression, for other logs.
     """
 
     joints: tuple[str, ...]
@@ -104,14 +104,14 @@ class RigidBody:
     values: FloatArray
     std: FloatArray
     predicting: FloatArray
-    chosen: IntArray
+    base_columns: IntArray
     regrouped: FloatArray
     columns: tuple[str, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the base parameters, taken from their columns."""
-        return tuple(self.columns[i] for i in self.chosen)
+        return tuple(self.columns[i] for i in self.base_columns)
 
 
 @dataclass(frozen=True)
@@ -120,17 +120,18 @@ class MotionFriction:
 
     motion: its first log; of joints that move together, without the torque of the rigid body.  terms: parts of the
     regression.  plateaus: where it slides steadily.  passband_hz: of the regression.  seconds: of all logs, in the
-    regression and not, by reason.  held: parts that the motion cannot identify.  notes: on its data.  misfit: errors of
-    the model that the intervals do not hold, empty without.  rigid_body: of joints that moved together, which share it.
+    regression and not, by reason.  unidentified: terms that the motion cannot identify.  notes: on its data. misfit:
+    errors of the model that the intervals do not contain, or empty.  rigid_body: of joints that moved together, which
+    share it.
     """
 
     motion: Motion
-    chosen: Regression
+    regression: Regression
     terms: MotionTerms
     plateaus: tuple[Plateau, ...]
     passband_hz: float
     seconds: Mapping[str, float]
-    held: tuple[UnidentifiedTerm, ...] = ()
+    unidentified: tuple[UnidentifiedTerm, ...] = ()
     notes: tuple[Note, ...] = ()
     misfit: str = ""
     rigid_body: RigidBody | None = None
@@ -148,7 +149,7 @@ class MotionFriction:
         plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
         seconds = {name: sum(signal.seconds[name] for signal in signals) for name in first.seconds}
         fit = cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
-        return replace(fit, held=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
+        return replace(fit, unidentified=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
 
     @property
     def time_summary(self) -> str:
@@ -158,19 +159,19 @@ class MotionFriction:
         return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
 
     @property
-    def known(self) -> tuple[str, ...]:
+    def identified_names(self) -> tuple[str, ...]:
         """The numbers that are no extrapolations."""
-        unseen = STRIBECK_NUMBERS if any(held.part == "stribeck" for held in self.held) else ()
-        return tuple(name for name in self.chosen.names if not name.endswith(unseen))
+        unseen = STRIBECK_NUMBERS if any(held.term == "stribeck" for held in self.unidentified) else ()
+        return tuple(name for name in self.regression.names if not name.endswith(unseen))
 
     @property
     def viscous(self) -> float:
         """The viscous friction that a robot's file has next to the law."""
-        return max(0.0, self.chosen["viscous"])
+        return max(0.0, self.regression["viscous"])
 
     def to_friction(self) -> Friction:
         """The law as a robot's file has it; its presliding is another's."""
-        fit, terms, speeds = self.chosen, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
+        fit, terms, speeds = self.regression, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
         measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
         numbers = {"exponent": terms.exponent, "temperature.decay": terms.decay}
         numbers |= named(fit.names, fit.values)
@@ -186,9 +187,9 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     for _ in range(3):
         fit = _regressed(motions, passband_hz)
         spring = fit.motion.spring
-        if spring is None or 2 * abs(fit.chosen["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
+        if spring is None or 2 * abs(fit.regression["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
             return fit
-        link = max(fit.chosen["inertia"] - spring.motor_inertia, SPRING_STD * spring.inertia)
+        link = max(fit.regression["inertia"] - spring.motor_inertia, SPRING_STD * spring.inertia)
         motions = tuple(replace(motion, spring=replace(spring, link_inertia=link)) for motion in motions)
     return fit
 
@@ -206,8 +207,8 @@ def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
                 )
     terms = select_terms(signals)
     chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
-    if terms.apart and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
-        terms = replace(terms, apart=False)
+    if terms.by_direction and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
+        terms = replace(terms, by_direction=False)
         chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
     if motions[0].spring is not None:
         stiff = [replace(motion, spring=None) for motion in motions]
@@ -222,15 +223,15 @@ def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
     result = assess_motion(fit, "", band_differences(bands, lambda log: axis_equations(log.first, fit.terms)))
     if not bands:
         return result
-    change, text = _by_spring(fit.chosen, [log.first for log in bands[1]], fit.terms)
+    change, text = _by_spring(fit.regression, [log.first for log in bands[1]], fit.terms)
     misfit = "; ".join(filter(None, (text, result.misfit)))
-    return replace(result, chosen=result.chosen.widened(change), misfit=misfit)
+    return replace(result, regression=result.regression.widened(change), misfit=misfit)
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
-    place, F_c = f"motion of {fit.motion.place}", max(abs(fit.chosen["coulomb"]), 1e-300)
+    place, F_c = f"motion of {fit.motion.place}", max(abs(fit.regression["coulomb"]), 1e-300)
     if fit.terms.angles:
-        change = legval(np.linspace(-1, 1, 101), [0.0, *(fit.chosen[name] for name in ANGLE)]) / F_c
+        change = legval(np.linspace(-1, 1, 101), [0.0, *(fit.regression[name] for name in ANGLE)]) / F_c
         unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
         text = (
             f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} "
@@ -243,11 +244,13 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
             np.concatenate([s.filtered(getattr(s, name))[s.used] for s in signals])
             for name in ("velocity", "direction")
         )
-        friction = float(np.linalg.norm(fit.chosen["viscous"] * v + fit.chosen["coulomb"] * s))
-        share = float(np.sqrt(fit.chosen.sum_of_squares)) / max(friction, 1e-300)
+        friction = float(np.linalg.norm(fit.regression["viscous"] * v + fit.regression["coulomb"] * s))
+        share = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
         dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
-        text = f"{fit.chosen.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what "
-        text += "friction takes" + dominates * (
+        text = (
+            f"rigid body and friction do not explain {fit.regression.relative_error:.1%} of its torque, {share:.0%} of "
+        )
+        text += "the friction torque" + dominates * (
             ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
             "and the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
         )
@@ -318,7 +321,7 @@ def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[
 
 def assess_motion(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
     """Friction with the change between bands in its intervals where it is beyond chance, and a misfit's reason."""
-    numbers, passband_hz = fit.chosen, fit.passband_hz
+    numbers, passband_hz = fit.regression, fit.passband_hz
     changes = {name: change for (of, name), change in moved.items() if of == joint and name in COMPARED_PARAMETERS}
     shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
     stds, worst = max(((abs(change) / std, name) for name, (change, std) in changes.items()), default=(0.0, ""))
@@ -336,7 +339,7 @@ def assess_motion(fit: MotionFriction, joint: str, moved: Moved) -> MotionFricti
         f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: law or rigid body lack a part; measure "
         "passes of this joint alone, which show it"
     )
-    return replace(fit, chosen=numbers, misfit=text if texts and error > MAX_ERROR else "")
+    return replace(fit, regression=numbers, misfit=text if texts and error > MAX_ERROR else "")
 
 
 TORQUE_COMPONENTS = ("inertia", "gravity", "viscous", "coulomb")
@@ -385,7 +388,7 @@ def regress_robot_motion(
     terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.decimated_hz
     every = solve(equations(terms), rate_hz)
     terms = {
-        joint: replace(rule, apart=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
+        joint: replace(rule, by_direction=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
         for joint, rule in terms.items()
     }
     least = solve(equations(terms), rate_hz)
@@ -443,7 +446,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
     if not rows:
         return {}
     sample = _columns(robot, body.joints, rows, log).reshape(-1, len(body.columns))
-    left = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0)
+    left = np.linalg.norm(sample - sample[:, body.base_columns] @ body.regrouped, axis=0)
     lacking = left / _sizes(sample) > MAX_UNIDENTIFIED
     if lacking.any():
         first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
@@ -452,7 +455,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
             f"the motion needs rigid-body parameters that are not identified ({first}"
             f"{', ...' if lacking.sum() > 3 else ''}). Use a friction study of a log in which these joints move",
         )
-    torques = _columns(robot, body.joints, rows, log, body.chosen) @ body.predicting
+    torques = _columns(robot, body.joints, rows, log, body.base_columns) @ body.predicting
     return {joint: torques[:, i] for i, joint in enumerate(rows)}
 
 

@@ -324,10 +324,10 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
     friction = noted(notes, code, _regressed, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
-    if friction is not None and not robot.loops and friction.chosen.chance("inertia", 1) < FALSE_ALARM:
+    if friction is not None and not robot.loops and friction.regression.chance("inertia", 1) < FALSE_ALARM:
         log, signals = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ), friction.motion
         columns = full_rate_columns(MotionSignals.of(signals, PASSBAND_HZ), friction.terms)
-        parts = torque_components(friction.chosen, columns)
+        parts = torque_components(friction.regression, columns)
         rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
         check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
     return JointMotion(friction, passes, (*(friction.notes if friction is not None else ()), *notes))

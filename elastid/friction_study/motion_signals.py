@@ -234,7 +234,7 @@ class MotionSignals:
     """A motion at full rate (n,) behind the filter of derivatives; direction: sgn of the velocity.
 
     derivatives (2, n): of the position as logged, which the filter of both sides smooths.
-    taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
+    taps: the filter of both sides.  decimation: the samples of the filtered equation, thinned, without the ends.
     """
 
     motion: Motion
@@ -244,7 +244,7 @@ class MotionSignals:
     derivatives: FloatArray
     direction: FloatArray
     taps: FloatArray
-    kept: slice
+    decimation: slice
     passband_hz: float
 
     @classmethod
@@ -299,7 +299,7 @@ class MotionSignals:
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """A side of the equation (n, ...) behind the filter, at the samples that are kept, away from the ends."""
-        kept, h = self.kept, len(self.taps) // 2
+        kept, h = self.decimation, len(self.taps) // 2
         before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
         sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
         first = (before + h) // kept.step
@@ -308,7 +308,7 @@ class MotionSignals:
     @property
     def decimated_hz(self) -> float:
         """The rate of the samples that are kept."""
-        return self.motion.rate_hz / int(self.kept.step)
+        return self.motion.rate_hz / int(self.decimation.step)
 
     @property
     def rests(self) -> BoolArray:
@@ -328,7 +328,7 @@ class MotionSignals:
     @cached_property
     def used(self) -> BoolArray:
         """Flags of the samples that are kept (k,), those that slide; all, where hardly any does."""
-        slides = self.slides[self.kept]
+        slides = self.slides[self.decimation]
         # All are used where fewer than a fifth slide clear of reversals.
         return slides if slides.mean() > 0.2 else np.ones_like(slides)
 
@@ -346,7 +346,7 @@ class MotionSignals:
 
     def moves(self, direction: int) -> bool:
         """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
-        inside = self.velocity[self.kept.start : self.kept.stop]
+        inside = self.velocity[self.decimation.start : self.decimation.stop]
         return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
 
 
@@ -393,8 +393,10 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
             return ()
         if any(signal.used.all() for signal in slow.values()):
             return ()
-        kept = next(iter(slow.values())).kept
-        same = slice(kept.start, kept.stop, log.first.kept.step)
+        kept = next(iter(slow.values())).decimation
+        same = slice(kept.start, kept.stop, log.first.decimation.step)
         for band, signals in zip(bands, (log.of_joints, slow), strict=True):
-            band.append(replace(log, of_joints={joint: replace(axis, kept=same) for joint, axis in signals.items()}))
+            band.append(
+                replace(log, of_joints={joint: replace(axis, decimation=same) for joint, axis in signals.items()})
+            )
     return bands

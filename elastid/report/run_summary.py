@@ -338,7 +338,7 @@ TOLERANCES = {
 def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
     C, names = result.covariance, result.parameters.free_names
-    i, n, fractions = names.index(poor.name), len(result.parameters.asked), {}
+    i, n, fractions = names.index(poor.name), len(result.parameters.requested), {}
     for beginning in TOLERANCES:
         of_kind = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
         cross = C[i, of_kind]

@@ -233,7 +233,7 @@ class Closed:
     def _controller(self, has_damping: bool) -> ComplexArray:
         """F or F_r (N, F, n_u)."""
         freq_hz, rate_hz = self.scene.freq_hz, self.scene.plants.rate_hz
-        stack = self.gains.each(lambda part: np.atleast_2d(part)[:, None])
+        stack = self.gains.gain_derivatives(lambda part: np.atleast_2d(part)[:, None])
         H = 1.0 if self.filters is None else self.filters.response(freq_hz, rate_hz)
         return np.asarray(replace(stack, kd=has_damping * stack.kd).response(freq_hz, rate_hz) * H)
 

@@ -33,7 +33,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
     physical robot.
     """
     covariance, exact = result.covariance_of_prediction, replace(result.known_robot, tolerances="exact")
-    names = result.parameters.moved(configuration)
+    names = result.parameters.dependent_names(configuration)
     axes, rng = principal_axes(covariance), np.random.default_rng(seed)
     drawn, values, robots, refused = [], [], list[Robot](), 0
     while len(robots) < count:

@@ -126,7 +126,7 @@ def _other(result: Result) -> str:
 def _errors(of: Plant, result: Result) -> dict[str, float]:
     """The error of each stiffness over the half of its interval on that side."""
     truth, errors = of.robot.parameters(), {}
-    for name in (p.name for p in result.parameters.asked if p.name.startswith("k_")):
+    for name in (p.name for p in result.parameters.requested if p.name.startswith("k_")):
         value, (low, high) = result.values[name], result.interval(name)
         end = low if truth[name][0] < value else high
         errors[name] = abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value)

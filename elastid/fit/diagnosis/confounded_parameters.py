@@ -57,7 +57,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
     are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
     no more than what shows a model to be wrong (D, `status.LIMITS.drop`).
     """
-    n = len(result.parameters.asked)
+    n = len(result.parameters.requested)
     test, std = scores.test, result.std_of_x[:n]
     for candidate in scores.candidates:
         places, first = candidate.places, test.numbers[candidate.places[0]]
@@ -106,7 +106,7 @@ NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is 
 
 def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[RigidPart, ...]:
     """The base about three axes, as far as no response shows it; the axis first about which it takes most."""
-    asked, parts = result.parameters.asked, list[RigidPart]()
+    asked, parts = result.parameters.requested, list[RigidPart]()
     k = {p.name: math.exp(x) for p, x in zip(asked, result.x, strict=False) if p.log and p.name.startswith("k_")}
     std = result.std_of_x[: len(asked)]
     limits = QUANTILE_95 * np.where(np.isfinite(std) & (std > 0), std, np.inf)

@@ -106,7 +106,7 @@ def with_status(evidence: Evidence) -> Result:
         return ended("not_converged", f"the search stopped before an optimum ({end.message})")
     if unreached.any():
         return ended("ill_conditioned", f"not identifiable: a combination of {listed(free, unreached)}")
-    logarithmic = [p.name for p in result.parameters.asked if p.log]
+    logarithmic = [p.name for p in result.parameters.requested if p.log]
     if logarithmic and all(_is_weak(result, name) for name in logarithmic):
         text = f"the std of every parameter is above {percent(LIMITS.stiffness_std)} of its estimate"
         return ended("ill_conditioned", f"{text}. Check the channels of each file, and the noise of the responses")
@@ -129,14 +129,14 @@ def with_status(evidence: Evidence) -> Result:
 
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     """Verdict on each parameter asked for: good, uncertain, dominated by the prior, at its bound, or biased and why."""
-    result, n = evidence.result, len(evidence.result.parameters.asked)
+    result, n = evidence.result, len(evidence.result.parameters.requested)
     index = decisive_index(result, evidence.uncertainty, result.indices)
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
     by_blocks = _shifts(evidence) if _blocks_disagree(evidence) else np.zeros(n)
     std, prior = result.std, result.std_prior
     is_distorted = any(note.code == UNEXPLAINED for note in notes_of(evidence.assembly.responses))
     verdicts = []
-    for i, parameter in enumerate(result.parameters.asked):
+    for i, parameter in enumerate(result.parameters.requested):
         if result.at_bound[i]:
             verdicts.append(AT_BOUND)
         elif index is not None and by_index[i] > LIMITS.shift:
@@ -154,26 +154,26 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
 
 def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
     """Changes of the parameters that were asked for (n,), in standard deviations; 0 of those that are too small."""
-    n = len(result.parameters.asked)
+    n = len(result.parameters.requested)
     with np.errstate(divide="ignore", invalid="ignore"):
         deviations = np.nan_to_num(np.abs(effects[:n]) / result.std_of_x[:n])
     return np.where(_matters(np.abs(effects[:n]), result), deviations, 0.0)
 
 
 def _matters(change: FloatArray, result: Result) -> BoolArray:
-    asked = result.parameters.asked
+    asked = result.parameters.requested
     size = [LIMITS.effect_on_damping if p.unit in DAMPING_UNITS else LIMITS.effect for p in asked]
     return change > size * np.where([p.log for p in asked], 1.0, np.abs(result.x[: len(asked)]))
 
 
 def _shifts(evidence: Evidence) -> FloatArray:
     result = evidence.result
-    std = result.std_of_x[: len(result.parameters.asked)]
+    std = result.std_of_x[: len(result.parameters.requested)]
     return np.where(_matters(std, result), evidence.uncertainty.shift[: len(std)], 0.0)
 
 
 def _decides(evidence: Evidence) -> BoolArray:
-    names, wanted = [p.name for p in evidence.result.parameters.asked], evidence.assembly.spec.focus
+    names, wanted = [p.name for p in evidence.result.parameters.requested], evidence.assembly.spec.focus
     matched = {name for key in wanted for name in matching(key, names)}
     return np.array([name in matched or not matched for name in names])
 
@@ -324,7 +324,7 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
             f"{listed(names, unreached)}: only a combination of them is identifiable (smallest singular value "
             f"{values[-1]:.1e}, largest {values[0]:.1e}). Fix or tie one of them",
         )
-    wanted = result.parameters.asked
+    wanted = result.parameters.requested
     for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
         if _is_weak(result, parameter.name):
             limit = percent(LIMITS.stiffness_std)

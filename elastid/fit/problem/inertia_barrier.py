@@ -73,7 +73,7 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
         names = [f"I_{body.name}{suffix}" for suffix in body.inertia_entries if suffix]
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
-            if set(names) & set(parameters.moved(where)):
+            if set(names) & set(parameters.dependent_names(where)):
                 places = tuple(parameters.index(name) for name in names)
                 inertia = BodyInertia(body.name, places, where)
                 is_flat = abs(inertia.roundness(parameters, parameters.x)) < BORDER

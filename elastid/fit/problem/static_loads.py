@@ -99,7 +99,7 @@ def loaded_robot(
     framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
     equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
     names = [load.configuration.name for load in loads]
-    moved = {name for where in names for name in parameters.moved(where)}
+    moved = {name for where in names for name in parameters.dependent_names(where)}
     return LoadedRobot.of(equations, loads, [parameters.expand(x, where)[:-1] for where in names], tuple(moved))
 
 

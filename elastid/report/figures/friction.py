@@ -57,7 +57,7 @@ class Condition:
 
     def includes(self, law: StaticLaw) -> BoolArray:
         """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
-        levels, rows = law.levels, np.ones(law.levels.n_conditions, dtype=bool)
+        levels, rows = law.curve, np.ones(law.curve.n_conditions, dtype=bool)
         if depends_on(law, "load"):
             rows &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
         if depends_on(law, "temperature"):
@@ -66,7 +66,7 @@ class Condition:
 
     def text(self, law: StaticLaw) -> str:
         """Words on the conditions that the law depends on."""
-        load, heat = f"a load of {self.load:.3g} {units(law.levels.slides)[1]}", f"{self.temperature:.3g} °C"
+        load, heat = f"a load of {self.load:.3g} {units(law.curve.slides)[1]}", f"{self.temperature:.3g} °C"
         words = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
         return f"at {' and '.join(words)}" if words else ""
 
@@ -76,7 +76,7 @@ def friction_curve(law: StaticLaw) -> Figure:
 
     Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
     """
-    levels, condition = law.levels, Condition.typical(law.levels)
+    levels, condition = law.curve, Condition.typical(law.curve)
     on_curve = condition.includes(law)
     curves, left = [], []
     for direction in sorted(set(levels.direction.tolist()), reverse=True):
@@ -115,11 +115,11 @@ def depends_on(law: StaticLaw, part: str) -> bool:
 
 def residuals(law: StaticLaw) -> FloatArray:
     """(level - law) / std (n,)."""
-    return (law.levels.torque - law.torque(law.levels.conditions)) / law.levels.std
+    return (law.curve.torque - law.torque(law.curve.conditions)) / law.curve.std
 
 
 def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:
-    levels, (color, name) = law.levels, DIRECTIONS[direction]
+    levels, (color, name) = law.curve, DIRECTIONS[direction]
     above, below = [], []
     for chosen, ink, text in (
         (~on_curve, style.WEAK, "levels at other loads and temperatures"),
@@ -135,7 +135,7 @@ def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list
 
 
 def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Curve]:
-    low, high = float(law.levels.speed.min()), float(law.levels.speed.max())
+    low, high = float(law.curve.speed.min()), float(law.curve.speed.max())
     color = style.FITTED if direction >= 0 else style.TOTAL
     name = f"law, {DIRECTIONS[direction][1]}" if direction else "law with 95 % band"
     for ends, text in (((low, high), name), ((low / BEYOND, low), ""), ((high, high * BEYOND), "")):

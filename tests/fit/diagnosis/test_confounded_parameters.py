@@ -71,7 +71,7 @@ def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> 
     assert abs(off) < 2 * result.std_with_base["k_1"]
     assert result.std_with_base["k_2"] == pytest.approx(result.std["k_2"], rel=1e-6)
     (base,) = result.assumed_rigid
-    names = [parameter.name for parameter in result.parameters.asked]
+    names = [parameter.name for parameter in result.parameters.requested]
     for name, true, rel in (("k_1", 3e4, 0.1), ("d_1", 60.0, 0.6)):  # the post's inertia damps, too
         stated = float(base.changes[names.index(name)]) * base.stiffness / (120 * 3e4)
         assert math.log(result.values[name] / true) == pytest.approx(stated, rel=rel)

@@ -74,7 +74,7 @@ def _response(x: FloatArray, left_out: list[int]) -> ComplexArray:
     """Response (F,) of the angle to the torque as elastid estimates it."""
     place, posture = ("motor 1",), Configuration("a", [0.0])
     record = Record("a", posture, 0, 0, 1000.0, N, place, place, ("position",), x[:, :1], x[:, 1:])
-    record = replace(record, left_out=tuple(left_out))
+    record = replace(record, discarded_periods=tuple(left_out))
     return estimate([record], EstimatorSpec(friction="none", quantity="position"), LINES).G[:, 0, 0]
 
 
