@@ -14,6 +14,7 @@ velocity is steady.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -304,6 +305,19 @@ class MotionSignals:
         sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
         first = (before + h) // kept.step
         return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
+
+    @property
+    def noise_powers(self) -> FloatArray:
+        """Variances (2,) of filtered velocity and acceleration by white noise of the position.
+
+        The noise is that of fifth differences, to which slow motion adds nothing (Hall, Kay and Titterington,
+        Biometrika 77, 1990), away from reversals.
+        """
+        inner = self.slides[3:-2] if self.slides.any() else slice(None)
+        variance = np.mean(np.diff(self.motion.position, 5)[inner] ** 2) / comb(10, 5)
+        slopes = np.convolve(self.taps, [0.5, 0.0, -0.5]), np.convolve(self.taps, [1.0, -2.0, 1.0])
+        gains = [np.sum((slope * self.motion.rate_hz**order) ** 2) for order, slope in enumerate(slopes, start=1)]
+        return np.asarray(variance * np.array(gains))
 
     @property
     def decimated_hz(self) -> float:

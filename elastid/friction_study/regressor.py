@@ -151,6 +151,22 @@ def change_of(fit: Regression, other: Regression) -> FloatArray:
     return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
 
 
+def noise_bias(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> FloatArray:
+    r"""Change of the numbers (n_x,) by noise of the position in the columns of velocity and acceleration.
+
+    .. math:: \Delta\beta = -(X^T X)^{-1} N \beta, \quad N = E[\tilde X^T \tilde X]
+
+    (Fuller, Measurement Error Models, 1987, section 1.1.)
+    """
+    equations = [axis_equations(axis, terms, fit if terms.searched else None).X[:, 0] for axis in signals]
+    X, of_noise = np.concatenate(equations), np.zeros(len(fit.names))
+    powers = sum(axis.used.sum() * axis.noise_powers for axis in signals)
+    for name, power in zip(("viscous", "inertia"), powers, strict=True):
+        of_noise[[of == name for of in fit.names]] = power
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    return np.asarray(-np.linalg.pinv((X / size).T @ (X / size)) @ (of_noise * fit.values / size) / size)
+
+
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     """Terms with the numbers of heat if one shows: without the other it would take that one's part."""
     degc = [axis.motion.temperature for axis in signals if axis.motion.temperature is not None]
@@ -246,7 +262,7 @@ def equations_of(
     sliding: bool = True,
     about: Regression | None = None,
 ) -> Equations:
-    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all at full rate.
+    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all behind the filter.
 
     sliding: of samples that are clear of reversals alone.
     """
@@ -256,7 +272,7 @@ def equations_of(
     X = np.zeros((*used.shape, len(names)))
     for k, (i, _, name) in enumerate(names):
         X[:, i, k] = columns[i][name]
-    R = np.zeros((*used.shape, 0)) if rigid is None else log.first.filtered(rigid)
+    R = np.zeros((*used.shape, 0)) if rigid is None else rigid
     y = np.stack([axis.filtered(axis.motion.torque) for axis in log.of_joints.values()], axis=1)
     states = [axis.filtered(state) for axis in log.of_joints.values() for state in (axis.position, axis.velocity)]
     numbers = tuple((joint, name) for _, joint, name in names)
