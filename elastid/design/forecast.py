@@ -88,10 +88,10 @@ class Forecast:
         return self.parameters[column], float(self.correlation[row, column])
 
 
-def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: bool = False) -> Forecast:
+def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_compensated: bool = False) -> Forecast:
     """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
-    is_taken_out: friction will be, of the torques.
+    is_compensated: friction will be, of the torques.
     Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
     """
     parameters = expected[0].parameters
@@ -103,7 +103,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
         text = "no response exceeds its noise at any line. Raise excitation.torque_rms, or measure more periods"
         raise StudyError("excitation/power", text, "excitation")
     responses, weights = [e.response for e in expected], [e.weights for e in expected]
-    uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_taken_out=is_taken_out)
+    uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_compensated=is_compensated)
     covariance = uncertainty.covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")

@@ -417,9 +417,9 @@ def _estimate(
     starts, hits = ends
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, near)
     fit, end = optimum.fit, optimum.end
-    is_taken_out = any(map(is_friction_taken_out, assembly.responses))
+    is_compensated = any(map(is_friction_taken_out, assembly.responses))
     known = fit, optimum.responses, optimum.weights, end.x
-    uncertainty = estimate_uncertainty(*known, execution, is_taken_out=is_taken_out)
+    uncertainty = estimate_uncertainty(*known, execution, is_compensated=is_compensated)
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
     expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof

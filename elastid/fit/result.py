@@ -162,7 +162,7 @@ OTHER_AMPLITUDE = (
 )
 
 
-def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
+def exceeds_noise(cost: float, expected_cost: float, cost_dof: float) -> bool:
     """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
     return cost > expected_cost * largest_by_chance(cost_dof)
 
@@ -430,7 +430,7 @@ class Result:
     @property
     def exceeds_noise(self) -> bool:
         """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
-        return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
+        return self.noise_is_known and exceeds_noise(self.cost, self.cost_expected, self.cost_dof)
 
     @property
     def is_within_declared(self) -> bool:

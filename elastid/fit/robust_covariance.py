@@ -60,7 +60,7 @@ class LineSums:
     noise, None where none was.  disagreement: of the bands, and its rank (`sum_blocks`).  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
-    exactly or not at all.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
+    exactly or not at all.  model_error_power: sum |r|^2 if every element were off by the floor.  model_error_pull:
     (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
     factor.  ratios: the errors by the ratios of its gears.
     """
@@ -77,8 +77,8 @@ class LineSums:
     noise_power: float
     noise_spread: float
     noise_dof: float
-    floor_power: float
-    floor_pull: dict[tuple[str, str, int], ComplexArray]
+    model_error_power: float
+    model_error_pull: dict[tuple[str, str, int], ComplexArray]
     ratios: RatioSums
 
     @property
@@ -133,10 +133,10 @@ def sum_lines(
     S = None if S is None else together * S
     lags = autocovariance(residual)
     blocks, scatter, parted = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
-    floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
-    floor_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
+    model_error_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
+    model_error_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
     of_ratios = _of_ratios(part, response, part.theta(fit.parameters, x), r, J, U)
-    noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, of_ratios)
+    noise_sums, error_sums = (power, spread, dof), (model_error_power, model_error_pull, of_ratios)
     by_line = response.freq_hz, _triangle(rows) @ U.T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
     return LineSums(*by_line, lags, n_residuals, *of_z, parted, *noise_sums, *error_sums)

@@ -20,7 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import ONE_SIDED_95, QUANTILE_95
-from elastid.fit.covariance import taken_out_error
+from elastid.fit.covariance import compensation_error
 from elastid.nonlinear.basis_functions import APART, KINDS, LOOPS, SPRINGS, GearEffect, Kind, SheetNumber
 from elastid.nonlinear.gear_estimation import (
     MOVE,
@@ -125,7 +125,7 @@ def choose_effects(
         return known
     bent = {f"k_{effect.joint}" for effect in known.effects if effect.kind not in ("friction", "behind")}
     of_gears = np.array([STIFFNESS_ERROR_OF_EFFECTS * (p.log and p.stands_for in bent) for p in known.parameters.free])
-    unseen = np.concatenate([np.maximum(taken_out_error(known.parameters), of_gears), _level_errors(known)])
+    unseen = np.concatenate([np.maximum(compensation_error(known.parameters), of_gears), _level_errors(known)])
     return replace(known, covariance=known.covariance + np.diag(unseen**2))
 
 

@@ -13,20 +13,25 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
 from elastid.fit.covariance import (
+    ENDLESS,
+    Contributions,
     Sums,
+    compensation_error,
     estimate_uncertainty,
-    floor_covariance,
+    friction_variance,
+    information,
+    model_error_covariance,
     noise_covariance,
     noise_dof,
+    prior_variance,
     residual_variance,
-    taken_out_error,
     unexplained_error,
 )
 from elastid.fit.intervals import bootstrap, profile_ends
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import Weights, weigh
-from elastid.fit.result import is_in_error, largest_by_chance
+from elastid.fit.result import exceeds_noise, largest_by_chance
 from elastid.fit.robust_covariance import (
     LineSums,
     autocovariance,
@@ -49,7 +54,7 @@ X = parameters().x
 def test_a_variance_has_the_degrees_of_freedom_of_the_lines_that_make_it():
     """Of ten equal lines of nu complex ones 2 nu 10, of one among them that has all the information 2 nu."""
     power = np.zeros((10, 2))
-    power[:, 0], power[3, 1] = 1.0, 1.0
+    power[:, 0], power[3, 1] = 2.0, 1.0
     np.testing.assert_allclose(noise_dof([power], [4.0], np.zeros(2)), [80.0, 8.0])
     assert np.all(np.isinf(noise_dof([power], [np.inf], np.zeros(2))))
 
@@ -72,7 +77,7 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     )  # fmt: skip
     free = (("k_1", "N*m/rad"), ("d_1", "N*m*s/rad"), ("Jm_1", "kg*m^2"))
     parameters = Parameters(tuple(Parameter(name, 1.0, unit, log=True) for name, unit in free))
-    stiffness, damping, inertia = taken_out_error(parameters)
+    stiffness, damping, inertia = compensation_error(parameters)
     assert inertia == 0 < stiffness < damping
     error = abs(G.mean()) - 1
     np.testing.assert_allclose(unexplained_error(parameters, [unexplained]), [error, 2 * error, 0.0], rtol=0.1)
@@ -269,7 +274,7 @@ def test_a_model_is_in_error_where_noise_does_not_explain_the_cost(dof: int):
     """Once in 700 draws of V, of few degrees of freedom, whose distribution is skew, as of many."""
     draws = np.random.default_rng(0).chisquare(dof, 700_000)
     assert np.mean(draws > dof * largest_by_chance(dof)) == pytest.approx(1 / 700, rel=0.1)
-    assert is_in_error(1.4 * 500.0, 500.0, 500)
+    assert exceeds_noise(1.4 * 500.0, 500.0, 500)
 
 
 J, R = (np.random.default_rng(7).standard_normal(shape) for shape in ((30, 2), 30))
@@ -311,7 +316,63 @@ def test_noise_counts_as_it_was_measured_and_as_the_residuals_where_it_was_not()
 
 def test_a_floor_has_at_most_the_power_that_the_cost_leaves_room_for() -> None:
     """Above the expected cost and two of its standard deviations, of 200 degrees of freedom 20 of 100."""
-    part = replace(evidence_of(J, R), floor_power=40.0)
-    sums = sums_of(part, floor_pulls={("y", "u", 0): np.array([1.0, 1j]), ("y", "u", 1): np.array([2.0, 0])})
+    part = replace(evidence_of(J, R), model_error_power=40.0)
+    sums = sums_of(part, model_error_pulls={("y", "u", 0): np.array([1.0, 1j]), ("y", "u", 1): np.array([2.0, 0])})
     for cost, share in ((160.0, 1.0), (80.0, 0.0), (100.0, 0.5), (110.0, 0.75)):
-        np.testing.assert_allclose(floor_covariance(sums, cost, 100.0, 200.0), share * np.diag([10.0, 0.005]))
+        np.testing.assert_allclose(model_error_covariance(sums, cost, 100.0, 200.0), share * np.diag([10.0, 0.005]))
+
+
+def test_covariance_is_the_largest_of_three_contributions_plus_the_others() -> None:
+    """Per parameter, of widened noise, residuals and blocks, with the noise's correlation; model error etc. add up."""
+    noise, other = np.array([[4.0, 1.0], [1.0, 1.0]]), np.array([[0.2, 0.1], [0.1, 0.3]])
+    every = Contributions(
+        noise=noise, widening=np.array([1.5, 1.0]), residuals=np.array([1.0, 2.25]), blocks=np.array([0.0, 1.5]),
+        model_error=other, ratios=2 * other, friction=np.array([0.5, 0.0]),
+    )  # fmt: skip
+    variance = np.array([9.0, 2.25])
+    largest = np.sqrt(np.outer(variance, variance)) * [[1, 0.5], [0.5, 1]]
+    expected = largest + 3 * other + np.diag([0.5, 0.0])
+    covariance = every.covariance(np.eye(2))
+    np.testing.assert_allclose(covariance, expected)
+    blocks = replace(every, blocks=np.array([16.0, 0.0])).covariance(np.eye(2))
+    np.testing.assert_allclose(np.diag(blocks), [16 + 1.1, 2.25 + 0.9])
+    exact = replace(every, noise=np.zeros((2, 2))).covariance(np.array([[2.0, 1.0]]))  # correlation of A^-1
+    np.testing.assert_allclose(exact[0, 1], np.sqrt(1.0 * 2.25) + 0.3)
+    np.testing.assert_allclose(every.random, [4 + 0.4 + 0.5, 1 + 0.6])
+    np.testing.assert_allclose(every.random_fraction(covariance, True), [9.9 / 10.1, 1.6 / 3.15])
+    np.testing.assert_allclose(every.random_fraction(covariance, False), 1 - np.diag(other) / np.diag(covariance))
+
+
+def test_prior_variance_persists_with_endless_data() -> None:
+    """H^T Q H by the tolerances now, and (s A_data + P)^-1 with s times the data, in closed form."""
+    A_data, P = J.T @ J, np.diag([0.0, 50.0])
+    half = np.linalg.inv(np.linalg.cholesky(A_data + P))
+    sums = replace(sums_of(evidence_of(J, R)), half=half, prior_J=np.sqrt(P) @ half.T)
+    now, persistent = prior_variance(sums, [1])
+    C = np.linalg.inv(A_data + P)
+    np.testing.assert_allclose(now, np.diag(C @ P @ C))
+    np.testing.assert_allclose(persistent, np.diag(np.linalg.inv(ENDLESS * A_data + P)))
+
+
+def test_information_sums_to_one_with_load_tests() -> None:
+    """Two configurations with 3/6 and 2/6, load tests the rest; the band contains the middle half."""
+    power, loads = [np.full((4, 1), 0.75), np.full((4, 1), 0.5)], np.array([1.0])
+    fraction, band = information(power, [np.arange(1.0, 5.0), np.arange(11.0, 15.0)], loads)
+    np.testing.assert_allclose(fraction, [[3 / 6], [2 / 6]])
+    np.testing.assert_array_equal(band, [[2.0, 12.0]])
+
+
+def test_friction_variance_needs_compensation_or_distortion() -> None:
+    """(0.02 %)^2 of a stiffness if friction was compensated; springs of motors leave 1 % of the distortion's."""
+    noise, total = Covariance(np.zeros((5, 1, 1)), np.inf), Covariance(np.full((5, 1, 1), 1e-4), 3.0)
+    distorted = Response(
+        configuration=Configuration("a", np.zeros(1)), inputs=("motor 1",), outputs=("motor 1",),
+        quantity="acceleration", freq_hz=np.arange(1.0, 6.0), G=np.ones((5, 1, 1), complex), noise=noise, total=total,
+        notes=(Note(UNEXPLAINED, ""),),
+    )  # fmt: skip
+    stiffness = Parameter("k_1", 1.0, "N*m/rad", log=True)
+    rigid, relaxing = Parameters((stiffness,)), Parameters((stiffness, Parameter("relaxation_1", 1.0, "1/s", log=True)))
+    by_distortion = 2 / (np.pi - 2) * 4e-4
+    np.testing.assert_allclose(friction_variance(rigid, [], True), [4e-8])
+    np.testing.assert_allclose(friction_variance(rigid, [distorted], False), [by_distortion])
+    np.testing.assert_allclose(friction_variance(relaxing, [distorted], True)[0], 4e-8 + 0.01 * by_distortion)
