@@ -6,11 +6,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from plants.three_mass import FREQ, NO_FLOOR, estimate, fit_of, measured, noise_of, parameters, plant
+from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 from scipy.stats import t as student
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
+from elastid.base.execution import Execution
+from elastid.base.statistics import small_sample_factors
 from elastid.covariance import Covariance
 from elastid.fit.covariance import (
     ENDLESS,
@@ -25,6 +27,7 @@ from elastid.fit.covariance import (
     noise_dof,
     prior_variance,
     residual_variance,
+    sum_up,
     unexplained_error,
 )
 from elastid.fit.intervals import bootstrap, profile_ends
@@ -40,11 +43,12 @@ from elastid.fit.robust_covariance import (
     jackknife_variance,
     sum_blocks,
 )
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.parameters import Parameter, Parameters
+from elastid.parameters import Parameter, Parameters, Prior
 from elastid.record import Configuration
 from elastid.response import UNEXPLAINED, Response
 
@@ -376,3 +380,62 @@ def test_friction_variance_needs_compensation_or_distortion() -> None:
     np.testing.assert_allclose(friction_variance(rigid, [], True), [4e-8])
     np.testing.assert_allclose(friction_variance(rigid, [distorted], False), [by_distortion])
     np.testing.assert_allclose(friction_variance(relaxing, [distorted], True)[0], 4e-8 + 0.01 * by_distortion)
+
+
+def test_few_repetitions_widen_the_noise() -> None:
+    """Of 4 degrees of freedom a line, standard deviations by Student's quantile at the dof of all lines."""
+    model = plant()
+    response = measured(model, noise_of(model))
+    exact = weigh(response, NO_FLOOR)
+    assert exact.noise is not None
+    few = replace(exact, noise=replace(exact.noise, measured=replace(exact.noise.measured, dof=4.0)))
+    fit = elastic_fit([response], [model], [exact], parameters(), "complex")
+    known, widened = (estimate_uncertainty(fit, [response], [w], X, is_forecast=True) for w in (exact, few))
+    factor = small_sample_factors(noise_dof(known.power, [4.0], np.zeros(4)))
+    ratio = np.sqrt(np.diag(widened.covariance) / np.diag(known.covariance))
+    np.testing.assert_allclose(ratio, factor)
+    assert np.all(factor > 1.001)
+    np.testing.assert_allclose(known.averaging_fraction, 1.0)
+
+
+def test_tolerances_persist_by_what_endless_data_leave() -> None:
+    """The persistent fraction of the variance is that of the priors with endless data, and not their whole part."""
+    model, std = plant(), 2e-4
+    nuisance = Parameter(
+        "k_a", TRUTH["k_a"], "1", 1e-3, 1e3, log=True, is_nuisance=True, prior=Prior(TRUTH["k_a"], std)
+    )
+    free, response = parameters(k_a=nuisance), measured(model, noise_of(model))
+    weights = weigh(response, NO_FLOOR)
+    fit = elastic_fit([response], [model], [weights], free, "complex")
+    sure = estimate_uncertainty(fit, [response], [weights], free.x, is_forecast=True)
+    place = [p.is_nuisance for p in free.free].index(True)
+    now, persistent = prior_variance(sum_up(fit, [response], [weights], free.x, Execution()), [place])
+    variance = np.diag(sure.covariance)
+    np.testing.assert_allclose(sure.persistent_fraction, np.minimum(persistent, now) / variance)
+    np.testing.assert_allclose(sure.averaging_fraction, (variance - now) / variance)
+    assert np.all(persistent[place] < 0.5 * now[place])
+
+
+def test_configurations_that_disagree_widen_to_their_jackknife() -> None:
+    """Of three configurations with other stiffnesses, variances are at least those of the jackknife."""
+    model, responses = plant(), []
+    for name, factor in (("a", 0.9), ("b", 1.0), ("c", 1.1)):
+        theta = model.theta_ref * np.where(np.array(model.parameters) == "k_g", factor, 1.0)
+        G = frequency_response(model, theta, FREQ)
+        responses.append(replace(measured(model, noise_of(model)), G=G, configuration=Configuration(name, [0.0])))
+    weights = [weigh(response, NO_FLOOR) for response in responses]
+    fit = elastic_fit(responses, [model] * 3, weights, parameters(), "log")
+    end = solve(fit.problem, X)
+    sums = sum_up(fit, responses, weights, end.x, Execution())
+    scatter = jackknife_variance(sums.parts, sums.half)
+    variance = np.diag(estimate_uncertainty(fit, responses, weights, end.x).covariance)
+    assert np.any(scatter > 1.01 * np.maximum(block_variance([part.blocks for part in sums.parts], sums.half), 0))
+    assert np.all(variance >= scatter)
+
+
+def test_block_variance_is_that_of_the_sum_of_few_blocks() -> None:
+    """Of three blocks t^2 3 / 2 sum (H^T g)^2, t of two degrees of freedom."""
+    blocks = np.array([[1.0, 2.0], [0.5, -1.0], [-1.5, -1.0]])
+    t = student.ppf(0.975, 2) / student.ppf(0.975, np.inf)
+    expected = t**2 * 3 / 2 * np.sum((blocks @ HALF) ** 2, axis=0)
+    np.testing.assert_allclose(block_variance([blocks[:1], blocks[1:]], HALF), expected)

@@ -11,12 +11,12 @@ from elastid.fit.robust_covariance import LineSums, RatioSums
 Q, N, HALF = 40, 30, np.diag([2.0, 0.1])
 
 
-def scatter(std: float, is_excess: bool = True) -> tuple[RatioScatter, FloatArray]:
+def scatter(std: float, is_excess: bool = True, noise: float = 1.0) -> tuple[RatioScatter, FloatArray]:
     """Scatter of a gear at Q angles whose ratios have so many tolerances, and dx (Q, 2) by one tolerance at each."""
     rng = np.random.default_rng(3)
     J = np.linalg.qr(rng.standard_normal((Q * N, 2)))[0]
     V = 3 * rng.standard_normal((Q, N)) + np.reshape(J @ [20.0, 40.0], (Q, N))
-    r = (V * std * rng.standard_normal((Q, 1))).ravel() + rng.standard_normal(Q * N)
+    r = (V * std * rng.standard_normal((Q, 1))).ravel() + noise * rng.standard_normal(Q * N)
     r = r - J @ (J.T @ r)
     rows, residuals, parts = np.reshape(J, (Q, N, 2)), np.reshape(r, (Q, N)), list[LineSums]()
     for q in range(Q):
@@ -40,6 +40,13 @@ def test_ratios_without_excess_explain_nothing() -> None:
     found, _ = scatter(0.0, is_excess=False)
     assert found.std["motor 1"] < 0.2
     assert not found.explains
+
+
+def test_another_error_is_not_explained_by_ratios() -> None:
+    """White residuals of twice the noise: ratios explain none of the excess and count with their tolerance."""
+    found, dx = scatter(0.0, noise=2.0)
+    assert not found.explains
+    np.testing.assert_allclose(found.covariance, dx.T @ dx)
 
 
 def test_implausible_ratios_count_with_their_tolerance() -> None:
