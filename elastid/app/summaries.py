@@ -18,7 +18,7 @@ from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import stick_figure
-from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
@@ -92,7 +92,7 @@ def summary(
     mode_rows: Sequence[ModeRow],
     agreements: Sequence[Agreement],
     notes: Sequence[Note],
-    friction: FrictionTakenOut | None = None,
+    friction: CompensatedFriction | None = None,
 ) -> dict[str, Any]:
     """Return the content of summary.json; notes of fit, friction and measured responses, in this order.
 
@@ -271,7 +271,7 @@ def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[
             for name in ("truth", "contains", "verdict")
             if getattr(row, name) not in (None, "")
         }
-        | {name: json_value(part) for name, part in row.std_parts.items()}
+        | {name: json_value(part) for name, part in row.std_contributions.items()}
         | ({"std_with_base": json_value(result.std_with_base[row.name])} if result.assumed_rigid else {})
         | {
             name: json_value(ends)
@@ -299,7 +299,7 @@ def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
 
 
 def _friction_section(
-    robot: Robot, friction: FrictionTakenOut | None, springs: Mapping[str, float]
+    robot: Robot, friction: CompensatedFriction | None, springs: Mapping[str, float]
 ) -> list[dict[str, Any]] | None:
     """Return the section `friction` of summary.json, one entry per motor; None without compensation.
 

@@ -11,7 +11,7 @@ line k. Each variance is the largest of the first three contributions, plus the 
   included. With inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao). A covariance of few
   lines, each measured few times, is itself uncertain: the variance is widened to Student's quantile (`noise_dof`).
   Priors, and systematic errors of given size (`problem.systematic_errors`), are nuisance parameters within A.
-- residuals (`residual_variance`): a sandwich estimate of noise and model error. The pulls of one frequency, in all
+- residuals (`sandwich_variance`): a sandwich estimate of noise and model error. The pulls of one frequency, in all
   elements and configurations, are added before they are squared, since a wrong model errs in all of them together.
   tau >= 1 is the correlation length of the residuals over neighbouring lines.
 - blocks (`robust_covariance`): if V exceeds the noise, the model is in error, and the parameters absorb a different
@@ -153,7 +153,7 @@ def estimate_uncertainty(
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
     blocks = block_variance([part.blocks for part in parts], half)
     every = Contributions(
-        noise=noise, widening=np.asarray(small_sample_factors(dof)), residuals=residual_variance(sums),
+        noise=noise, widening=np.asarray(small_sample_factors(dof)), residuals=sandwich_variance(sums),
         blocks=np.maximum(blocks, jackknife_variance(parts, half)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),
@@ -291,7 +291,7 @@ def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
     return sums.half.T @ meat @ sums.half, power - float(np.trace(meat)), cost_dof
 
 
-def residual_variance(sums: Sums) -> FloatArray:
+def sandwich_variance(sums: Sums) -> FloatArray:
     """Return the sandwich variances (n_x,) of x by the residuals, pulls added over configurations at each frequency."""
     parts = sums.parts
     freq_hz, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)

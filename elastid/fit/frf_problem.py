@@ -250,7 +250,7 @@ class NoRestError(FitError):
         )
 
 
-def is_friction_taken_out(response: Response) -> bool:
+def is_friction_compensated(response: Response) -> bool:
     """True if friction was, which leaves the errors of its levels among the systematic ones."""
     return response.bias is not None and len(response.bias) - response.image_errors > SYSTEMATIC_ERRORS
 
@@ -258,7 +258,7 @@ def is_friction_taken_out(response: Response) -> bool:
 def is_distorted_by_friction(response: Response) -> bool:
     """True if distortion is significant and friction was not compensated."""
     noise, total = response.noise, response.total
-    if noise is None or total is None or is_friction_taken_out(response):
+    if noise is None or total is None or is_friction_compensated(response):
         return False
     known = (noise.variance > 0) & np.isfinite(total.variance)
     return bool(known.any()) and float(np.median(total.variance[known] / noise.variance[known])) > DISTORTED

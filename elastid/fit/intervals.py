@@ -120,7 +120,7 @@ def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
 MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 
 
-def profile_ends(
+def profile_likelihood(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
     """Ends (n_x, 2) in x of the intervals of some free parameters about the optimum x (n_x,), NaN of the others.
@@ -203,7 +203,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
             raise StudyError("fit/parameters", text, "fit.profile")
         names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))
     if names:
-        ends = profile_ends(problem, x, variance, names, optimum.fit.evaluated_by(execution))
+        ends = profile_likelihood(problem, x, variance, names, optimum.fit.evaluated_by(execution))
         result = replace(result, profile95=result.parameters.natural(ends.T).T)
     if spec.bootstrap:
         draws = bootstrap(optimum.fit, optimum.weights, x, spec.bootstrap, spec.seed or 0, execution)

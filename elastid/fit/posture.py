@@ -11,7 +11,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.base.section import section
 from elastid.linear.equilibrium import equilibrium, rigid_posture
-from elastid.linear.fitted_model import Axes, Doubt, Estimated, FittedModel
+from elastid.linear.fitted_model import Axes, Estimated, FittedModel, ModelErrorFactor
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
 from elastid.linear.static_deflection import Ports, acted_on, moved_by
@@ -21,7 +21,7 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
-from elastid.robot.robot import parts_of_place, with_frames
+from elastid.robot.robot import split_place, with_frames
 from elastid.simulation.controller import gains_of
 from elastid.simulation.spec import ControllerSpec
 
@@ -71,7 +71,7 @@ class Family:
     @classmethod
     def of(
         cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
-        asked: Asked, where: str = "", doubts: tuple[Doubt, ...] = (),
+        asked: Asked, where: str = "", doubts: tuple[ModelErrorFactor, ...] = (),
     ) -> "Family":  # fmt: skip
         """Family of a fit; StudyError for places that the robot lacks.  where: configuration whose parameters count."""
         robot, frame = _with_frames(robot, asked)
@@ -147,7 +147,7 @@ class Family:
         def row(place: str) -> FloatArray:
             """Row of a place, as a sum of `places`."""
             weights = np.zeros(len(rows) + model.n_u)
-            kind, name, axis = parts_of_place(place)
+            kind, name, axis = split_place(place)
             if kind in ("motor", "joint", "body") or self.asked.axes == "own":
                 weights[rows[place]] = 1.0
                 return weights
@@ -207,7 +207,7 @@ def default_frame(robot: Robot) -> str:
 
 
 def _frame_of(place: str) -> str:
-    kind, name, _ = parts_of_place(place)
+    kind, name, _ = split_place(place)
     return name if kind in ("frame", "accelerometer", "force", "torque") else ""
 
 

@@ -24,7 +24,7 @@ from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.rank_hypotheses import temper
 from elastid.fit.diagnosis.sensitivities import thinning
-from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_taken_out
+from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_compensated
 from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import Presliding, Result
@@ -79,7 +79,7 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
         if any(map(is_load, response.inputs)) or response.controller is not None:
             return ()
         bias = None
-        if response.bias is not None and is_friction_taken_out(response):
+        if response.bias is not None and is_friction_compensated(response):
             bias = response.bias[response.image_errors : -1]
         places |= {
             place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())

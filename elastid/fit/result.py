@@ -17,7 +17,7 @@ from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import USUAL_FLOOR
-from elastid.linear.fitted_model import Axes, Doubt, FittedModel
+from elastid.linear.fitted_model import Axes, FittedModel, ModelErrorFactor
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.presliding import RelaxingSpring
 from elastid.model.spec import ModelSpec
@@ -145,7 +145,7 @@ MEANING: dict[Status, str] = {
 CONTRADICTED = "the data contradict a value of the robot model. Correct or estimate the value, and fit again"
 
 # Code of the note on errors of held numbers that no residual shows.
-HELD_AS_EXACT = "fit/fixed-values"
+FIXED_VALUES = "fit/fixed-values"
 # Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
 CAUSES = (
     "fit/frequency-unit", "fit/likely-cause", "fit/inconsistent-responses", "fit/loads", "fit/tool",
@@ -164,10 +164,10 @@ OTHER_AMPLITUDE = (
 
 def exceeds_noise(cost: float, expected_cost: float, cost_dof: float) -> bool:
     """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
-    return cost > expected_cost * largest_by_chance(cost_dof)
+    return cost > expected_cost * max_cost_ratio(cost_dof)
 
 
-def largest_by_chance(cost_dof: float) -> float:
+def max_cost_ratio(cost_dof: float) -> float:
     """Upper limit of V / E[V] for a correct model (false-alarm rate 1/700).
 
     2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
@@ -321,7 +321,7 @@ class Result:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std
         rows, least = [], {name: ROUNDING * number for name, number in std.items()}
-        parts = {kind: part for kind, part in self.std_parts.items() if any(part[p] > least[p] for p in part)}
+        parts = {kind: part for kind, part in self.std_contributions.items() if any(part[p] > least[p] for p in part)}
         for p in self.parameters.asked:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
@@ -373,7 +373,7 @@ class Result:
         """Verdict of the residual test, the ratio of the residuals, and its limit."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
-        limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
+        limit, ratio = math.sqrt(max_cost_ratio(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > USUAL_FLOOR:
             verdict = "passed" if self.is_within_declared else "failed"
             error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
@@ -496,7 +496,7 @@ class Result:
         return self._part(self._shared(1 - self.averaging_fraction - self.persistent_fraction, 0.0))
 
     @property
-    def std_parts(self) -> dict[str, dict[str, float]]:
+    def std_contributions(self) -> dict[str, dict[str, float]]:
         """The contributions to `std` by name; none for an exact robot model."""
         names = ("std_noise", "std_prior", "std_systematic") if self.has_tolerances else ()
         return {name: getattr(self, name) for name in names}
@@ -567,7 +567,7 @@ class Result:
         ends = {name: self.interval(name) for name in free}
         nan, names = math.nan, ("std_noise", "std_prior", "std_systematic")
         columns = ["value", *names, "std", "low", "high", "unit", "free"]
-        parts = [self.std_parts.get(name, {}) for name in names]
+        parts = [self.std_contributions.get(name, {}) for name in names]
         rows = {
             p.name: (
                 values[p.name], *(each.get(p.name, nan) for each in (*parts, std)), *ends.get(p.name, (nan, nan)),
@@ -676,14 +676,14 @@ class Result:
         return any(index.place == 1 and index.explained_fraction > LONE_CAUSE for index in self.indices)
 
     @property
-    def doubts(self) -> tuple[Doubt, ...]:
+    def doubts(self) -> tuple[ModelErrorFactor, ...]:
         """Numbers that would explain where the model is wrong, as errors of `DOUBT` of their steps."""
         if not self.exceeds_noise:
             return ()
         # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a sixth to spare.
         leading = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
-            Doubt(
+            ModelErrorFactor(
                 DOUBT * np.nan_to_num(index.effects, posinf=0.0, neginf=0.0), index.members,
                 tuple((DOUBT * index.steps).tolist()), index.log,
             )

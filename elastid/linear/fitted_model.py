@@ -34,7 +34,7 @@ from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
 from elastid.parameters import Parameters
-from elastid.record import HeldTorque
+from elastid.record import ZohTorque
 from elastid.response import Response
 from elastid.robot import FRAME_AXES
 
@@ -42,7 +42,7 @@ Axes: TypeAlias = Literal["own", "world"]
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
+class ModelErrorFactor:
     """An explanation of a misfit, as an error of unit variance: numbers that the fit held move by their steps.
 
     effects (n_x,): and with them the parameters.  members: the numbers; steps of each, of its logarithm where `log`.
@@ -76,12 +76,12 @@ class Estimated:
     rows: IntArray
     places: IntArray
     where: str = ""
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[ModelErrorFactor, ...] = ()
 
     @classmethod
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
-        where: str = "", doubts: tuple[Doubt, ...] = (), held: Collection[str] = (),
+        where: str = "", doubts: tuple[ModelErrorFactor, ...] = (), held: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
         """Numbers of a fit; held: names that keep their base."""
         known = [i for i, name in enumerate(names) if name in parameters.names and name not in held]
@@ -281,7 +281,7 @@ class FittedModel:
         """
         hold = self.linear.hold if sampled else None
         if sampled_hz is not None:
-            hold = HeldTorque((float(sampled_hz),) * len(self.linear.inputs), (True,) * len(self.linear.outputs))
+            hold = ZohTorque((float(sampled_hz),) * len(self.linear.inputs), (True,) * len(self.linear.outputs))
         return to_response(replace(self.linear, hold=hold), self.theta, checked_frequencies(freq_hz))
 
     def response_band(self, freq_hz: FloatArray, level: float = 0.95) -> ResponseBand:

@@ -1,4 +1,4 @@
-r"""Effects of gears: shapes Phi along the motion, each times a level f, that act at a place of the drivetrain.
+r"""Effects of gears: shapes Phi along the motion, each times a magnitude f, that act at a place of the drivetrain.
 
 .. math:: J \ddot q + f_m \dot q + (F_m + F_{load} |\tau|)\, \mathrm{sgn}\, \dot q + ripple(q) + (1 + e'(q))\, \tau = u,
           \qquad \tau = n(\delta) + d\, \dot\delta + h(\delta), \qquad \delta = q + e(q) - l
@@ -22,7 +22,7 @@ from numpy.fft import irfft, rfft
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import Note
 from elastid.friction.stop_operator import Path, bristle, stop
-from elastid.nonlinear.friction import Shape, sliding_means
+from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
 from elastid.response import UNEXPLAINED
 
 Signal = TypeVar("Signal", FloatArray, BoolArray)
@@ -30,7 +30,7 @@ Signal = TypeVar("Signal", FloatArray, BoolArray)
 
 def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
-    means = sliding_means(np.append(v, v[0])[None], [(Shape("", "sign", scale), 1.0)])[0]
+    means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
     step, phi = following(v) - v, np.tanh(v / scale) if scale else np.sign(v)
     slope = np.divide(following(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
     return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
@@ -87,7 +87,7 @@ class Row:
     place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
     sheet.  scales: that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the
     middle one; without any an effect has an order and is not implicit.  rivals: of which a joint has one, it apart.
-    brakes: its level cannot be negative: it takes energy, or is missing within a gap.
+    brakes: its magnitude cannot be negative: it takes energy, or is missing within a gap.
     """
 
     place: Place
@@ -125,7 +125,7 @@ APART = 1.5  # factor from which on two scales, or stiffnesses, are told apart
 class GearEffect:
     """One effect at a joint.
 
-    friction, load: at the motor, one level and one for each Nm of the gear's torque; behind: at the link.  cubic,
+    friction, load: at the motor, one magnitude and one for each Nm of the gear's torque; behind: at the link.  cubic,
     progressive: k_3 delta^3 and k_2s |delta| delta.  range: the stiffness beyond a deflection, more than before it.
     gap: the stiffness within one, less than beyond it; lost motion.  stop, bristle: elements of the gear's hysteresis.
     scale: rad/s over which friction turns, rad over which a hysteresis bends or at which a range or a gap ends, order
@@ -220,7 +220,7 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / b
 
 
-def periodic_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
+def transmission_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
     """e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
     order = effect.scale * ratio
     sine, cosine = np.sin(order * angle), np.cos(order * angle)
@@ -236,7 +236,7 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]
-    e, slope = periodic_error(effect, motion.angle, motion.ratio)
+    e, slope = transmission_error(effect, motion.angle, motion.ratio)
     if effect.kind.startswith("ripple"):
         return [("motor", e)]
     return [("gear", motion.k * e + motion.d * slope * motion.velocity), ("motor", motion.torque * slope)]

@@ -72,8 +72,8 @@ def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexA
     noise above the last line that is known; along the motion of the round before, in two rounds.
     """
     n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
-    Y, start, gain = own_spectrum(record, place)
-    share, noise = signal_share(record, Y, order)
+    Y, start, gain = motor_spectrum(record, place)
+    share, noise = signal_fraction(record, Y, order)
     s = laplace(len(Y), n, record.rate_hz)
     velocity = integrated(share * Y, s, order - 1)
     if order != 1:
@@ -93,7 +93,7 @@ def _fine(velocity: ComplexArray, n: int) -> FloatArray:
     return np.append(x, x[0])
 
 
-def signal_share(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
+def signal_fraction(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
     """Share of the DFT Y (n // 2 + 1,) of a motion that is not noise, and the std of the velocity by the rest.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
@@ -135,7 +135,7 @@ def whole_samples(record: Record) -> int:
     return record.n_samples // record.period_samples * record.period_samples
 
 
-def own_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float]:
+def motor_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float]:
     """DFT (n // 2 + 1,) of a motor's motion as it was logged, over whole periods; an angle's start, and its gain.
 
     An angle is taken from its start on, without the ramp of its gain; both are 0 of other quantities.

@@ -15,7 +15,8 @@ from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
-from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import BasisFunction, amplitudes
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.record import Configuration, Motion, Record
 
@@ -53,7 +54,7 @@ class ConfigurationSpectra:
                 return False
         return True
 
-    def nonlinear_share(self) -> FloatArray:
+    def nonlinear_fraction(self) -> FloatArray:
         """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
 
         From the experiments beyond those that separate the inputs; without any, from lines that are not excited.
@@ -70,8 +71,8 @@ class ConfigurationSpectra:
         """Residuals e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
 
         e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
-        experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  And the lines (F,)
-        that constrain f.
+        experiments; at unexcited lines Q = 1.  So e = X f for the coefficients f of the friction in U.  And the lines
+        (F,) that constrain f.
         """
         on = self.excited
         net = self.U - friction
@@ -89,10 +90,10 @@ class ConfigurationSpectra:
 
 def gather_configuration(
     measured: Iterable[Record],
-    shapes: Sequence[Shape],
+    shapes: Sequence[BasisFunction],
     spec: EstimatorSpec,
     planned: IntArray | None,
-    friction: FrictionTakenOut | None = None,
+    friction: CompensatedFriction | None = None,
 ) -> ConfigurationSpectra:
     """Mean spectra over the periods that can be trusted, of the records of one configuration, one record at a time.
 
@@ -144,7 +145,7 @@ class PeriodLines:
     of whole periods.  noise (n_u,): variance of the noise of an element of Y that does not fall with frequency.
     scatter (F, n_u): variance of the mean over the periods, of Y.  excited (F,).  samples: of a period.  count (n_u,):
     smallest step of an angle.  sampled (n_u,): whether an angle was logged, and no derivative of it.  arm (F + 1, n_j,
-    M): torques of the links, and their mean first, whose motion is taken out of Y; 0 if none.  cells: of a sample.
+    M): torques of the links, and their mean first, whose motion is subtracted from Y; 0 if none.  cells: of a sample.
     """
 
     configuration: Configuration
@@ -267,16 +268,16 @@ def _periods(
     return every.only(trusted(every.on(excited), spec).periods) if len(every.periods) > 1 else every
 
 
-def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
+def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
     """Friction torque (F, n_m, K) of shapes (F, n_f, K) that act on motors motor_of (n_f,)."""
     torque = np.zeros((Phi.shape[0], n_m, Phi.shape[2]), dtype=np.complex128)
-    for f in np.flatnonzero(levels):
-        torque[:, motor_of[f]] += levels[f] * Phi[:, f]
+    for f in np.flatnonzero(coefficients):
+        torque[:, motor_of[f]] += coefficients[f] * Phi[:, f]
     return torque
 
 
 def some(lines: IntArray, most: int) -> IntArray:
-    """Lines, so many at most, evenly taken with the first and the last: they show a level as well as all."""
+    """Lines, so many at most, evenly spaced with the first and the last: they show a coefficient as well as all."""
     return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
 
 

@@ -20,7 +20,7 @@ from elastid.fit.result import (
     BIASED,
     CONTRADICTED,
     DISTORTED,
-    HELD_AS_EXACT,
+    FIXED_VALUES,
     NO_CAUSE,
     OTHER_AMPLITUDE,
     REQUIRED,
@@ -148,7 +148,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return f"Yes{but}."
     base = next((f" {capital(row.base)}." for row in rows if row.base), "")
-    is_exact = any(note.code == HELD_AS_EXACT for note in result.notes)
+    is_exact = any(note.code == FIXED_VALUES for note in result.notes)
     return f"Yes{but}{', if the fixed values of the robot model are exact' * is_exact}.{base}"
 
 

@@ -49,8 +49,8 @@ from elastid.fit.identify import identify
 from elastid.fit.problem.weights import with_floor
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.compensate_friction import estimate_without_friction
-from elastid.nonlinear.identify_friction import find_friction
+from elastid.nonlinear.compensate_friction import estimate_compensated_response
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.record import Configuration, Motion, Record
 from elastid.study import Study, load
 
@@ -98,11 +98,11 @@ class Case:
         """The fits of one data set."""
         groups, lines = self._records(number)
         spec = EstimatorSpec(friction="auto", transient_periods=0)
-        taken = find_friction(groups, spec, lines)
-        responses = [estimate_without_friction(group, taken, spec, lines) for group in groups]
+        taken = identify_motor_friction(groups, spec, lines)
+        responses = [estimate_compensated_response(group, taken, spec, lines) for group in groups]
         study = study_of(self.rigs)
         true = dict(zip(taken.places, COULOMB[self.coulomb], strict=True))
-        levels = [(place, *taken.sliding_level(place)) for place in taken.taken_places()]
+        levels = [(place, *taken.coulomb_friction(place)) for place in taken.compensated_motors()]
         found: Found = {
             "levels": [(level / true[place] - 1, std / true[place]) for place, level, std in levels if true[place]]
         }

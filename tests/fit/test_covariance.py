@@ -26,15 +26,15 @@ from elastid.fit.covariance import (
     noise_covariance,
     noise_dof,
     prior_variance,
-    residual_variance,
+    sandwich_variance,
     sum_up,
     unexplained_error,
 )
-from elastid.fit.intervals import bootstrap, profile_ends
+from elastid.fit.intervals import bootstrap, profile_likelihood
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import Weights, weigh
-from elastid.fit.result import exceeds_noise, largest_by_chance
+from elastid.fit.result import exceeds_noise, max_cost_ratio
 from elastid.fit.robust_covariance import (
     LineSums,
     autocovariance,
@@ -125,7 +125,7 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
 
     problem = least_squares(free, residual)
     variance = np.diag(np.linalg.inv(problem.evaluate(free.x).hessian / 2))
-    interval, _ = profile_ends(problem, free.x, variance, ["x"])
+    interval, _ = profile_likelihood(problem, free.x, variance, ["x"])
     assert interval[1] == np.inf
     assert interval[0] == pytest.approx(-np.log(np.sqrt(1.96**2 + 16 * np.exp(-6)) / 4), abs=0.1)
 
@@ -149,7 +149,7 @@ def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself()
         calls.append(x)
         return problem.evaluate(x)
 
-    interval, _ = profile_ends(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
+    interval, _ = profile_likelihood(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
     np.testing.assert_allclose(np.exp(interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=2e-3)
     assert len(calls) < 25
 
@@ -162,7 +162,7 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
         here = problem.evaluate(x)
         return here if x[0] < 1 else replace(here, cost=np.inf)
 
-    interval, _ = profile_ends(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.6, 5e-5]), ["d"])
+    interval, _ = profile_likelihood(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.6, 5e-5]), ["d"])
     assert np.exp(interval[0]) < 0.2
     assert interval[1] == pytest.approx(np.log(1 + 1.96 * np.sqrt(0.6)), abs=0.01)
 
@@ -277,7 +277,7 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
 def test_a_model_is_in_error_where_noise_does_not_explain_the_cost(dof: int):
     """Once in 700 draws of V, of few degrees of freedom, whose distribution is skew, as of many."""
     draws = np.random.default_rng(0).chisquare(dof, 700_000)
-    assert np.mean(draws > dof * largest_by_chance(dof)) == pytest.approx(1 / 700, rel=0.1)
+    assert np.mean(draws > dof * max_cost_ratio(dof)) == pytest.approx(1 / 700, rel=0.1)
     assert exceeds_noise(1.4 * 500.0, 500.0, 500)
 
 
@@ -301,7 +301,7 @@ def test_residuals_count_over_their_degrees_of_freedom_and_together_at_a_frequen
         (sums_of(white, replace(white, freq_hz=white.freq_hz + 100)), 60 / 58 * 2 * single),
         (sums_of(replace(white, autocovariance=np.eye(30)[0] + 0.5 * np.eye(30)[1])), 30 / 28 * 2 * single),
     ):
-        np.testing.assert_allclose(residual_variance(sums), expected)
+        np.testing.assert_allclose(sandwich_variance(sums), expected)
 
 
 def test_noise_counts_as_it_was_measured_and_as_the_residuals_where_it_was_not() -> None:

@@ -36,7 +36,7 @@ class Variant(NamedTuple):
     assembly: Assembly
 
 
-def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
     explained = max((index.explained_fraction for index in indices), default=0.0)
     if explained > LIMITS.whole and not any(index.group == SCALE for index in indices):

@@ -50,7 +50,9 @@ from elastid.linear.linear_model import DELAY
 from elastid.robot import channel_name, low_pass_response
 
 
-def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+def find_channel_errors(
+    indices: list[ModificationIndex], evidence: Evidence, scores: Scores
+) -> list[ModificationIndex]:
     """The indices with the best reading, and the names of those that cannot be distinguished from it."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     fit, x = thinned(optimum.fit), optimum.end.x
@@ -323,7 +325,7 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     return float(delays[np.argmin(costs)])
 
 
-def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """Return the indices with the forms (delay, filter) of significant delays and of `common_delay`."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     if not optimum.fit.n_residuals:

@@ -20,8 +20,8 @@ from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.score_test import HeldNumber
-from elastid.fit.result import HELD_AS_EXACT, Result, RigidPart
+from elastid.fit.diagnosis.score_test import FixedNumber
+from elastid.fit.result import FIXED_VALUES, Result, RigidPart
 from elastid.robot import Robot
 
 SAID = 3.0  # standard deviations, by which a number that is held moves one of the fit, and is named
@@ -35,7 +35,7 @@ class UndetectableError:
     """
 
     name: str
-    number: HeldNumber
+    number: FixedNumber
     parameter: int
     per_std: float
     error: float
@@ -94,7 +94,7 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
         f"one std: {moves}. The residuals do not show an error of {named[0].amount(named[0].error)}. State the "
         "tolerances of these values in robot.tolerances, so that the intervals include them"
     )
-    return (Note(HELD_AS_EXACT, text, severity="information"),)
+    return (Note(FIXED_VALUES, text, severity="information"),)
 
 
 # Assumed stiffness of a pedestal over that of the gear; one of steel on a floor, N m/rad, is no stiffer under a stiffer

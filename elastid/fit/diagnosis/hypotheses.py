@@ -2,7 +2,7 @@ r"""HYPOTHESES: every kind of cause that a diagnosis considers, with its usual s
 
 To add one, write a function and an entry.  An entry may be put into this list, or handed to `identify`:
 
-    def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
+    def crosstalk(response: ModelResponse) -> dict[str, ComplexArray]:
         "Derivative to the share of motor 1's torque that is logged with that of motor 2."
         return {"crosstalk_2": -response.G @ np.array([[0.0, 0.0], [1.0, 0.0]])}
 
@@ -18,8 +18,8 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-from elastid.fit.diagnosis.alternative_models import find_variants
-from elastid.fit.diagnosis.channel_hypotheses import FORMS, READINGS, find_lateness, find_misreading
+from elastid.fit.diagnosis.alternative_models import find_alternatives
+from elastid.fit.diagnosis.channel_hypotheses import FORMS, READINGS, find_channel_errors, find_delays
 from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size, axis
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
@@ -159,7 +159,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "check time stamps, filters and hold of the channels; state their delay or low_pass_hz, or identify it: "
         "`--set 'fit.parameters.{name}={{}}'`",
         columns=channel_delays,
-        search=find_lateness,
+        search=find_delays,
     ),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis(
@@ -234,7 +234,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         SCALE,
         phrase=scale,
         advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
-        search=find_misreading,
+        search=find_channel_errors,
     ),
     # What the robot's file lacks.
     Hypothesis(
@@ -249,7 +249,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "gravity",
         phrase="{name} instead of the stated gravity",
         advice="check gravity in the robot model, and the mounting of the base",
-        search=find_variants,
+        search=find_alternatives,
     ),
     Hypothesis(
         "postures",
@@ -274,4 +274,4 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
 )
 # For fits that are compared: those of other robots take longer than the fit, and no status depends on them.
-WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_variants else replace(h, search=None) for h in HYPOTHESES)
+WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_alternatives else replace(h, search=None) for h in HYPOTHESES)

@@ -29,13 +29,13 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_tolerances, relative, tolerance_of
-from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse, Reading
+from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest
+from elastid.fit.diagnosis.sensitivities import Evaluated, ExtendedModel, ModelResponse, Reading
 from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
 from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
 from elastid.fit.result import NO_CAUSE, REQUIRED, ModificationIndex, Result
 
-Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
+Columns: TypeAlias = Callable[[ModelResponse], Mapping[str, ComplexArray]]
 Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]]
 
 
@@ -86,7 +86,7 @@ class Hypothesis:
     changes: Changes | None = None
     search: Callable[[list[ModificationIndex], Evidence, Scores], list[ModificationIndex]] | None = None
 
-    def number(self, name: str, value: float, unit: str = "", is_nuisance: bool = False) -> HeldNumber:
+    def number(self, name: str, value: float, unit: str = "", is_nuisance: bool = False) -> FixedNumber:
         """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
         size = self.size
         log, limits = size.log and value > 0, (-size.limit, size.limit, size.usual)
@@ -97,7 +97,7 @@ class Hypothesis:
             limits = 0.0, math.inf, math.inf
         elif not log and size.log:
             limits = -math.inf, math.inf, math.inf
-        return HeldNumber(
+        return FixedNumber(
             name, self.family, value, unit or size.unit, log, *limits, is_nuisance=is_nuisance, is_stated=self.is_stated
         )
 
@@ -120,7 +120,7 @@ class Scores:
     all.  held: the model with what is freed.
     """
 
-    held: HeldModel
+    held: ExtendedModel
     test: ScoreTest
     candidates: tuple[Candidate, ...]
     excess: float

@@ -19,7 +19,7 @@ from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.sensitivities import (
     AS_READ,
-    HeldModel,
+    ExtendedModel,
     evaluate,
     predict,
     spread_out,
@@ -82,7 +82,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
         yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)
 
 
-def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:
+def _models(evidence: Evidence, held: ExtendedModel, responses: Sequence[Response]) -> list[LinearModel]:
     x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
     rigid = held.rigid
     kept = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}

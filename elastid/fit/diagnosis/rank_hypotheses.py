@@ -46,8 +46,16 @@ from elastid.fit.diagnosis.hypothesis import (
 )
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
-from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_drop
-from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial, spread_out, thinning
+from elastid.fit.diagnosis.score_test import (
+    DISTANCE_M,
+    MASS_KG,
+    Candidate,
+    FixedNumber,
+    ScoreTest,
+    find_load,
+    free_drop,
+)
+from elastid.fit.diagnosis.sensitivities import ExtendedModel, evaluate_extended, inertial, spread_out, thinning
 from elastid.fit.diagnosis.status import (
     contradictions,
     decisive_index,
@@ -73,7 +81,7 @@ _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
 def score(evidence: Evidence) -> Scores:
     """The score test at the optimum; parameters at a bound stay there."""
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
-    held = HeldModel.of(assembly, fit.parts[0].kernel.model)
+    held = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
     few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
     chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
@@ -94,7 +102,7 @@ def score(evidence: Evidence) -> Scores:
 
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
-) -> tuple[FloatArray, FloatArray, list[HeldNumber], float]:
+) -> tuple[FloatArray, FloatArray, list[FixedNumber], float]:
     """Return A and b with priors and static loads, the values beyond their tolerance, and V.
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
@@ -120,7 +128,7 @@ def _with_priors(
 
 
 def _sums(
-    held: HeldModel, fitted: Parameters, x: FloatArray, columns: Sequence[Columns], chosen: Container[str],
+    held: ExtendedModel, fitted: Parameters, x: FloatArray, columns: Sequence[Columns], chosen: Container[str],
     thin: Callable[[Part], Part], part: Part,
 ) -> _Sums | None:  # fmt: skip
     """The sums of a configuration, some lines of which count; None of one that is not chosen."""
@@ -128,7 +136,7 @@ def _sums(
         return None
     # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
     G = part.kernel.response(part.theta(fitted, x))
-    evaluated = replace(evaluate_held(held, fitted, x, columns, part), G=G)
+    evaluated = replace(evaluate_extended(held, fitted, x, columns, part), G=G)
     J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
     r = evaluated.residual
     return J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.held)
@@ -150,8 +158,8 @@ def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
 
 
 def _held_numbers(
-    names: Sequence[str], evidence: Evidence, held: HeldModel, x: FloatArray
-) -> tuple[list[HeldNumber], FloatArray]:
+    names: Sequence[str], evidence: Evidence, held: ExtendedModel, x: FloatArray
+) -> tuple[list[FixedNumber], FloatArray]:
     """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
     assembly, robot = evidence.assembly, held.linearisation.model.robot
     theta = held.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
@@ -175,7 +183,7 @@ def _held_numbers(
     return numbers, np.array(scale)
 
 
-def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """Return candidates: single values, then common factors of several, then values with a common cause.
 
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A

@@ -34,7 +34,7 @@ from elastid.robot.body import TENSOR_LETTERS
 
 
 @dataclass(frozen=True)
-class HeldNumber:
+class FixedNumber:
     """A number that the fit held.  value: SI, in unit.  log: steps are of ln p.
 
     lower, upper: of a plausible step.  usual: how far such a number is commonly off, of the step's unit.
@@ -70,14 +70,14 @@ class ScoreTest:
     known (n_h,): numbers with an effect that the free parameters do not have, too.
     """
 
-    numbers: tuple[HeldNumber, ...]
+    numbers: tuple[FixedNumber, ...]
     S: FloatArray
     g: FloatArray
     response: FloatArray
     known: BoolArray
 
     @classmethod
-    def of(cls, numbers: Sequence[HeldNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
+    def of(cls, numbers: Sequence[FixedNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
         """A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
         n_x, places = len(free), np.flatnonzero(free)
         size = np.sqrt(np.diag(A))
@@ -239,7 +239,7 @@ def _moments(p: FloatArray) -> FloatArray:
     return np.asarray(mu * np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]))
 
 
-def _of_moments(numbers: list[HeldNumber]) -> FloatArray:
+def _of_moments(numbers: list[FixedNumber]) -> FloatArray:
     """delta (n_m, 10), relative where log, by the moments of a load."""
     mass = numbers[0].value
     J: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
@@ -255,7 +255,7 @@ def _of_moments(numbers: list[HeldNumber]) -> FloatArray:
     return A
 
 
-def steps_of(numbers: list[HeldNumber], p: FloatArray) -> FloatArray:
+def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
     """Return the changes of mass, common centre and inertia, as ln p if log."""
     mass = numbers[0].value
     changes, both = _of_moments(numbers) @ _moments(p), mass / (mass + p[0])

@@ -1,7 +1,7 @@
 r"""Residuals at the optimum and their derivatives to everything that the fit held.
 
-`HeldModel` has the numbers that the fit held as parameters of its equations.  Apart from the robot's own numbers, its
-geometry and the gains of its channels these are:
+`ExtendedModel` has the numbers that the fit held as parameters of its equations.  Apart from the robot's own numbers,
+its geometry and the gains of its channels these are:
 
 - angle_2@c1: an offset of the angle at which axis 2 stood in configuration c1; zero_2 is one in all of them.
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
@@ -53,7 +53,7 @@ from elastid.robot import Body, Joint, Robot, Spring, channel_name
 
 
 @dataclass(frozen=True, eq=False)
-class HeldModel:
+class ExtendedModel:
     """linearisation: robot with geometry, gains and stiff springs as parameters.
 
     rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
@@ -65,7 +65,7 @@ class HeldModel:
     loads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
+    def of(cls, assembly: Assembly, fitted: LinearModel) -> ExtendedModel:
         """The extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
         roles = ("u",) if fitted.controller is None else ("kp", "kd")
@@ -167,10 +167,10 @@ class Evaluated:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldResponse:
+class ModelResponse:
     """G (F, n_y, n_u) of the model in one configuration, as the `columns` of a hypothesis get it.
 
-    slopes: dG by name of the parameters of `model`.  theta (n,): their values, SI.  loads: of `HeldModel`.
+    slopes: dG by name of the parameters of `model`.  theta (n,): their values, SI.  loads: of `ExtendedModel`.
     """
 
     robot: Robot
@@ -186,11 +186,11 @@ class HeldResponse:
         return float(self.theta[self.model.parameters.index(name)]) if name in self.model.parameters else 0.0
 
 
-def evaluate_held(
-    held: HeldModel,
+def evaluate_extended(
+    held: ExtendedModel,
     fitted: Parameters,
     x: FloatArray,
-    columns: Sequence[Callable[[HeldResponse], Mapping[str, ComplexArray]]],
+    columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]],
     part: Part,
 ) -> Evaluated:
     """One configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
@@ -214,7 +214,7 @@ def evaluate_held(
     for name in held.rigid:  # springs that the robot does not have are free of friction
         numbers.pop(name.replace("k_", "d_", 1), None)
         numbers.pop(name.replace("k_", "f_", 1), None)
-    response = HeldResponse(held.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name, held.loads)
+    response = ModelResponse(held.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name, held.loads)
     for further in columns:
         numbers |= further(response)
     return Evaluated(part, part.mixing, G, free, numbers)
@@ -225,7 +225,7 @@ LOAD_RATIO = 0.97
 NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
 
 
-def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
+def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
     """Derivatives to the delay of each output and input in s; a single one is the delay of all."""
     s, model, columns = 2j * np.pi * response.freq_hz[:, None, None], response.model, dict[str, ComplexArray]()
     for role, places, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
@@ -236,7 +236,7 @@ def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
     return columns if model.controller is None else columns | {channel_name("delay", "r"): -s * response.G}
 
 
-def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:
+def gear_ratios(response: ModelResponse) -> dict[str, ComplexArray]:
     """Derivatives to the logarithm of each gear ratio."""
     robot, model, G, slopes = response.robot, response.model, response.G, response.slopes
     values = named(model.parameters, response.theta)
@@ -250,14 +250,14 @@ def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:
     return columns
 
 
-def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
+def posture_angles(response: ModelResponse) -> dict[str, ComplexArray]:
     """Derivatives to the angle of each axis in this configuration alone, rad."""
     name = response.model.configuration.name
     zeros = {joint.name: f"zero_{joint.name}" for joint in response.robot.driven}
     return {f"angle_{joint}@{name}": response.slopes[zero] for joint, zero in zeros.items() if zero in response.slopes}
 
 
-def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
+def of_one_posture(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return derivatives with respect to values of this configuration only.
 
     delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; spring_1@c1: ln k_1;
@@ -281,7 +281,7 @@ def inertial(body: Body) -> list[str]:
     return [f"m_{body.name}", *(f"c_{body.name}_{axis}" for axis in "xyz"), *entries]
 
 
-def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
+def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
     r"""Derivatives to the change of each gear's stiffness with the torque tau that it carries.
 
     load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
@@ -300,7 +300,7 @@ def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
     return columns
 
 
-def gear_couplings(response: HeldResponse) -> dict[str, ComplexArray]:
+def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
     """Derivatives to the turns of motor i, link side, per turn of joint j, where the file couples them by no gear."""
     robot, model, G, s = response.robot, response.model, response.G, 2j * np.pi * response.freq_hz[:, None, None]
     driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()

@@ -29,7 +29,7 @@ from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, Tool
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.result import Result, largest_by_chance
+from elastid.fit.result import Result, max_cost_ratio
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters
 from elastid.record import MOTION_ORDER
@@ -98,7 +98,7 @@ def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)
     is_other_size = by**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
-    is_beyond = scale * dof * largest_by_chance(dof) < T or is_other_size
+    is_beyond = scale * dof * max_cost_ratio(dof) < T or is_other_size
     ratio = (1 + by, std) if np.isfinite(std) else (np.nan, std)
     return Agreement(*ratio, T, dof, _UNKNOWN if is_beyond else ""), least if explains(now, T, least) else np.inf
 

@@ -51,7 +51,7 @@ from elastid.fit.result import (
     Status,
     correlated,
     covariance_by_noise,
-    largest_by_chance,
+    max_cost_ratio,
 )
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.fit.spec import USUAL_FLOOR
@@ -270,7 +270,7 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     """
     result = evidence.result
     # What a cause leaves may be chance where V is little above the noise.
-    left, by_chance = result.cost - evidence.best.drop, largest_by_chance(result.cost_dof) * result.cost_expected
+    left, by_chance = result.cost - evidence.best.drop, max_cost_ratio(result.cost_dof) * result.cost_expected
     best = evidence.best
     is_explained = best.explained_fraction >= LIMITS.explained_share or (best.drop and left < by_chance)
     if is_explained or result.inflation_factor <= 1:

@@ -16,8 +16,8 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
-from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreTest, find_load, free_drop, steps_of
-from elastid.fit.diagnosis.sensitivities import HeldResponse
+from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, Load, ScoreTest, find_load, free_drop, steps_of
+from elastid.fit.diagnosis.sensitivities import ModelResponse
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result import Result
 from elastid.fit.spec import ParameterSpec
@@ -94,7 +94,7 @@ def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_fr
 
     r, limits = left(raw, 0, 1, 2), room / np.linalg.norm(J[:, 3:], axis=0)
     assert free_drop(J.T @ J, J.T @ raw, np.arange(5) < 3) == pytest.approx(raw @ raw - r @ r)
-    numbers = [HeldNumber(name, "", 0.0, "1", False, -math.inf, math.inf, 1.0) for name in "ab"]
+    numbers = [FixedNumber(name, "", 0.0, "1", False, -math.inf, math.inf, 1.0) for name in "ab"]
     test = ScoreTest.of(numbers, J.T @ J, J.T @ r, np.ones(3, dtype=bool))
     first, second = (Candidate(name, "", np.array([i]), np.eye(1)) for i, name in enumerate("ab"))
     steps, drop = test.step(second)
@@ -118,12 +118,12 @@ MASS, CENTRE, INERTIA = 40.0, (0.3, 0.0, 0.1), (0.8, 4.0, 4.1)
 LOAD, PLACE = 3.0, np.array([0.7, 0.1, 0.05])
 
 
-def numbers() -> list[HeldNumber]:
-    centre = [HeldNumber(f"c_arm_{a}", "", c, "m", False, -1, 1, 0.01) for a, c in zip("xyz", CENTRE, strict=True)]
+def numbers() -> list[FixedNumber]:
+    centre = [FixedNumber(f"c_arm_{a}", "", c, "m", False, -1, 1, 0.01) for a, c in zip("xyz", CENTRE, strict=True)]
     inertia = [
-        HeldNumber(f"I_arm_{a}{a}", "", i, "kg*m^2", True, -9, 9, 0.1) for a, i in zip("xyz", INERTIA, strict=True)
+        FixedNumber(f"I_arm_{a}{a}", "", i, "kg*m^2", True, -9, 9, 0.1) for a, i in zip("xyz", INERTIA, strict=True)
     ]
-    return [HeldNumber("m_arm", "", MASS, "kg", True, -9, 9, 0.05), *centre, *inertia]
+    return [FixedNumber("m_arm", "", MASS, "kg", True, -9, 9, 0.05), *centre, *inertia]
 
 
 def searched(mass: float) -> tuple[Load | None, float]:
@@ -148,7 +148,7 @@ def test_a_body_with_a_load_has_the_centre_and_the_inertia_of_both(load: float, 
     """The inertia about its centre by Steiner's theorem: of the reduced mass at the distance of the two."""
     rho, entries = np.array(place), ("xx", "yy", "zz", "xy", "xz", "yz")
     names = [*(f"c_arm_{a}" for a in "xyz"), *(f"I_arm_{e}" for e in entries), "I_arm"]
-    numbers = [HeldNumber(name, "", MASS, "", name == "m_arm", -9, 9, 0.1) for name in ("m_arm", *names)]
+    numbers = [FixedNumber(name, "", MASS, "", name == "m_arm", -9, 9, 0.1) for name in ("m_arm", *names)]
     mass, *steps = steps_of(numbers, np.array([load, *place])).tolist()
     inertia = MASS * load / (MASS + load) * (rho @ rho * np.eye(3) - np.outer(rho, rho))
     expected = [*(load / (MASS + load) * rho), *(inertia["xyz".index(a), "xyz".index(b)] for a, b in entries)]
@@ -170,7 +170,7 @@ SHARE = 0.04
 FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
 
 
-def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
+def crosstalk(response: ModelResponse) -> dict[str, ComplexArray]:
     """The torque that is logged at motor 2 has a share of motor 1's: G E^-1 with E = 1 + share e_2 e_1^T."""
     return {"crosstalk_2": -response.G @ FIRST_ON_SECOND}
 
