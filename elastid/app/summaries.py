@@ -99,7 +99,7 @@ def summary(
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.asked)
+    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)
     above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(
@@ -124,7 +124,11 @@ def summary(
         ],
         "assumed_rigid": [
             section(part, "name stiffness detection_limit")
-            | {"changes": dict(zip((p.name for p in result.parameters.asked), json_value(part.changes), strict=True))}
+            | {
+                "changes": dict(
+                    zip((p.name for p in result.parameters.of_interest), json_value(part.changes), strict=True)
+                )
+            }
             for part in result.assumed_rigid
         ],
         # Load tests in m, and responses at the tool, next to what the responses of the motors say.

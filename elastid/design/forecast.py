@@ -95,7 +95,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_compensated
     Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
     """
     parameters = expected[0].parameters
-    free, freq_hz = parameters.asked, expected[0].response.freq_hz
+    free, freq_hz = parameters.of_interest, expected[0].response.freq_hz
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
@@ -123,7 +123,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_compensated
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Raise StudyError for a grid with fewer lines than unknowns; the message states a sufficient period."""
-    if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
+    if refused := line_count_refusal(len(freq_hz), len(parameters.of_interest), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
 
 
@@ -132,7 +132,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
 
     They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
     """
-    asked = parameters.asked
+    asked = parameters.of_interest
     n = len(asked)
     R = np.asarray(np.linalg.qr(np.roll(R, -n, axis=1), "r"))[-n:, -n:]
     ranges = [p.upper - p.lower for p in asked]

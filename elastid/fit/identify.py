@@ -21,14 +21,14 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, FitError, StudyError, check_kind
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.diagnosis.channel_hypotheses import common_delay
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
+from elastid.fit.diagnosis.delay_hypotheses import common_delay
+from elastid.fit.diagnosis.estimate_notes import at_bound
+from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS, all_hypotheses
 from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
-from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, judge
-from elastid.fit.diagnosis.sensitivities import thinning
+from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, rank_causes
+from elastid.fit.diagnosis.refit import thinning
 from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
-from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.frf_problem import (
     Assembly,
     NoRestError,
@@ -66,14 +66,15 @@ def identify(
     *,
     model: ModelSpec = EXACT,
     execution: Execution | None = None,
-    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
 ) -> Result:
     """The parameters of `robot` that explain the responses of all configurations, and the static load tests.
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
-    result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
+    result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers; by default all,
+    with those of other packages (entry points elastid.causes).
     parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
     (`placed_tests`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
@@ -86,17 +87,18 @@ def identify(
 @persistent_workers()
 def identified(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec = EXACT,
-    execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
 ) -> tuple[Result, dict[str, ComplexArray]]:  # fmt: skip
     """`identify`, and the motion-induced bias (F, n_y, n_u) of each fitted response, by configuration."""
     execution = execution or Execution()
+    hypotheses = all_hypotheses() if hypotheses is None else hypotheses
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         try:
             estimate = _with_found_floor(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
-            evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+            evidence = rank_causes(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
             evidence, before = _with_springs(evidence, spec, ends, hypotheses), evidence.result
             assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
         except StudyError as error:  # the robot finds no rest on the way
@@ -132,7 +134,7 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
         assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet, near)
         if not are_identified(result, assembly.linearisation.presliding):
             return evidence
-        both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
+        both = rank_causes(result, assembly, optimum, uncertainty, quiet, hypotheses)
     except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence
     # A spring that drives another parameter to its bound takes the place of it.

@@ -219,7 +219,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
 def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Positive parameters known so roughly that a symmetric interval errs: those to profile, and beyond the limit."""
     std = np.sqrt(variance)
-    rough = [i for i, p in enumerate(parameters.asked) if p.log and ROUGH_STD < std[i] < math.inf]
+    rough = [i for i, p in enumerate(parameters.of_interest) if p.log and ROUGH_STD < std[i] < math.inf]
     worst = sorted(rough, key=lambda i: -float(std[i]))
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in left)

@@ -23,11 +23,12 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.rank_hypotheses import temper
-from elastid.fit.diagnosis.sensitivities import thinning
+from elastid.fit.diagnosis.refit import thinning
 from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_compensated
 from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.result import Presliding, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import Presliding
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
 from elastid.linear.linear_model import DELAY, is_load
 from elastid.linear.presliding import AMPLITUDES, RelaxingSpring, element_names
@@ -60,7 +61,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
     is_large |= any(note.code == UNEXPLAINED for note in notes_of(assembly.responses))
     joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
-    is_explained = evidence.best.explained_fraction > LIMITS.whole and evidence.is_unexplained
+    is_explained = evidence.best.explained_fraction > LIMITS.complete_fraction and evidence.is_unexplained
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
     bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
@@ -90,7 +91,9 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
 def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
     """True where springs leave too much of the excess of V, or another cause has better odds than theirs by the BIC."""
     drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
-    if evidence.is_unexplained and drop < LIMITS.explained_share * (first.cost - last.level * first.fit.problem.dof):
+    if evidence.is_unexplained and drop < LIMITS.sufficient_fraction * (
+        first.cost - last.level * first.fit.problem.dof
+    ):
         return True
     if scores is None or cause is None:
         return False
@@ -329,7 +332,7 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
 def _has_moved(before: Result, after: Result) -> bool:
     """True if a stiffness or a damping has moved by more than counts as an effect."""
     limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
-    moves = zip(after.parameters.asked, np.abs(after.x - before.x).tolist(), strict=False)
+    moves = zip(after.parameters.of_interest, np.abs(after.x - before.x).tolist(), strict=False)
     return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import DISTORTED, Result, Status
+from elastid.fit.result import Result
+from elastid.fit.status_terms import DISTORTED, Status
 from elastid.nonlinear.basis_functions import ANSWERED, GearEffect
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError

@@ -217,8 +217,8 @@ def parameter_rows(
     known, estimates, stds = truth or {}, result.values, result.std
     std_x, bases = result.std_of_x, result.base_remarks
     rows = []
-    verdicts = result.verdicts or ("",) * len(result.parameters.asked)
-    for i, parameter in enumerate(result.parameters.asked):
+    verdicts = result.verdicts or ("",) * len(result.parameters.of_interest)
+    for i, parameter in enumerate(result.parameters.of_interest):
         name = parameter.name
         true = known.get(name, known.get(parameter.stands_for))
         deviation = None

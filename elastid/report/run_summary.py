@@ -16,7 +16,8 @@ import numpy as np
 
 from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import (
+from elastid.fit.result import Result
+from elastid.fit.status_terms import (
     BIASED,
     CONTRADICTED,
     DISTORTED,
@@ -25,7 +26,6 @@ from elastid.fit.result import (
     OTHER_AMPLITUDE,
     REQUIRED,
     UNCERTAIN,
-    Result,
 )
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
@@ -338,7 +338,7 @@ TOLERANCES = {
 def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
     C, names = result.covariance, result.parameters.free_names
-    i, n, fractions = names.index(poor.name), len(result.parameters.asked), {}
+    i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
     for beginning in TOLERANCES:
         of_kind = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
         cross = C[i, of_kind]

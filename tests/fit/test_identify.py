@@ -14,9 +14,10 @@ from elastid.fit.covariance import compensation_error
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_selection import choose
-from elastid.fit.result import DISTORTED, Result
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.status_terms import DISTORTED
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.parameters import Tie
 from elastid.response import UNEXPLAINED, Covariance, Response

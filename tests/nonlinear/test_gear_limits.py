@@ -8,7 +8,8 @@ import pytest
 from plants.refusals import refused
 from plants.two_mass_gear import LINES, POSTURE, RATE_HZ, RATIO, SAMPLES, Gear, robot
 
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.gear_characteristics import LOST, coarse_encoders, difference, left, refusal

@@ -19,7 +19,8 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_selection import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.result import DISTORTED, FIXED_VALUES, Result
+from elastid.fit.result import Result
+from elastid.fit.status_terms import DISTORTED, FIXED_VALUES
 from elastid.nonlinear.basis_functions import notes_before_gears
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears

@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
-from elastid.fit.result import REQUIRED
+from elastid.fit.status_terms import REQUIRED
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.compensate_friction import compensated_records, shaft_couplings

@@ -11,7 +11,8 @@ from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.gear_ratios import RatioScatter
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex
 from elastid.response import Response
 
 
@@ -61,7 +62,7 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
     tolerances explain this step has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
-    n, C = len(result.parameters.asked), result.covariance
+    n, C = len(result.parameters.of_interest), result.covariance
     d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])
     if not len(s) == len(d) > 0 or not np.isfinite(C).all():
         return ()
@@ -74,7 +75,7 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     if square <= limit and max(np.abs(d).max(), sizes.max()) <= LIMITS.prior:
         return ()
     worst = int(np.argmax(sizes))
-    p = result.parameters.asked[worst]
+    p = result.parameters.of_interest[worst]
     change = relative(-moved[worst]) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (

@@ -1,8 +1,10 @@
 """What a fit held or read wrongly is named with its size, by its own list of causes and by those of a user."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +12,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from plants.faults import FAULTS, FURTHER, SPEC, Case, drawn, faulty, true_case
 from plants.marks import slow
+from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
+from elastid.base.entry_points import points
+from elastid.fit.diagnosis.extended_model import ModelResponse
+from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
 from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
-from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, Load, ScoreTest, find_load, free_drop, steps_of
-from elastid.fit.diagnosis.sensitivities import ModelResponse
+from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result import Result
 from elastid.fit.spec import ParameterSpec
@@ -72,8 +77,8 @@ def test_two_faults_are_named_one_after_the_other() -> None:
 def test_missing_spring_is_named_beside_a_delay_of_the_torques() -> None:
     """Torques 5 ms late, delay_u free: the missing torsion is the likely cause, as without the delay."""
     case, late_s = faulty("missing torsion"), 5e-3
-    late = [replace(G, G=G.G * np.exp(2j * np.pi * G.freq_hz * late_s)[:, None, None]) for G in case.responses]
-    case = replace(case, responses=tuple(late))
+    delayed = [replace(G, G=G.G * np.exp(2j * np.pi * G.freq_hz * late_s)[:, None, None]) for G in case.responses]
+    case = replace(case, responses=tuple(delayed))
     spec = replace(SPEC, parameters=SPEC.parameters | {"delay_u": ParameterSpec()})
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, spec, hypotheses=WITHOUT_OTHER_ROBOTS)
     assert result.indices[0].name == FAULTS["missing torsion"].cause
@@ -199,6 +204,60 @@ def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
     assert first.explained_fraction > 0.95
     assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
     assert "fit/likely-cause" in {note.code for note in result.notes}
+
+
+PACKAGE = """
+import numpy as np
+from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
+
+def crosstalk(response):
+    return {"crosstalk_2": -response.G @ np.array([[0.0, 0.0], [1.0, 0.0]])}
+
+CAUSE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), columns=crosstalk,
+                   summary="torque of one motor in the channel of another", advice="check the wiring")
+"""
+
+
+@pytest.fixture
+def installed_cause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Folder of a package with one cause, as pip installs it."""
+    (tmp_path / "crosstalk_cause.py").write_text(PACKAGE)
+    info = tmp_path / "crosstalk_cause-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crosstalk-cause\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[elastid.causes]\ncrosstalk = crosstalk_cause:CAUSE\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    points.cache_clear()
+    yield info
+    points.cache_clear()
+
+
+def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path) -> None:
+    """Its size to 5 %, without any argument of identify."""
+    case = with_crosstalk(true_case())
+    first = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC).indices[0]
+    assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
+    assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
+    assert "torque of one motor" in explain_causes("crosstalk")
+
+
+def test_entry_point_without_a_cause_is_refused(installed_cause: Path) -> None:
+    """The error has the name of the entry point and its value."""
+    (installed_cause / "entry_points.txt").write_text("[elastid.causes]\nwrong = crosstalk_cause:crosstalk\n")
+    with refused("install/missing-package", holds=("wrong", "crosstalk_cause")):
+        all_hypotheses()
+
+
+def test_every_cause_is_explained_and_has_its_plant() -> None:
+    """A row has a summary and a remedy; its plant is a fault of these tests or an injection of the study."""
+    injections = (Path(__file__).parents[3] / "scripts" / "studies" / "causes.py").read_text(encoding="utf-8")
+    for row in HYPOTHESES:
+        if row.summary:
+            assert f"{row.family}: {row.summary}" in explain_causes(row.family)
+            assert not row.plant or row.plant in FAULTS or f'"{row.plant}"' in injections, row
+    assert {row.family for row in HYPOTHESES if not row.summary} <= {"time", "number", "centre of mass"}
+    with refused("study/unknown-key"):
+        explain_causes("gain of nothing")
 
 
 @pytest.mark.slow
