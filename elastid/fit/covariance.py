@@ -207,7 +207,7 @@ class Contributions:
         return np.maximum(np.diag(self.noise + self.ratios) + self.friction, 1e-300)
 
     def random_fraction(self, covariance: FloatArray, is_excess: bool) -> FloatArray:
-        """Fraction (n_x,) of the variance that noise, ratios and friction explain.
+        """Return the fraction (n_x,) of the variance that noise, ratios and friction explain.
 
         Residuals above the noise, and the model error, are equal in repeated measurements.
         """

@@ -46,7 +46,7 @@ def bootstrap(
     fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, repetitions: int, seed: int = 0,
     execution: Execution | None = None,
 ) -> FloatArray:  # fmt: skip
-    """Estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
+    """Return estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
 
     Each repetition has its own random numbers, so that the result does not depend on the execution.
     """
@@ -96,7 +96,7 @@ class _Source:
     used: BoolArray
 
     def draw(self, rng: np.random.Generator) -> ComplexArray:
-        """A measured response."""
+        """Return a measured response."""
         F, m = self.root.shape[:2]
         z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
         e = (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape)
@@ -123,7 +123,7 @@ MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 def profile_likelihood(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
-    """Ends (n_x, 2) in x of the intervals of some free parameters about the optimum x (n_x,), NaN of the others.
+    """Return ends (n_x, 2) in x of the intervals of some free parameters about the optimum x (n_x,), NaN of the others.
 
     variance (n_x,): as the fit states it.
     """
@@ -185,7 +185,7 @@ ROUGH_STD, MAX_PROFILES = 0.1, 6
 
 
 def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> Result:
-    """The result with the profiles and the bootstrap of the study."""
+    """Return the result with the profiles and the bootstrap of the study."""
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
@@ -217,7 +217,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
 
 
 def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Positive parameters known so roughly that a symmetric interval errs: those to profile, and beyond the limit."""
+    """Return positive parameters for which a symmetric interval errs: those to profile, and those beyond the limit."""
     std = np.sqrt(variance)
     rough = [i for i, p in enumerate(parameters.of_interest) if p.log and ROUGH_STD < std[i] < math.inf]
     worst = sorted(rough, key=lambda i: -float(std[i]))

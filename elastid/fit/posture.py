@@ -73,7 +73,7 @@ class Family:
         cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
         request: PredictionPorts, where: str = "", doubts: tuple[ModelErrorFactor, ...] = (),
     ) -> "Family":  # fmt: skip
-        """Family of a fit; StudyError for places that the robot lacks.  where: configuration whose parameters count."""
+        """Return the family; StudyError for unknown locations.  where: configuration whose group parameters apply."""
         robot, frame = _with_frames(robot, request)
         held = replace(robot, payload=request.payload) if isinstance(request.payload, Payload) else robot
         members = (name for doubt in doubts for name in doubt.members)
@@ -118,7 +118,7 @@ class Family:
         return "acceleration"
 
     def at(self, configuration: Configuration) -> FittedModel:
-        """Model about the equilibrium of a posture; raise StudyError without an equilibrium."""
+        """Return the model about the equilibrium of a posture; raise StudyError without an equilibrium."""
         if self.request.payload is False:
             configuration = replace(configuration, has_payload=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
@@ -177,7 +177,7 @@ class Family:
 
 
 def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configuration]) -> Configuration:
-    """A posture as angles of the driven joints: numbers, a mapping from joints, or the name of one that was fitted."""
+    """Return a posture, given by numbers, a mapping from joints or the name of a fitted one, as a configuration."""
     if isinstance(posture, Configuration):
         return posture
     if isinstance(posture, str):
@@ -201,7 +201,7 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
 
 
 def default_frame(robot: Robot) -> str:
-    """Frame `tool`, else the last frame; for a robot without frames, the frame added to it."""
+    """Return frame `tool`, else the last frame; for a robot without frames, the frame added to it."""
     names = [frame.name for frame in robot.frames]
     return TOOL if TOOL in names or not names else names[-1]
 

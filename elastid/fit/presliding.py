@@ -64,7 +64,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     is_explained = evidence.best.explained_fraction > LIMITS.complete_fraction and evidence.is_unexplained
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
-    bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
+    bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_model_error(None)
     first = _State.of(bare, evidence.optimum.end.x)
     last = _with_all(first, joints)
     if not last.springs or _is_beaten(evidence, first, last):
@@ -114,7 +114,7 @@ class _State:
 
     @classmethod
     def of(cls, base: Assembly, x: FloatArray) -> "_State":
-        """The state without springs, from x (n_x,)."""
+        """Return the state without springs, from x (n_x,)."""
         fit, share = _thinned(base, x)
         end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
         return cls(base, {}, fit, end.x, end.cost, share)
@@ -137,7 +137,7 @@ class _State:
         return float(np.sum((np.linalg.qr(of_springs[joint].T)[0].T @ r) ** 2))
 
     def starts(self, joint: str) -> list[tuple[RelaxingSpring, float, float]]:
-        """A spring with s and a for each starting rate that a linear step in s favours.
+        """Return a spring with s and a for each starting rate that a linear step in s favours.
 
         Both signs at two rates where the motion is not measured.
         """
@@ -177,7 +177,7 @@ class _State:
         return {joint: C - (C @ Q) @ Q.T for joint, C in of_springs.items()}, np.concatenate([*residuals, distance])
 
     def trials(self, joint: str) -> "Iterator[_State]":
-        """States with a spring of another motor, from all starts."""
+        """Return states with a spring of another motor, from all starts."""
         for spring, stiffness, a in self.starts(joint):
             every = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, every)
@@ -246,7 +246,7 @@ def _rates(responses: Sequence[Response]) -> FloatArray:
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
-    """Lowest and highest angular frequency of the lines, rad/s."""
+    """Return lowest and highest angular frequency of the lines, rad/s."""
     lines = np.concatenate([response.freq_hz for response in responses])
     return 2 * np.pi * float(lines[lines > 0].min()), 2 * np.pi * float(lines.max())
 
@@ -257,7 +257,7 @@ def relaxation(joint: str) -> str:
 
 
 def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
-    """Assembly with springs at motors, free from s and a."""
+    """Return the assembly with springs at motors, free from s and a."""
     low, high = rate_band(assembly.responses)
     times = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
     middle = Prior(1 / math.sqrt(low * high), TIME_STD)
@@ -293,7 +293,7 @@ def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
 
 
 def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:
-    """Result with springs in `presliding` and as notes, and no longer among its parameters.
+    """Return the result with springs in `presliding` and as notes, and no longer among its parameters.
 
     The covariance of the others includes them.  before: the result without springs.
     """

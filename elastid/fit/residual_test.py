@@ -4,12 +4,12 @@ from elastid.base.statistics import chi_square_limit
 
 
 def exceeds_noise(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
+    """Return True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
     return cost > expected_cost * max_cost_ratio(cost_dof)
 
 
 def max_cost_ratio(cost_dof: float) -> float:
-    """Upper limit of V / E[V] for a correct model (false-alarm rate 1/700).
+    """Return the upper limit of V / E[V] for a correct model (false-alarm rate 1/700).
 
     2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
     """

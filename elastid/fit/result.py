@@ -25,7 +25,7 @@ from elastid.fit.result_rows import (
     Presliding,
     RigidPart,
 )
-from elastid.fit.spec import USUAL_FLOOR
+from elastid.fit.spec import TYPICAL_MODEL_ERROR
 from elastid.fit.status_terms import (
     BIASED,
     BY_PRIOR,
@@ -49,7 +49,7 @@ from elastid.robot import Frame, Payload, Robot
 
 
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
-    """C_xx - C_xn C_nn^-1 C_nx (n, n): conditional covariance of the first n variables given the others. C: of all."""
+    """Return C_xx - C_xn C_nn^-1 C_nx (n, n), the conditional covariance of the first n variables given the others."""
     cross = C[:n, n:]
     if not np.isfinite(C).all():  # of what the data do not reach
         return C[:n, :n].copy()
@@ -61,7 +61,7 @@ CORRELATED = 0.99  # beyond which two parameters cannot be distinguished
 
 
 def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
-    """A note for each pair that the noise correlates; covariance by noise: a file that is off moves all alike."""
+    """Return a note for each indistinguishable pair.  covariance: by noise, since errors of a robot model move all."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
         text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
@@ -205,7 +205,7 @@ class Result:
     def coverage(self) -> str:
         """The errors that the intervals include, in a sentence without its full stop."""
         errors = ["measured noise"]
-        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
+        if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
             errors.append(f"the assumed model error of {percent(self.model_error)} of each FRF")
         elif np.any(1 - self.averaging_fraction - self.persistent_fraction > 0.01):
             is_friction = not (self.has_tolerances or self.model_error or DISTORTED in self.verdicts)
@@ -220,7 +220,7 @@ class Result:
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
         limit, ratio = math.sqrt(max_cost_ratio(self.cost_dof)), self.residual_ratio
-        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
+        if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
             verdict = "passed" if self.is_within_declared else "failed"
             error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
             return f"residual test {verdict}: residuals {error} (rms; fixed limit {LARGE:g})"
@@ -283,7 +283,7 @@ class Result:
     @property
     def is_within_declared(self) -> bool:
         """True if the residuals exceed the noise, but not 1.5 times noise and declared model error (above 1 %)."""
-        return self.exceeds_noise and self.model_error > USUAL_FLOOR and self.error_ratio < LARGE
+        return self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR and self.error_ratio < LARGE
 
     @property
     def error_ratio(self) -> float:
@@ -368,7 +368,7 @@ class Result:
         return Named("parameter", {p.name: float(s * e) for p, s, e in zip(wanted, std, scale, strict=True)})
 
     def interval(self, name: str) -> tuple[float, float]:
-        """The 95 % interval of a free parameter in SI: by profile likelihood where that was found, else symmetric in x.
+        """Return the 95 % interval of a free parameter in SI, by profile likelihood if computed, else symmetric in x.
 
         Symmetric in x is positive for a logarithmic one.  UnknownNameError for a name that was not identified, with
         those that were.
@@ -392,7 +392,7 @@ class Result:
         return iter(self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """Names of the identified parameters that were asked for: a result is a mapping of them to estimates."""
+        """Return names of the identified parameters that were asked for: a result is a mapping of them to estimates."""
         return tuple(p.name for p in self.parameters.of_interest)
 
     def __contains__(self, name: object) -> bool:
@@ -426,7 +426,7 @@ class Result:
         return installed("pandas", "notebook").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: Configuration | str) -> FittedModel:
-        """The fitted model in one configuration that was fitted, by its name: response, modes, state space.
+        """Return the fitted model in one configuration that was fitted, by its name: response, modes, state space.
 
         UnknownNameError names the configurations there are; ValueError for a result without models.
         """
@@ -450,7 +450,7 @@ class Result:
         quantity: Motion | None = None,
         controller: Any = None,
     ) -> FittedModel:
-        """The fitted robot in any posture, at rest under gravity and payload: its responses, modes and stiffness.
+        """Return the fitted robot in any posture, in equilibrium under gravity: its responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
         configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
@@ -467,7 +467,7 @@ class Result:
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
     def family(self, ports: PredictionPorts, where: str = "") -> Family:
-        """Family of many postures. where: configuration whose group parameters apply."""
+        """Return the family of many postures. where: configuration whose group parameters apply."""
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.known_robot, spec, *known, ports, where, self.doubts)
@@ -484,7 +484,7 @@ class Result:
         return self.robot
 
     def with_parameters(self, **values: float) -> "Result":
-        """Result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
+        """Return the result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
         TypeError for what is no number, ValueError for a tied number and one that is out of range.

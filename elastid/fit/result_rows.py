@@ -28,7 +28,7 @@ class RigidPart:
     detection_limit: float = labelled("stiffness from which on no interval is left", "N*m/rad")
 
     def most_moved(self, names: Sequence[str]) -> dict[str, float]:
-        """The two stiffnesses among `names` (n,) that it moves most, and their relative changes."""
+        """Return the two stiffnesses among `names` (n,) that it moves most, and their relative changes."""
         changes = zip(names, np.expm1(self.changes).tolist(), strict=True)
         stiff = [pair for pair in changes if pair[0].startswith("k") and pair[1]]
         return dict(sorted(stiff, key=lambda pair: -abs(pair[1]))[:2])

@@ -29,7 +29,7 @@ Signal = TypeVar("Signal", FloatArray, BoolArray)
 
 
 def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
-    """tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
+    """Return tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
     means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
     step, phi = following(v) - v, np.tanh(v / scale) if scale else np.sign(v)
     slope = np.divide(following(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
@@ -37,7 +37,7 @@ def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
 
 
 def points_of_means(means: FloatArray) -> FloatArray:
-    """Values at the points (n,) of a period by means over the cells that begin there."""
+    """Return values at the points (n,) of a period by means over the cells that begin there."""
     n = len(means)
     return irfft(rfft(means) * _from_means(n), n)
 
@@ -50,7 +50,7 @@ def _from_means(n: int) -> ComplexArray:
 
 
 def following(x: Signal) -> Signal:
-    """Value at the next point, of each point (n,) of a period."""
+    """Return the value at the next point, of each point (n,) of a period."""
     return np.concatenate([x[1:], x[:1]])
 
 
@@ -194,7 +194,7 @@ class GearMotion:
 
 
 def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) over a period; for a load, per Nm.
+    """Return Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) over a period; for a load, per Nm.
 
     What breaks or turns between the points does so there.
     """
@@ -204,7 +204,7 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of a spring or a loop point by point of its deflection x (n,), of a whole period."""
+    """Return Phi and dPhi / dx (n,) of a spring or a hysteresis along its deflection x (n,) over a period."""
     if effect.kind == "cubic":
         return x**3, 3 * x**2
     if effect.kind == "progressive":
@@ -221,14 +221,14 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def transmission_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
-    """e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
+    """Return e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
     order = effect.scale * ratio
     sine, cosine = np.sin(order * angle), np.cos(order * angle)
     return (cosine, -order * sine) if effect.kind.endswith("cosine") else (sine, order * cosine)
 
 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
-    """Phi (n,) at each place where the effect acts, against the motion there."""
+    """Return Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_edge:
         h, smooth = 1e-3 * effect.scale, replace(effect, is_edge=False)
         both = forces(smooth, motion), forces(replace(smooth, scale=smooth.scale + h), motion)
@@ -247,5 +247,5 @@ ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 
 
 def notes_before_gears(notes: Iterable[Note], is_next: bool) -> tuple[Note, ...]:
-    """Notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
+    """Return notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
     return tuple(note for note in notes if not (is_next and note.code in ANSWERED))

@@ -49,7 +49,7 @@ def estimate_compensated_response(
     E: FloatArray | None = None,
     robot: Robot | None = None,
 ) -> Response:
-    """G of one configuration as `estimate` has it, from the net torques of its records, with the coefficients' errors.
+    """Estimate G of one configuration from the net torques of its records, with the errors of the coefficients.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
     own distortion is known; None where none is.
@@ -71,7 +71,7 @@ def estimate_compensated_response(
 
 
 def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
-    """Relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
+    """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
 
     An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
     an n-th is left. 0 of motors whose numbers are given at the link; a fit scales it to the tolerance of the file.
@@ -183,7 +183,7 @@ def _factors(C: FloatArray) -> FloatArray:
 def compensated_records(
     records: Iterable[Record], friction: CompensatedFriction | None, E: FloatArray | None = None
 ) -> Iterator[Record]:
-    """Records with the net torque as u, one at a time; unchanged without compensation.
+    """Return records with the net torque as u, one at a time; unchanged without compensation.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
     """
@@ -195,7 +195,7 @@ def compensated_records(
 
 
 def compensate_friction(record: Record, friction: CompensatedFriction) -> Record:
-    """Record over its whole periods with the net torque as u; unchanged without compensation."""
+    """Return the record over its whole periods with the net torque as u; unchanged without compensation."""
     if not friction.shapes:
         return record
     n = whole_samples(record)
@@ -208,7 +208,7 @@ def compensate_friction(record: Record, friction: CompensatedFriction) -> Record
 
 
 def to_shafts(record: Record, E: FloatArray | None) -> Record:
-    """The record with torques and motions of shafts instead of motors; itself without couplings (None).
+    """Return the record with torques and motions of shafts instead of motors; itself without couplings (None).
 
     Motions of motors are left out where they are not of all motors, or not of one quantity: no shaft is known then.
     """
@@ -225,7 +225,7 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
 
 
 def to_links(record: Record, E: FloatArray | None) -> Record:
-    """The inverse of `to_shafts`, for records of all motors."""
+    """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
     columns = [record.outputs.index(place) for place in record.inputs]
@@ -240,7 +240,7 @@ def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion
 
 
 def shaft_couplings(robot: Robot | None) -> FloatArray | None:
-    """E (n_u, n_u) from the link side to the motor shafts; None without gear couplings."""
+    """Return E (n_u, n_u) from the link side to the motor shafts; None without gear couplings."""
     if robot is None:
         return None
     E = robot.mixing

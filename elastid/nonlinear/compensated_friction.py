@@ -49,16 +49,16 @@ class CompensatedFriction:
         return np.sqrt(np.diag(self.covariance))
 
     def compensated_basis(self, place: str) -> tuple[tuple[BasisFunction, float], ...]:
-        """Basis functions compensated in a motor's torque, each with its coefficient."""
+        """Return the basis functions compensated in a motor's torque, each with its coefficient."""
         pairs = zip(self.shapes, self.coulomb_torque.tolist(), strict=True)
         return tuple((shape, f) for shape, f in pairs if shape.place == place and f > 0)
 
     def compensated_motors(self) -> tuple[str, ...]:
-        """Motors with compensated friction."""
+        """Return motors with compensated friction."""
         return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
 
     def coulomb_friction(self, place: str) -> tuple[float, float]:
-        """F_c in Nm (N) of fast steady sliding at a motor, the sum of its coefficients, and its standard deviation.
+        """Return F_c in Nm (N) of fast steady sliding at a motor, the sum of its coefficients, and its std.
 
         Elements that do not slide between two reversals have a torque in sliding that the data do not show: what is
         left of it to sliding is another standard deviation.
@@ -70,28 +70,28 @@ class CompensatedFriction:
         return float(row @ self.coulomb_torque), math.hypot(std, float((row * left) @ self.coulomb_torque))
 
     def swing(self, place: str) -> float:
-        """Median motion of a motor between two reversals, rad (m), link side; infinite where it is not known."""
+        """Return median motion of a motor between two reversals, rad (m), link side; infinite where it is not known."""
         return dict(zip(self.places, self.swings, strict=False)).get(place, math.inf)
 
     def swing_ratio(self, place: str) -> float:
-        """Motion of a motor between two reversals over its presliding distance, F_c over stiffness."""
+        """Return the motion of a motor between two reversals over its presliding distance, F_c over stiffness."""
         basis = [(shape, f) for shape, f in self.compensated_basis(place) if shape.kind in ("stop", "bristle")]
         stiffness = sum(f / shape.threshold for shape, f in basis)
         return self.swing(place) * stiffness / sum(f for _, f in basis) if basis else math.inf
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.
+        """Return the torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its std.
 
         From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
         """
         return self._curve(place, [shape.reversal(distance) for shape in self.shapes])
 
     def sliding(self, place: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Torque (n,) in steady sliding at `velocity` (n,), and its standard deviation; link side, rad/s and Nm."""
+        """Return the torque (n,) in steady sliding at `velocity` (n,), and its std; link side, rad/s and Nm."""
         return self._curve(place, [shape.sliding(velocity) for shape in self.shapes])
 
     def motion(self, record: Record, place: str) -> Motion:
-        """The motion of a motor under its friction."""
+        """Return the motion of a motor under its friction."""
         return motion_with_friction(
             record, place, self.compensated_basis(place), float(self.accelerance[self.places.index(place)])
         )
@@ -123,7 +123,7 @@ UNSEEN = 6.0
 
 
 def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
-    """One row for each motor that was looked at, in their order.
+    """Return one row for each motor that was looked at, in their order.
 
     springs: stiffness of the presliding friction that a fit has found at motors.
     """

@@ -70,7 +70,7 @@ class BasisFunction:
         return self.kind in ("sign", "stribeck")
 
     def reversal(self, distance: FloatArray) -> FloatArray:
-        """The shape (n,) at `distance` (n,) after a reversal out of fast steady sliding: from -1 to 1."""
+        """Return the shape (n,) at `distance` (n,) after a reversal out of fast steady sliding: from -1 to 1."""
         if not self.when_fast:
             return np.zeros(len(distance))
         if self.kind == "sign":
@@ -79,7 +79,7 @@ class BasisFunction:
         return np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x)
 
     def sliding(self, velocity: FloatArray) -> FloatArray:
-        """The shape (n,) in steady sliding at `velocity` (n,)."""
+        """Return the shape (n,) in steady sliding at `velocity` (n,)."""
         if self.kind == "stribeck":
             return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
         if self.is_damping:
@@ -88,7 +88,7 @@ class BasisFunction:
         return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
 
     def integral(self, speed: FloatArray) -> FloatArray:
-        """The integral (n,) over velocity of a sign or Stribeck curve in steady sliding, up to speeds (n,)."""
+        """Return the integral (n,) over velocity of a sign or Stribeck curve in steady sliding, up to speeds (n,)."""
         if self.kind == "stribeck":
             from scipy.special import erf
 
@@ -103,7 +103,7 @@ WeightedBasis: TypeAlias = Sequence[tuple[BasisFunction, float]]
 def amplitudes(
     record: Record, motion: Motion, shapes: Sequence[BasisFunction], repetitions: IntArray, lines: IntArray
 ) -> ComplexArray:
-    """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), of the mean of some of its repetitions, by number."""
+    """Return amplitudes (n_f, F) of the basis functions of a motor at lines (F,), means over repetitions."""
     path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
     of_shapes = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
     dft, N = rfft([_mean_period(record, means, repetitions) for means in of_shapes]), record.period_samples
@@ -130,7 +130,7 @@ def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatA
 
 
 def friction_means(record: Record, motion: Motion, basis: WeightedBasis, path: Path | None = None) -> FloatArray:
-    """A motor's friction (n cells,) in the cells of the samples of whole periods: shapes, their coefficients.
+    """Return a motor's friction (n cells,) in the cells of the samples of whole periods: shapes, their coefficients.
 
     path: `path_of` the motion, if known.
     """
@@ -156,7 +156,7 @@ def spectrum(means: ComplexArray, n: int) -> ComplexArray:
 
 
 def sliding_means(velocity: FloatArray, basis: WeightedBasis) -> FloatArray:
-    r"""Means (m, cells) of memoryless friction g in the cells of m samples, v (m, cells + 1) being linear in a cell.
+    r"""Return means (m, cells) of memoryless friction g in cells of m samples; v (m, cells + 1) is linear in a cell.
 
     .. math:: \bar g = \Delta I / \Delta v, \qquad I(v) = \int_0^v g
     """
@@ -172,13 +172,13 @@ def sliding_means(velocity: FloatArray, basis: WeightedBasis) -> FloatArray:
 
 
 def path_of(record: Record, motion: Motion) -> Path:
-    """The way of a bristle whose state at the start is not known: the first period is run over twice."""
+    """Return the way of a bristle whose state at the start is not known: the first period is run over twice."""
     before = motion.angle[: record.period_samples * CELLS]
     return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
 
 
 def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: float) -> Motion:
-    """The motion of a motor under friction that was found; a: its acceleration per torque, 0 where unknown."""
+    """Return the motion of a motor under friction that was found; a: its acceleration per torque, 0 where unknown."""
     if a == 0:
         return motion_of(record, place)
     n, channel = whole_samples(record), record.inputs.index(place)
@@ -195,7 +195,7 @@ def _delay(basis: WeightedBasis) -> float:
 
 
 def zoh_samples(record: Record, place: str, motion: Motion, basis: WeightedBasis) -> FloatArray:
-    """A motor's friction (n,) along a motion as a torque that is held as u is."""
+    """Return a motor's friction (n,) along a motion as a torque that is held as u is."""
     n = whole_samples(record)
     low = spectrum(rfft(friction_means(record, motion, basis)), n)
     low *= np.exp(-_delay(basis) * laplace(len(low), n, record.rate_hz))
@@ -205,6 +205,6 @@ def zoh_samples(record: Record, place: str, motion: Motion, basis: WeightedBasis
 
 
 def hold_of(record: Record) -> ComplexArray:
-    """H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
+    """Return H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
     n = whole_samples(record)
     return record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))

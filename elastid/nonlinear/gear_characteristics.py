@@ -70,7 +70,7 @@ def open_gears(
     model: ModelSpec = EXACT,
     planned: IntArray | None = None,
 ) -> GearResult:
-    """Effects of all gears with the parameters beside them, and the sheet of each gear.
+    """Return effects of all gears with the parameters beside them, and the sheet of each gear.
 
     measured, responses: of each fitted configuration in one order.  result: the fit of these responses with straight
     springs, to which the effects add (`with_straight_springs`).  Where nothing can be found the numbers are those of
@@ -117,7 +117,7 @@ def open_gears(
 
 
 def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str:
-    """Reason why no gear effects can be estimated, and its consequence; empty if they can."""
+    """Return reason why no gear effects can be estimated, and its consequence; empty if they can."""
     if result.status not in _SOLVED:
         ended = result.status.replace("_", " ")
         return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
@@ -160,14 +160,14 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
 
 
 def difference(lines: PeriodLines) -> float:
-    """Ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
+    """Return the ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
     motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
     scatter = np.sum(lines.scatter - lines.noise, axis=0)
     return float(np.sqrt(np.max(np.maximum(scatter, 0.0) / motion)))
 
 
 def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -> list[Note]:
-    """Joints whose deflection is not large against the noise of their motor's angle, or a count of its encoder."""
+    """Return a note for each joint with a small deflection relative to the noise or the count of its encoder."""
     notes = []
     for j, joint in enumerate(drives[0].joints):
         if not drives[0].directions("gear", j).any():
@@ -190,13 +190,13 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
 
 
 def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
-    """Torque (M, n) of a gear on the fine grid by the linear model, including its static torque."""
+    """Return the torque (M, n) of a gear on the fine grid by the linear model, including its static torque."""
     of_motion = (drive.k[j] + lines.s * drive.d[j]) * drive.moved("gear", j, lines.U).T
     return np.asarray(lines.fine(of_motion) + drive.torque[j])
 
 
 def rigid_gears(joints: Sequence[str]) -> list[Note]:
-    """Gears of which the model has no deflection, and so the friction of their motors alone."""
+    """Return gears of which the model has no deflection, and so the friction of their motors alone."""
     text = (
         "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that friction "
         "at its motor alone was looked for; what the gear does otherwise is left out, and has no bound"
@@ -207,7 +207,7 @@ def rigid_gears(joints: Sequence[str]) -> list[Note]:
 def left(
     data: GearData, drives: Sequence[DriveLines], estimates: Sequence[SmoothedMotion], magnitudes: FloatArray
 ) -> float:
-    """Share of the motors' motion at the excited lines that a model with effects of these magnitudes leaves, rms."""
+    """Return the unexplained fraction of the motors' motion at the excited lines, rms, with these magnitudes."""
     shares = []
     for lines, drive, estimate in zip(data.lines, drives, estimates, strict=True):
         signals = residuals(lines, drive, estimate, magnitudes), lines.Y
@@ -239,7 +239,7 @@ class SlidingFriction:
         return not any(effect.kind in SPRINGS for _, effect, _ in self.effects)
 
     def parameter(self, letter: str) -> tuple[float, FloatArray]:
-        """Stiffness k or damping d of the joint, and its row."""
+        """Return the stiffness k or damping d of the joint, and its row."""
         magnitudes, row = self.found, np.zeros(len(self.found.covariance))
         place = magnitudes.parameters.names.index(f"{letter}_{self.joint}")
         row[: len(magnitudes.x)] = magnitudes.parameters.jacobian(magnitudes.x)[place]
@@ -252,20 +252,20 @@ class SlidingFriction:
         return float(row[len(self.found.x) :] @ self.found.magnitudes), row
 
     def over_k(self, value: float, row: FloatArray) -> tuple[float, FloatArray]:
-        """A value over the stiffness."""
+        """Return a value over the stiffness."""
         k, of_k = self.parameter("k")
         return value / k, (row - value / k * of_k) / k
 
     def number(self, what: SheetNumber, value: float, row: FloatArray, **further: float) -> GearNumber:
-        """A number of the sheet with its standard deviation."""
+        """Return a number of the sheet with its standard deviation."""
         return _as_gap_or_range(what, self.joint, value=value, std=self.std(row), **further)
 
     def std(self, row: FloatArray) -> float:
-        """Standard deviation of a value by its row."""
+        """Return the standard deviation of a value by its row."""
         return math.sqrt(max(float(row @ self.found.covariance @ row), 0.0))
 
     def torque(self, delta: FloatArray, hysteresis: bool) -> tuple[FloatArray, FloatArray]:
-        """tau (n,) over a closed path of delta (n,), and its rows (n, n_x + n_f); hysteresis: with it."""
+        """Return tau (n,) over a closed path of delta (n,), and its rows (n, n_x + n_f); hysteresis: with it."""
         k, row = self.parameter("k")
         tau, rows = k * delta, delta[:, None] * row
         for i, effect, f in self.effects:
@@ -276,7 +276,7 @@ class SlidingFriction:
         return tau, rows
 
     def largest(self) -> float:
-        """Deflection at the largest torque of the records."""
+        """Return deflection at the largest torque of the records."""
         reach = self.peak / self.parameter("k")[0]
         for _ in range(40):
             tau = float(self.torque(np.array([0.0, reach]), hysteresis=False)[0][1])
@@ -286,7 +286,7 @@ class SlidingFriction:
 
 
 def sheet_of(gear: SlidingFriction, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
-    """Characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
+    """Return characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
     rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
     numbers = [*_springs(gear, result, reach), *_levels(gear, reach), *_periodic(gear)]

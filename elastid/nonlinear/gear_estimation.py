@@ -61,12 +61,12 @@ class GearEstimate:
         return np.sqrt(np.diag(self.covariance)[len(self.x) :])
 
     def magnitudes_of(self, effects: Sequence[GearEffect]) -> FloatArray:
-        """GearEstimate of any effects, 0 of those that are not among these."""
+        """Return GearEstimate of any effects, 0 of those that are not among these."""
         magnitudes = dict(zip(self.effects, self.magnitudes.tolist(), strict=True))
         return np.array([magnitudes.get(effect, 0.0) for effect in effects])
 
     def motions_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[SmoothedMotion]:
-        """The motions that were found, with forces of any effects, 0 of those not among these and of further ones."""
+        """Return the estimated motions with forces of any effects, 0 of those not among these and of further ones."""
         places = {effect: i for i, effect in enumerate(self.effects)}
         columns = [*(places.get(effect, -1) for effect in effects), *(-1,) * further]
         return [motion.of(columns) for motion in self.estimates]
@@ -86,7 +86,7 @@ class GearData:
         return self.linearisation.model.robot.driven_names
 
     def drives(self, parameters: Parameters, x: FloatArray) -> list[DriveLines]:
-        """The model of each configuration at x (n_x,)."""
+        """Return the model of each configuration at x (n_x,)."""
         pairs = zip(self.lines, self.responses, strict=True)
         return [drive_lines(lines, self.linearisation, G, parameters, x) for lines, G in pairs]
 
@@ -94,14 +94,14 @@ class GearData:
         self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], magnitudes: FloatArray,
         before: Sequence[SmoothedMotion], near: float = 1e-4,
     ) -> list[SmoothedMotion]:  # fmt: skip
-        """The motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
+        """Return the motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
         every = zip(self.lines, drives, before, strict=True)
         return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in every]
 
     def augmented_normal_equations(
         self, known: GearEstimate, further: Sequence[GearEffect]
     ) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
-        """Normal equations, and priors, of parameters, magnitudes and magnitudes of further effects about 0."""
+        """Return normal equations, and priors, of parameters, magnitudes and magnitudes of further effects about 0."""
         effects, drives = [*known.effects, *further], self.drives(known.parameters, known.x)
         magnitudes = known.magnitudes_of(effects)
         estimates = self.motions(drives, effects, magnitudes, known.motions_of(effects))
@@ -161,7 +161,7 @@ def estimate_gear_parameters(
 
 
 def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
-    """Effects by scale: friction effects of a motor share one smoothing velocity, including load-dependent friction."""
+    """Group effects by scale: all friction effects of a motor share one smoothing velocity."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for i, effect in enumerate(effects):
         if effect.edge is not None:
@@ -187,7 +187,7 @@ def _scale_jacobian(
 def scale_priors(
     A: FloatArray, magnitudes: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """Weights (n_s,) of priors on logarithms of scales with std 1; scales of insignificant magnitudes stay fixed.
+    """Return weights (n_s,) of priors on ln scale, std 1; scales of insignificant magnitudes stay fixed.
 
     A: normal matrix of parameters, magnitudes and scales.  magnitudes, std (n_f,), (n_x + n_f + ...): of the last
     round, which is the first where all std are 0.
@@ -213,7 +213,7 @@ def _update_scales(
 
 
 def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> GearEstimate:
-    """No effects, at x (n_x,) as it is."""
+    """Return no effects, at x (n_x,) as it is."""
     drives, none = tuple(data.drives(parameters, x)), np.zeros(0)
     estimates = tuple(SmoothedMotion.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
     (A, *_), weighted_cost = normal_equations(data.lines, drives, estimates, len(x), none)
@@ -233,7 +233,7 @@ def normal_equations(
     n_x: int,
     magnitudes: FloatArray,
 ) -> tuple[Sums, float]:
-    """The sums about magnitudes (n_f,), the motion fixed, without priors, and the weighted cost (`GearEstimate`).
+    """Sum the normal equations about magnitudes (n_f,), the motion fixed, without priors, and the weighted cost.
 
     Residuals have unit variance in each real component; n = n_x + n_f.
     """
@@ -260,7 +260,7 @@ def normal_equations(
 
 
 def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
+    """Return terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
     mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
     slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])
     A, b = np.zeros((n, n)), np.zeros(n)

@@ -52,7 +52,7 @@ _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then f
 
 
 def candidate_groups(data: GearData, known: GearEstimate, orders: Sequence[float]) -> list[Group]:
-    """Groups for every joint, on the scales of its own motion.
+    """Return groups for every joint, on the scales of its own motion.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
     """
@@ -74,7 +74,7 @@ def candidate_groups(data: GearData, known: GearEstimate, orders: Sequence[float
 
 
 def travelled_turns(data: GearData, known: GearEstimate, j: int) -> float:
-    """Turns of a motor that its records cover: from its least angle to its largest, of all configurations the most."""
+    """Return the turns of a motor from its smallest angle to its largest, the most of all configurations."""
     pairs = zip(data.lines, known.drives, strict=True)
     angles = (lines.fine(np.tensordot(drive.motor_row(j), lines.Y, axes=(0, 1)).T) for lines, drive in pairs)
     return float(abs(known.drives[0].ratios[j]) * max(np.ptp(x, axis=1).max() for x in angles) / (2 * np.pi))
@@ -96,7 +96,7 @@ def choose_effects(
     x: FloatArray,
     orders: Sequence[float],
 ) -> GearEstimate:
-    """Parameters and magnitudes with the effects that pay; x (n_x,): the optimum of a fit without any.
+    """Return parameters and magnitudes with the effects that pay; x (n_x,): the optimum of a fit without any.
 
     orders: of errors and ripples, in turns of the motor.
 
@@ -287,12 +287,12 @@ def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], chos
 
 
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
-    """Row of the gearbox characteristics: joint and order of a periodic effect, shared by its basis functions."""
+    """Return number, joint and order of an effect, which its basis functions share."""
     return effect.row.number, effect.joint, effect.order
 
 
 def magnitude_bounds(data: GearData, known: GearEstimate, orders: Iterable[float]) -> dict[Group, float]:
-    """How large each candidate group could be, none of whose family is among the effects that were found.
+    """Return how large each candidate group could be, none of whose family is among the effects that were found.
 
     data: as the effects were found in.
     """

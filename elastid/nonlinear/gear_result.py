@@ -105,7 +105,7 @@ class GearSheet:
     torsion_std: FloatArray = labelled("its standard deviation", "rad")
 
     def number(self, name: str) -> GearNumber | None:
-        """The number of a name, or None."""
+        """Return the number of a name, or None."""
         return next((number for number in self.numbers if number.name == name), None)
 
 
@@ -134,11 +134,11 @@ class GearResult:
         return bool(self.effects) and self.after < EXPLAINED * self.before
 
     def unanswered_notes(self, notes: Iterable[Note]) -> tuple[Note, ...]:
-        """Notes of a fit and its responses without those that the effects answer."""
+        """Return notes of a fit and its responses without those that the effects answer."""
         return tuple(note for note in notes if not (self.explains_misfit and note.code in ANSWERED))
 
     def magnitude(self, kind: str, joint: str) -> float:
-        """The sum of magnitudes of a kind at a joint, 0 without any."""
+        """Return the sum of magnitudes of a kind at a joint, 0 without any."""
         mask = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
         return float(self.magnitudes[np.array(mask, bool)].sum())
 
@@ -178,7 +178,7 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
 
 
 def with_effects(robot: Robot, gears: GearResult) -> Robot:
-    """A fitted robot with the effects of its gears, no other dry friction, and no other laws of springs.
+    """Return a fitted robot with the effects of its gears, no other dry friction, and no other laws of springs.
 
     A spring that softens so far that it would pull keeps the stiffness at zero torque alone, as does one whose law the
     robot's file cannot state.
@@ -203,7 +203,7 @@ def with_effects(robot: Robot, gears: GearResult) -> Robot:
 
 
 def with_linear_springs(robot: Robot) -> Robot:
-    """The robot with the stiffness at zero torque of each joint's spring."""
+    """Return the robot with the stiffness at zero torque of each joint's spring."""
 
     def linear(joint: Joint) -> Joint:
         if joint.spring is None:

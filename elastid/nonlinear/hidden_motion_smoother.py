@@ -50,13 +50,13 @@ class SmoothedMotion:
 
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> "SmoothedMotion":
-        """SmoothedMotion without any motion yet."""
+        """Return SmoothedMotion without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, (np.zeros((0, 0)),) * M, np.zeros((M, len(drive.k), lines.points)))
 
     def on(self, lines: PeriodLines) -> "SmoothedMotion":
-        """SmoothedMotion on a grid of more or fewer points."""
+        """Return SmoothedMotion on a grid of more or fewer points."""
 
         def resampled(x: FloatArray) -> FloatArray:
             return np.asarray(irfft(rfft(x), lines.points) * (lines.points / x.shape[-1])) if x.size else x
@@ -64,7 +64,7 @@ class SmoothedMotion:
         return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
 
     def of(self, places: Sequence[int]) -> "SmoothedMotion":
-        """SmoothedMotion of effects by index; index -1 has no force."""
+        """Return SmoothedMotion of effects by index; index -1 has no force."""
         Phi, folded = (
             np.concatenate([X, np.zeros((*X.shape[:3], 1))], axis=3)[..., list(places)] for X in (self.Phi, self.folded)
         )
@@ -72,14 +72,14 @@ class SmoothedMotion:
 
 
 def residuals(lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray) -> ComplexArray:
-    """y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
+    """Return y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
     explained = drive.C @ drive.H @ np.tensordot(estimate.Phi, magnitudes, axes=1)
     explained = explained + np.tensordot(estimate.folded, magnitudes, axes=1)
     return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
 
 
 def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) -> ComplexArray:
-    """E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines.
+    """Return E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines.
 
     Of neighbours their ratio to noise of torques that the model passes on, and of angles: near resonances, and where a
     robot moves less and less, they are not alike themselves.
@@ -124,7 +124,7 @@ def smooth_motion(
     before: SmoothedMotion,
     near: float = 1e-4,
 ) -> SmoothedMotion:
-    """The motion of all experiments under effects of given magnitudes (n_f,), and the effects along it.
+    """Return the motion of all experiments under effects of given magnitudes (n_f,), and the effects along it.
 
     near: error of the implicit motion at which it ends, over its RMS.
     """
@@ -296,7 +296,7 @@ def newton(
     x: FloatArray,
     near: float = 1e-4,
 ) -> tuple[FloatArray, FloatArray]:
-    """x (n_x, n) of x + linear(law(x)) = x_0, and the force there; law gives force and slope by points.
+    """Return x (n_x, n) of x + linear(law(x)) = x_0, and the force there; law gives force and slope by points.
 
     From x, or from x_0 where that is nearer than an x whose error is more than its size.
 

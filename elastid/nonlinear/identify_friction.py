@@ -54,7 +54,7 @@ def identify_motor_friction(
     planned: IntArray | None = None,
     execution: Execution | None = None,
 ) -> CompensatedFriction:
-    """Friction in the records of all configurations, each of which is gone through, or read, several times.
+    """Return friction in the records of all configurations, each of which is gone through, or read, several times.
 
     Shapes are chosen along the motion that samples show; coefficients are found along that between the samples, too,
     where it moves them. Where friction cannot be found nothing is compensated, and a note says why.  execution: of the
@@ -197,7 +197,7 @@ class _Found:
         return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 
     def with_dependence(self) -> CompensatedFriction:
-        """Friction with the scatter of its coefficients over configurations, where it is more than chance's.
+        """Return friction with the scatter of its coefficients over configurations, where it is more than chance's.
 
         Factors a_c from the coefficients to those of a configuration alone, by least squares of e = a X f, have
         variances s_c^2 by noise. Their scatter tau counts whole, since a coefficient of another posture is one more
@@ -280,7 +280,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> CompensatedFriction:
 
 
 def refusal(records: Sequence[Record]) -> str:
-    """Why friction cannot be found in the records of a configuration; empty where it can."""
+    """Return why friction cannot be found in the records of a configuration; empty where it can."""
     first = records[0]
     if reason := unsuited(first):
         return reason

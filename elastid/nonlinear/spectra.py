@@ -55,7 +55,7 @@ class ConfigurationSpectra:
         return True
 
     def nonlinear_fraction(self) -> FloatArray:
-        """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
+        """Return the share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
 
         From the experiments beyond those that separate the inputs; without any, from lines that are not excited.
         """
@@ -68,7 +68,7 @@ class ConfigurationSpectra:
         return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
 
     def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
-        """Residuals e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
+        """Return e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
 
         e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
         experiments; at unexcited lines Q = 1.  So e = X f for the coefficients f of the friction in U.  And the lines
@@ -95,7 +95,7 @@ def gather_configuration(
     planned: IntArray | None,
     friction: CompensatedFriction | None = None,
 ) -> ConfigurationSpectra:
-    """Mean spectra over the periods that can be trusted, of the records of one configuration, one record at a time.
+    """Return mean spectra over the trusted periods of the records of one configuration, one record at a time.
 
     friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.
@@ -180,14 +180,14 @@ class PeriodLines:
         return np.asarray(2j * np.pi * self.freq_hz)
 
     def fine(self, X: ComplexArray) -> FloatArray:
-        """The signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
+        """Return the signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
         n = self.points
         padded = np.zeros((*X.shape[:-1], n // 2 + 1), complex)
         padded[..., 1 : X.shape[-1] + 1] = X
         return irfft(padded, n) * (n / 2)
 
     def amplitudes(self, x: FloatArray) -> ComplexArray:
-        """Amplitudes (..., F) of signals (..., n) on the fine grid."""
+        """Return amplitudes (..., F) of signals (..., n) on the fine grid."""
         return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
 
     def folded(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -206,7 +206,7 @@ class PeriodLines:
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
-    """The mean over the periods that can be trusted, of the records of one configuration.
+    """Return the mean over the periods that can be trusted, of the records of one configuration.
 
     Raises DataError and StudyError as `analysed_lines` does; DataError where gears cannot be looked for.
     """
@@ -243,7 +243,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
 
 
 def unsuited(first: Record) -> str:
-    """Reason why friction and gear effects are not identifiable from these records; empty if they may be."""
+    """Return reason why friction and gear effects are not identifiable from these records; empty if they may be."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"
     missing = [place for place in first.inputs if place not in first.outputs]
@@ -269,7 +269,7 @@ def _periods(
 
 
 def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
-    """Friction torque (F, n_m, K) of shapes (F, n_f, K) that act on motors motor_of (n_f,)."""
+    """Return friction torque (F, n_m, K) of shapes (F, n_f, K) that act on motors motor_of (n_f,)."""
     torque = np.zeros((Phi.shape[0], n_m, Phi.shape[2]), dtype=np.complex128)
     for f in np.flatnonzero(coefficients):
         torque[:, motor_of[f]] += coefficients[f] * Phi[:, f]

@@ -53,7 +53,7 @@ class NormalEquations:
 def normal_equations(
     data: Sequence[ConfigurationSpectra], coefficients: FloatArray, motor_of: IntArray
 ) -> NormalEquations:
-    """The sums about given coefficients (n_f,) of shapes at motors motor_of (n_f,)."""
+    """Sum the normal equations about coefficients (n_f,) of basis functions at motors motor_of (n_f,)."""
     n_m, n_f = data[0].U.shape[1], len(coefficients)
     realisations = np.unique(np.concatenate([spectra.realisation for spectra in data]))
     M = len(realisations) if len(realisations) > 1 else _BLOCKS
@@ -85,7 +85,7 @@ def normal_equations(
 def estimate_coefficients(
     data: Sequence[ConfigurationSpectra], motor_of: IntArray, iterations: int = 4
 ) -> tuple[FloatArray, NormalEquations]:
-    """Coefficients (n_f,), none negative, of shapes at motors motor_of (n_f,), and the sums about them.
+    """Estimate coefficients (n_f,) >= 0 of basis functions at motors motor_of (n_f,) by variable projection.
 
     iterations: each reduces the error of the coefficients by a factor of ten or more.
     """
@@ -99,7 +99,7 @@ def estimate_coefficients(
 
 
 def solve(A: FloatArray, b: FloatArray) -> FloatArray:
-    """The f (n,) >= 0 that minimises f^T A f - 2 b^T f."""
+    """Return the f (n,) >= 0 that minimises f^T A f - 2 b^T f."""
     from scipy.optimize import nnls  # slow to load, for records without friction
 
     if not len(b):
@@ -113,13 +113,13 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def inverse(A: FloatArray) -> FloatArray:
-    """A^-1 (n, n) of a normal matrix of any units; 0 along unidentifiable directions."""
+    """Return A^-1 (n, n) of a normal matrix of any units; 0 along unidentifiable directions."""
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
 def covariance(equations: NormalEquations) -> FloatArray:
-    """Covariance (n_f, n_f) of the coefficients by the residuals' scatter over experiments and lines."""
+    """Return the covariance (n_f, n_f) of the coefficients by the residuals' scatter over experiments and lines."""
     A = equations.A.sum(axis=0) * equations.dof_fraction
     return 0.5 * inverse(A)
 
@@ -127,7 +127,7 @@ def covariance(equations: NormalEquations) -> FloatArray:
 def cross_validated_power(
     A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
-    """Power that numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
+    """Return the power that numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
     left, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
     for m in range(len(A)):
         f = solved(whole - A[m], pull - b[m])
@@ -144,7 +144,7 @@ def _folds(data: ConfigurationSpectra, F: int, realisations: IntArray) -> IntArr
 
 
 def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
-    """1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
+    """Return 1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
     smooth = np.empty_like(power)
     for kind in (excited, ~excited):
         if kind.any():
@@ -197,7 +197,7 @@ class Basis:
 def choose(
     data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], places: Sequence[str], auto: bool
 ) -> tuple[Basis, IntArray]:
-    """Shapes by cross-validation, and the candidates (n,) that they are."""
+    """Select basis functions by cross-validation; return them and their indices (n,) among the candidates."""
     motor_of = _motors(candidates, places)
     choices = _choices(estimate_coefficients(data, motor_of)[1], candidates, identifiable_basis(data, motor_of))
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
@@ -226,7 +226,7 @@ def torque_delay(
     choice: Basis,
     places: Sequence[str],
 ) -> float:
-    """Delay of the logged torques behind the motions, by which friction explains them; 0 if it does nearly as well.
+    """Estimate the delay of the logged torques behind the motions by friction; 0 if it explains them nearly as well.
 
     By the geometric mean over the motors of the power that is left in other realisations.
     """
@@ -286,7 +286,7 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
 
 
 def delayed(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:
-    """Spectra whose shapes are later by a delay."""
+    """Return spectra whose shapes are later by a delay."""
     late = [np.exp(-2j * np.pi * delay_s * spectra.freq_hz)[:, None, None] for spectra in data]
     return [replace(spectra, Phi=factor * spectra.Phi) for spectra, factor in zip(data, late, strict=True)]
 
@@ -296,9 +296,10 @@ def _motors(shapes: Sequence[BasisFunction], places: Sequence[str]) -> IntArray:
 
 
 def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
-    """Shapes of each motor whose coefficient distortion shows; others are a spring or a damper of the response.
+    """Select, per motor, the basis functions that are identifiable from nonlinear distortion, one index array each.
 
-    The first of a motor is Coulomb friction.
+    A function linear in position or velocity is indistinguishable from stiffness or damping and is dropped. The first
+    function of a motor is Coulomb friction.
     """
     share = np.mean([configuration.nonlinear_fraction() for configuration in data], axis=0)
     every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
@@ -317,7 +318,7 @@ _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 
 def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[BasisFunction, ...]:
-    """Candidates of every motor: a sign, at once or gradual, a Stribeck curve, bristles and their damping."""
+    """Return candidates of every motor: a sign, at once or gradual, a Stribeck curve, bristles and their damping."""
     shapes: list[BasisFunction] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
@@ -333,13 +334,13 @@ def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[Basis
 
 
 def median_swing(motions: Sequence[Motion]) -> float:
-    """Median distance between two reversals, rad (m); 0 without any."""
+    """Return the median distance between two reversals, rad (m); 0 without any."""
     swings = np.concatenate([motion.swings for motion in motions])
     return float(np.median(swings)) if swings.size else 0.0
 
 
 def residual_power(equations: NormalEquations, motor: int, chosen: IntArray) -> float:
-    """Power that `chosen` shapes leave of a motor's residual, each realisation by the coefficients of all others."""
+    """Return the cross-validated residual power of a motor with the `chosen` basis functions."""
     A, b = equations.A[:, chosen[:, None], chosen], equations.b[:, chosen]
     return cross_validated_power(A, b, equations.c[:, motor], solve)
 
@@ -349,7 +350,7 @@ def greedy(
     cost: Callable[[list[int]], float],
     pays: Callable[[float, float, list[int]], bool],
 ) -> tuple[list[int], float]:
-    """The set that grows from none to the cheapest of those larger by one as long as that pays, and its cost."""
+    """Select by forward selection: add the member that lowers the cost most, as long as that pays."""
     chosen: list[int] = []
     left = cost(chosen)
     while sets := larger(chosen):
@@ -380,7 +381,7 @@ def is_damping_of(shape: BasisFunction, element: BasisFunction) -> bool:
 def select_motor_basis(
     equations: NormalEquations, motor: int, candidates: IntArray, shapes: Sequence[BasisFunction]
 ) -> tuple[IntArray, float]:
-    """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
+    """Select the basis functions of a motor by forward selection, and return their residual power ratio.
 
     candidates (n,): of all shapes.
     """
@@ -408,7 +409,7 @@ def select_motor_basis(
 
 
 def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
-    """Share (n_m,) of the power that the shapes of each motor leave in other realisations."""
+    """Return the share (n_m,) of the power that the shapes of each motor leave in other realisations."""
     every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
     powers = [
         (residual_power(equations, i, rows), residual_power(equations, i, rows[:0])) for i, rows in enumerate(every)
@@ -417,7 +418,7 @@ def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: Int
 
 
 def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:
-    """The choice with signs, and Stribeck curves, of a motor near the mean speed of those that were found.
+    """Return the choice with signs, and Stribeck curves, of a motor near the mean speed of those that were found.
 
     A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
     velocity_noise: along a noisy motion friction that jumps seems to turn, and its coefficient in sliding is too large.
@@ -443,7 +444,7 @@ def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velo
 
 
 def basis_error_covariance(choice: Basis, coefficients: FloatArray) -> FloatArray:
-    """Covariance (n_f, n_f) of coefficients (n_f,) due to missing basis functions: one common factor per motor."""
+    """Return the covariance (n_f, n_f) of coefficients (n_f,) by missing basis functions, one factor per motor."""
     others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (coefficients > 0)
     with_others = np.isin(choice.motor_of, choice.motor_of[others])
     error = np.where(with_others, SHAPE_ERROR, SIGN_ERROR) * coefficients

@@ -46,7 +46,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
-from elastid.fit.problem.weights import with_floor
+from elastid.fit.problem.weights import with_model_error
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensate_friction import estimate_compensated_response
@@ -108,7 +108,7 @@ class Case:
         }
         for name, (floor, is_exact) in FITS.items():
             robot = replace(study.as_robot(), tolerances=None) if is_exact else study.as_robot()
-            result = identify(responses, robot, with_floor(replace(study.seeded_fit, starts=1), floor))
+            result = identify(responses, robot, with_model_error(replace(study.seeded_fit, starts=1), floor))
             found[name] = self._against_truth(result), result.cost / result.cost_expected, result.status
         return found
 

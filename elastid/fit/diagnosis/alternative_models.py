@@ -37,7 +37,7 @@ class AlternativeModel(NamedTuple):
 
 
 def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
+    """Return the indices with the best variant, and with a load that was fitted, where nothing explains all."""
     explained = max((index.explained_fraction for index in indices), default=0.0)
     if explained > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
         return indices

@@ -25,7 +25,7 @@ CHECK_OR_PRIOR = (
 
 
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
-    """Notes on the causes in the order of the ranking, or one that no cause explains enough."""
+    """Return notes on the causes in the order of the ranking, or one that no cause explains enough."""
     result, sequence = evidence.result, [index for index in evidence.result.indices if index.place]
     stated = [index for index in sequence if index.explained_fraction >= LIMITS.min_stated_fraction]
     if result.is_within_declared and evidence.best.explained_fraction < LIMITS.min_cause_fraction:
@@ -41,7 +41,7 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def fault(index: ModificationIndex, evidence: Evidence) -> str:
-    """The cause with its evidence: `likely cause: m_fore = 75 kg instead of 71 kg (+5.6 %); explains 99 % of ...`."""
+    """Explain a cause: `likely cause: m_fore = 75 kg instead of 71 kg (+5.6 %); explains 99 % of ...`."""
     result = evidence.result
     by_name = {index.name: phrase(index, evidence) for index in reversed(result.indices)}
     alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
@@ -59,7 +59,7 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
 
 
 def phrase(index: ModificationIndex, evidence: Evidence) -> str:
-    """The change itself: `m_fore = 71.4 kg instead of 75 kg (-4.8 %)`, `a delay of 0.294 ms`."""
+    """Return the change itself: `m_fore = 71.4 kg instead of 75 kg (-4.8 %)`, `a delay of 0.294 ms`."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     if hypothesis is not None and hypothesis.phrase:
         words, where = hypothesis.phrase, index.name.partition("@")[2]
@@ -69,7 +69,7 @@ def phrase(index: ModificationIndex, evidence: Evidence) -> str:
 
 
 def number_phrase(index: ModificationIndex) -> str:
-    """The change of a number, or of a common factor of several, with its values."""
+    """Return the change of a number, or of a common factor of several, with its values."""
     unit = "" if index.units[0] == "1" else f" {index.units[0]}"
     step = float(index.steps[0])
     change = relative(step) if index.log[0] else f"{step:+.3g}{unit}"

@@ -37,7 +37,7 @@ from elastid.fit.result_rows import ModificationIndex
 
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with the best reading, and the names of those that cannot be distinguished from it."""
+    """Return the indices with the best reading, and the names of those that cannot be distinguished from it."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     fit, x = thinned(optimum.fit), optimum.end.x
     every, of_all = np.ones(len(x), dtype=bool), optimum.fit.n_residuals / max(fit.n_residuals, 1)
@@ -100,7 +100,7 @@ def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[st
 
 
 def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Channels with the other sign."""
+    """Return channels with the other sign."""
     outputs, inputs = _channels(evaluated)
     for place in outputs:
         yield Misreading(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
@@ -109,7 +109,7 @@ def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]
 
 
 def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Motors that count torque and motion in the other direction."""
+    """Return motors that count torque and motion in the other direction."""
     outputs, inputs = _channels(evaluated)
     for place in (place for place in inputs if place in outputs):
         name = f"{place} counted in the other direction, torque and motion"
@@ -125,7 +125,7 @@ def _times(
 
 
 def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Pairs of channels that were taken for each other."""
+    """Return pairs of channels that were taken for each other."""
     (outputs, inputs), family = _channels(evaluated), "exchanged channels"
     for a, b in combinations(outputs, 2):
         yield Misreading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
@@ -149,7 +149,7 @@ def _permuted(
 
 
 def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
-    """Pairs among the configurations that fit worst, if they have the same lines and channels."""
+    """Return pairs among the configurations that fit worst, if they have the same lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
     for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
         first, second = kernels[a].model, kernels[b].model
@@ -162,13 +162,13 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
 
 
 def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
-    """Responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
+    """Return responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
     yield Misreading("all phases negated", "phase", lambda _, values: values.conj())
     yield Misreading("all phases negated", "phase", lambda _, values: -values.conj())
 
 
 def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
-    """Positions, velocities and accelerations taken for each other."""
+    """Return positions, velocities and accelerations taken for each other."""
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
         name = f"responses differentiated {count} {direction} in time"

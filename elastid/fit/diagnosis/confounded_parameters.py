@@ -31,13 +31,13 @@ class UndetectableError:
     error: float
 
     def amount(self, error: float) -> str:
-        """An error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
+        """Return an error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
         is_share = self.number.log or self.number.unit == "1"
         return f"{100 * error:.2g} % of {self.name}" if is_share else f"{error:.2g} {self.number.unit} of {self.name}"
 
 
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
-    r"""Errors of held numbers, alone or with all of their kind by one factor, that move a parameter.
+    r"""Return errors of held numbers, alone or with all of their kind by one factor, that move a parameter.
 
     A gear ratio that is wrong by a little changes the response as stiffness and damping do: free parameters take it up.
     Of a number h, with S and the effects of the score test and the standard deviations of x,
@@ -68,7 +68,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
 
 
 def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Note, ...]:
-    """A sentence on the worst of three kinds of numbers, where the intervals are stated as they stand."""
+    """Return a sentence on the worst of three kinds of numbers, where the intervals are stated as they stand."""
     if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
         return ()
     # Of two that do exactly the same, rounding does not choose.

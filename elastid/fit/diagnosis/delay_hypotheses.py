@@ -39,12 +39,12 @@ Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
 
 def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
-    """D (F,) of a signal that is T late."""
+    """Return D (F,) of a signal that is T late."""
     return np.asarray(np.exp(-2j * np.pi * freq_hz * T))
 
 
 def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
-    """L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
+    """Return L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
     return low_pass_response((2j * np.pi * freq_hz).astype(np.complex128), T)
 
 
@@ -69,7 +69,7 @@ def as_delay(name: str) -> str:
 def fit_delay_forms(
     evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, near: str, channel: tuple[str, str], T_0: float
 ) -> Iterator[TimeDelay]:
-    """The best T of each form near a delay of that name and size T_0.
+    """Return the best T of each form near a delay of that name and size T_0.
 
     channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow.
     """

@@ -19,14 +19,14 @@ NEAR_BOUND = 1e-4  # share of a range within which x is at its bound
 
 
 def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
-    """True for each free parameter (n_x,) that ended at a bound."""
+    """Return True for each free parameter (n_x,) that ended at a bound."""
     lower, upper = parameters.x_bounds
     reach = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     return (x - lower < reach) | (upper - x < reach)
 
 
 def bound_notes(result: Result) -> Iterator[Note]:
-    """Notes on parameters that ended at a bound."""
+    """Return notes on parameters that ended at a bound."""
     for i in np.flatnonzero(result.at_bound):
         parameter, x = result.parameters.free[i], float(result.x[i])
         low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
@@ -42,13 +42,13 @@ def bound_notes(result: Result) -> Iterator[Note]:
 
 
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
-    """Warnings about bounds, undetermined and weakly determined parameters, correlations, and the hit rate."""
+    """Return warnings about bounds, undetermined and weakly determined parameters, correlations, and the hit rate."""
     result = evidence.result
     return (*bound_notes(result), *_determination(result, evidence.uncertainty.unreached), *_search(result))
 
 
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
-    """A note on each configuration that the model explains far worse than the others, where no cause explains that.
+    """Return a note on each configuration with far larger residuals than the others, if no cause explains them.
 
     All amplitudes of a posture are one configuration here: gears that are not linear need no second robot.
     """
@@ -76,7 +76,7 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
-    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, the other way round, or degrees.
+    r"""Return a note where all stiffnesses suggest frequencies in rad/s instead of Hz, the other way round, or degrees.
 
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
@@ -137,7 +137,7 @@ def _search(result: Result) -> Iterator[Note]:
 
 
 def contradictions(result: Result) -> tuple[Note, ...]:
-    """Warnings where load tests, or responses at the tool, contradict the responses of the motors."""
+    """Return warnings where load tests, or responses at the tool, contradict the responses of the motors."""
     sources = ("fit/loads", "static load tests", result.static), ("fit/tool", "responses at the tool", result.tool)
     return tuple(
         Note(
@@ -151,5 +151,5 @@ def contradictions(result: Result) -> tuple[Note, ...]:
 
 
 def listed(names: tuple[str, ...], chosen: BoolArray) -> str:
-    """Names that are chosen, as a list in a sentence."""
+    """Return names that are chosen, as a list in a sentence."""
     return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)

@@ -47,7 +47,7 @@ class ExtendedModel:
 
     @classmethod
     def of(cls, assembly: Assembly, fitted: LinearModel) -> ExtendedModel:
-        """The extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
+        """Return the extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
         roles = ("u",) if fitted.controller is None else ("kp", "kd")
         channels = [channel_name("gain", role, place) for role in roles for place in robot.motor_locations]
@@ -70,14 +70,14 @@ class ExtendedModel:
         return (*self.linearisation.parameters, DELAY)
 
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
-        """The numbers (n,) in SI where x (n_x,) is the estimate."""
+        """Return the numbers (n,) in SI where x (n_x,) is the estimate."""
         model = self.linearisation.model
         estimates = named(fitted.names, fitted.expand(x, configuration))
         nominal = named(model.parameters, model.theta)
         return np.array([estimates.get(name, nominal.get(name, 0.0)) for name in self.parameters])
 
     def at(self, fitted: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
-        """The linear model of a configuration with slopes to all of `parameters`, and theta (n,).
+        """Return the linear model of a configuration with slopes to all of `parameters`, and theta (n,).
 
         measured: its model in the fit, whose inputs and outputs are those measured.
         """
@@ -151,7 +151,7 @@ def evaluate_extended(
     columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]],
     part: Part,
 ) -> Evaluated:
-    """One configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
+    """Return one configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
     model, theta = extended.at(fitted, part.kernel.model, x)
     known = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))

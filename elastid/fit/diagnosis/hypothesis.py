@@ -82,7 +82,7 @@ class Hypothesis:
     search: Callable[[list[ModificationIndex], Evidence, Scores], list[ModificationIndex]] | None = None
 
     def number(self, name: str, value: float, unit: str = "", is_nuisance: bool = False) -> FixedNumber:
-        """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
+        """Return a fixed number with its plausible steps; a positive quantity of value 0 only grows."""
         size = self.size
         log, limits = size.log and value > 0, (-size.limit, size.limit, size.usual)
         is_product_of_inertia = name.startswith("I_") and name[-3:] in ("_xy", "_xz", "_yz")
@@ -98,7 +98,7 @@ class Hypothesis:
 
 
 def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
-    """The hypothesis of a number by the beginning of its name; the last one that has numbers where none fits."""
+    """Return the hypothesis of a number by the beginning of its name; the last one that has numbers where none fits."""
     stem, at, _ = name.partition("@")
     first, second = (*stem.split("_", 2), "")[:2]
     by_number = {number: hypothesis for hypothesis in hypotheses for number in hypothesis.numbers}
@@ -208,7 +208,7 @@ def axis(index: ModificationIndex) -> str:
 
 
 def hypothesis_of_index(index: ModificationIndex, hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
-    """The hypothesis of an index: by the name of its number, else by its family."""
+    """Return the hypothesis of an index: by the name of its number, else by its family."""
     by_number = hypothesis_of(index.name, hypotheses)
     if by_number.family == index.group:
         return by_number

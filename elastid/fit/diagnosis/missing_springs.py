@@ -33,7 +33,7 @@ from elastid.response import Response
 def find_missing_springs(
     indices: list[ModificationIndex], evidence: Evidence, scores: Scores
 ) -> list[ModificationIndex]:
-    """The indices with springs that the robot lacks, each replacing its linear step, where nothing explains V."""
+    """Return the indices with missing springs instead of their linear steps, if no cause explains V."""
     explained = max((index.explained_fraction for index in indices), default=0.0)
     if evidence.result.exceeds_noise and explained > LIMITS.certain_fraction:
         return indices

@@ -68,7 +68,7 @@ _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
 
 
 def score(evidence: Evidence) -> Scores:
-    """The score test at the optimum; parameters at a bound stay there."""
+    """Return the score test at the optimum; parameters at a bound stay there."""
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
     extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
@@ -213,12 +213,12 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
 
 
 def temper(scores: Scores) -> float:
-    """tau^2 of all causes."""
+    """Return tau^2 of all causes."""
     return max(scores.level, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
 
 
 def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: Scores) -> float:
-    """2 ln O of a cause, one of `count` of its family."""
+    """Return 2 ln O of a cause, one of `count` of its family."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     prior = 1.0 if hypothesis is None else hypothesis.plausibility
     return index.drop * scores.lines / temper(scores) - index.occam + 2 * math.log(max(prior, 1e-300) / count)
@@ -263,7 +263,7 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
 
 
 def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:
-    """Candidates with a significant drop, best first: so many, and every delay, which has several forms."""
+    """Return candidates with a significant drop, best first: so many, and every delay, which has several forms."""
     every, significant, tau2 = scores.candidates, scores.significant, temper(scores)
     steps = [_step(test, candidate, scores) for candidate in every]
     drops = np.maximum([drop - scores.worse for _, drop, _ in steps], 0.0)
@@ -319,7 +319,7 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
 
 
 def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
-    """ln det(1 + W S) and the prior's term of sizes (n_d,) relative to the usual ones."""
+    """Return ln det(1 + W S) and the prior's term of sizes (n_d,) relative to the usual ones."""
     _, log_det = np.linalg.slogdet(np.eye(len(S)) + usual[:, None] * S * usual)
     return float(log_det + 2 * np.sum(np.log1p(sizes**2)))
 
@@ -331,7 +331,7 @@ def rank_causes(
     result: Result, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty, execution: Execution,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
 ) -> Evidence:  # fmt: skip
-    """The evidence with a result that has its status, and modification indices where they bear on it."""
+    """Return the evidence with a result that has its status, and modification indices where they bear on it."""
     evidence = Evidence(assembly, optimum, uncertainty, result, hypotheses, execution)
     # Where no noise is known, only suspect responses are judged.
     if evidence.noise_cost > 0 or evidence.is_unexplained:
@@ -352,7 +352,7 @@ def rank_causes(
 
 
 def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
-    """A judged result with notes on causes, estimate and undetectable errors, besides `notes` of data and search."""
+    """Return the result with `notes` of data and search, and notes on causes, estimate and undetectable errors."""
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):
         result = replace(

@@ -37,7 +37,7 @@ class Evaluated:
     fixed: dict[str, ComplexArray] = field(default_factory=dict)
 
     def whitened(self, slopes: ComplexArray) -> FloatArray:
-        """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
+        """Return -dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
         return as_real(-self.part.slopes(self.G, slopes, self.mixing).reshape(len(slopes), -1))
 
     @property
@@ -73,12 +73,12 @@ CONFIGURATIONS = 32
 
 
 def spread_out(count: int) -> slice:
-    """So many of a number of configurations, spread over all of them."""
+    """Return so many of a number of configurations, spread over all of them."""
     return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
 
 
 def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
-    """The fit on every so many lines of each configuration, about so many real residuals in total.
+    """Return the fit on every so many lines of each configuration, about so many real residuals in total.
 
     Without static load tests, which say nothing about readings of the responses.
     """
@@ -86,7 +86,7 @@ def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
 
 
 def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
-    """Function from a part to every so many of its lines, about so many real residuals in total.
+    """Return the function from a part to every so many of its lines, about so many real residuals in total.
 
     At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
     """
@@ -104,7 +104,7 @@ def _thin(every: int, least: int, part: Part) -> Part:
 
 
 def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
-    """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
+    """Return every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
         G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
@@ -120,14 +120,14 @@ def start_distance(parameters: Parameters, x: FloatArray) -> float:
 
 
 def squares(evaluated: Sequence[Evaluated]) -> list[float]:
-    """V of each configuration."""
+    """Return V of each configuration."""
     return [float(e.residual @ e.residual) for e in evaluated]
 
 
 def predict(
     misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
 ) -> tuple[float, FloatArray]:
-    """V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
+    """Return V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
     V, b, A = _normal_equations(misreading, evaluated, prior, free)
     near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
     step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
@@ -148,7 +148,7 @@ def _normal_equations(
 
 
 def settle(misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray) -> tuple[float, FloatArray]:
-    """V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
+    """Return V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
 
     def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
         V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.prior_slopes, free)
@@ -163,6 +163,6 @@ def settle(misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArr
 
 
 def logarithmic(part: Part) -> Part:
-    """The part with the logarithmic criterion, element by element, no line with a weight above 10."""
+    """Return the part with the logarithmic criterion, element by element, no line with a weight above 10."""
     gain = np.minimum(part.gain * np.abs(part.measured), 10.0)
     return replace(part, criterion="log", gain=gain, whitening=None)

@@ -29,7 +29,7 @@ NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is 
 
 
 def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[RigidPart, ...]:
-    """The base about three axes, as far as no response shows it; the axis first about which it takes most."""
+    """Return the base about three axes, as far as no response shows it; the axis first about which it takes most."""
     asked, parts = result.parameters.of_interest, list[RigidPart]()
     k = {p.name: math.exp(x) for p, x in zip(asked, result.x, strict=False) if p.log and p.name.startswith("k_")}
     std = result.std_of_x[: len(asked)]
@@ -65,7 +65,7 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
 
 
 def find_elastic_base(result: Result) -> tuple[Note, ...]:
-    """A note on the base that lowers the stiffnesses most, where they would leave an interval."""
+    """Return a note on the base that lowers the stiffnesses most, where they would leave an interval."""
     remarks = result.base_remarks
     if not remarks:
         return ()

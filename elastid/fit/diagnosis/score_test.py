@@ -67,7 +67,7 @@ class ScoreTest:
 
     @classmethod
     def of(cls, numbers: Sequence[FixedNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
-        """A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
+        """Return A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
         n_x, places = len(free), np.flatnonzero(free)
         size = np.sqrt(np.diag(A))
         size[size == 0] = 1.0
@@ -98,17 +98,17 @@ class ScoreTest:
         return steps, max(float(drop), 0.0)
 
     def most(self, candidate: Candidate) -> float:
-        """The drop of V by the best step of a candidate, plausible or not."""
+        """Return the drop of V by the best step of a candidate, plausible or not."""
         S, g = self.along(candidate)
         return float(g @ np.linalg.pinv(S, hermitian=True) @ g)
 
     def std(self, candidate: Candidate) -> float:
-        """The standard deviation of the first number's step, for residuals of unit variance."""
+        """Return the standard deviation of the first number's step, for residuals of unit variance."""
         S, D = self.along(candidate)[0], candidate.directions
         return float(np.sqrt(max(D[0] @ np.linalg.pinv(S, hermitian=True) @ D[0], 0.0)))
 
     def correlations(self, candidates: Sequence[Candidate]) -> FloatArray:
-        """Squared correlations (n_c, n_c) of effects that free parameters leave; 0 of several directions."""
+        """Return squared correlations (n_c, n_c) of effects that free parameters leave; 0 of several directions."""
         D = np.zeros((len(self.numbers), len(candidates)))
         for i, candidate in enumerate(candidates):
             if candidate.directions.shape[1] == 1 and self.known[candidate.places].any():
@@ -119,11 +119,11 @@ class ScoreTest:
         return quotient(products**2, both)
 
     def effects(self, candidate: Candidate, steps: FloatArray) -> FloatArray:
-        """Change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""
+        """Return the change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""
         return self.response[:, candidate.places] @ steps
 
     def freed(self, candidate: Candidate) -> ScoreTest:
-        """The test of all numbers with a candidate at its step and free."""
+        """Return the test of all numbers with a candidate at its step and free."""
         D, places = candidate.directions, candidate.places
         columns = self.S[:, places] @ D
         back = columns @ np.linalg.pinv(self.along(candidate)[0], hermitian=True)
@@ -150,7 +150,7 @@ class ScoreTest:
         return np.asarray(lsq_linear(L.T, target, limits * size).x / size)
 
     def along(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
-        """S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
+        """Return S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
         D, places = candidate.directions, candidate.places
         return D.T @ self.S[np.ix_(places, places)] @ D, D.T @ self.g[places]
 
@@ -162,7 +162,7 @@ class ScoreTest:
 
 
 def free_drop(A: FloatArray, b: FloatArray, free: BoolArray) -> float:
-    """The drop of V by the step of the free parameters (n_x,) with all others held; 0 at an optimum."""
+    """Return the drop of V by the step of the free parameters (n_x,) with all others held; 0 at an optimum."""
     places = np.flatnonzero(free)
     size = np.sqrt(np.maximum(np.diag(A)[places], 1e-300))
     g = b[places] / size

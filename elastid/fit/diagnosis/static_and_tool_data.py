@@ -55,7 +55,7 @@ class SecondSource:
 
     @classmethod
     def of(cls, alone: Result, residuals: Residuals, n_residuals: int) -> SecondSource:
-        """Source beside `alone`, the fit to the motors' responses."""
+        """Return the source beside `alone`, the fit to the motors' responses."""
         C = alone.covariance.copy()
         unknown = ~np.isfinite(np.diag(C))
         C[unknown] = C[:, unknown] = 0.0
@@ -65,7 +65,7 @@ class SecondSource:
         return cls(alone.x, size[:, None] * V * np.sqrt(np.maximum(values, 0.0)), residuals, n_residuals)
 
     def least(self, with_factor: bool = False) -> tuple[float, float, float]:
-        """T and the factor less 1 with its std, NaN without one."""
+        """Return T and the factor less 1 with its std, NaN without one."""
         z = np.zeros(self.root.shape[1] + with_factor)
         unknowns = Parameters(tuple(Parameter(f"z{i}", 0.0) for i in range(len(z))))
         try:
@@ -94,7 +94,7 @@ class SecondSource:
 
 
 def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
-    """The source next to `alone`, any cause still _UNKNOWN; and T with the factor that explains it, else inf."""
+    """Return the source next to `alone`, any cause still _UNKNOWN; and T with the factor that explains it, else inf."""
     scale = alone.inflation_factor**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)
@@ -153,11 +153,11 @@ def _tool_residuals(
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Compare the responses at the tool in `assembly` with `alone`, the fit to the motor responses."""
-    fit, now = _beside(assembly.with_floor(alone.model_error), alone)
+    fit, now = _beside(assembly.with_model_error(alone.model_error), alone)
     result, with_factor = agreement(now, alone)
     is_misread = False
     if result.disagrees:
-        others = [(_beside(replace(assembly, responses=read).with_floor(alone.model_error), alone)[1], words)
+        others = [(_beside(replace(assembly, responses=read).with_model_error(alone.model_error), alone)[1], words)
                   for read, words in _tool_readings(assembly.responses)]  # fmt: skip
         least, misreading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
         is_misread = explains(now, result.chi_square, least)

@@ -42,13 +42,13 @@ from elastid.fit.diagnosis.priors import (
 from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import DAMPING_UNITS
-from elastid.fit.spec import USUAL_FLOOR
+from elastid.fit.spec import TYPICAL_MODEL_ERROR
 from elastid.fit.status_terms import AT_BOUND, BIASED, BY_PRIOR, DISTORTED, GOOD, LARGE, UNCERTAIN, Status
 from elastid.response import UNEXPLAINED
 
 
 def with_status(evidence: Evidence) -> Result:
-    """The result with the worst status that applies, and a message: the verdict first, then the residual test."""
+    """Return the result with the worst status that applies, and its message: verdict, then residual test."""
     result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
     free = result.parameters.free_names
     starts = result.converged_starts
@@ -144,7 +144,7 @@ def _decides(evidence: Evidence) -> BoolArray:
 def decisive_index(
     result: Result, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
 ) -> ModificationIndex | None:
-    """The cause that shows the model to be wrong by more than the intervals, if any does.
+    """Return the cause that shows the model to be wrong by more than the intervals, if any does.
 
     A held number, freed alone, that does so; the likeliest cause in its place, where that does, too, and none where a
     far likelier cause explains the same and moves nothing.
@@ -205,7 +205,7 @@ def _by_fixed_number(evidence: Evidence) -> str:
 
 def _beyond_declared(evidence: Evidence) -> str:
     result = evidence.result
-    if result.model_error <= USUAL_FLOOR or result.error_ratio < LARGE or not _blocks_disagree(evidence):
+    if result.model_error <= TYPICAL_MODEL_ERROR or result.error_ratio < LARGE or not _blocks_disagree(evidence):
         return ""
     needed = f"fit.weights.model_error={result.model_error * result.error_ratio:.2g}"
     return f"the residuals exceed the declared model error. Find their cause, or set {needed}"
