@@ -1,4 +1,4 @@
-r"""Assembly: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
+r"""FRF problem: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
 
 Where a linearisation holds near its point only, the search linearises at every x:
 

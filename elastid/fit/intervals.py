@@ -1,4 +1,4 @@
-r"""Intervals beyond the covariance, if a study requests them: profile likelihood and bootstrap.
+r"""Intervals beyond the covariance: profile likelihood and bootstrap.
 
 The profile likelihood is V against one parameter, minimised over all others:
 

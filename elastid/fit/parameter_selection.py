@@ -1,4 +1,5 @@
-r"""Choice of the parameters that are identified: the robot's numbers under the `fit.parameters` of a study.
+r"""Selection of the parameters of a fit: numbers of the robot under `fit.parameters` of a study, and nuisance
+parameters.
 
 Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
 geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study

@@ -1,4 +1,4 @@
-"""A fitted robot in a posture that need not have been measured: the equations, linearised there, and their ports."""
+"""Fitted robot in any posture: its equations, linearised there, and their ports."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.fitted_model import Axes, Estimated, FittedModel, ModelErrorFactor
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.static_deflection import Ports, acted_on, moved_by
+from elastid.linear.ports import Ports, acted_on, moved_by
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
@@ -177,7 +177,7 @@ class Family:
 
 
 def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configuration]) -> Configuration:
-    """Return a posture, given by numbers, a mapping from joints or the name of a fitted one, as a configuration."""
+    """Return a posture (numbers, mapping from joints, or name of a fitted configuration) as a configuration."""
     if isinstance(posture, Configuration):
         return posture
     if isinstance(posture, str):

@@ -1,4 +1,4 @@
-r"""Sums over the lines of one configuration, and the variance of the estimate by their scatter (jackknife, blocks).
+r"""Robust covariance: sums over the lines of one configuration, and variances by their scatter (blocks, jackknife).
 
 Blocks are as many bands of equal numbers of lines as are twice as long as the correlation length tau of the
 configuration's residuals (`correlation_length`), at least 4 and at most 24: errors of a model are equal on neighbouring

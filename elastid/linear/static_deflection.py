@@ -1,4 +1,4 @@
-r"""Forces and torques at frames: deflection under constant ones, and inputs of a linear model.
+r"""Static deflection of frames under constant forces and torques.
 
 .. math:: \partial V / \partial q_f + \Phi_f^T \lambda = J_f^T F, \qquad \varphi = 0, \qquad
           y = p(q_{loaded}) - p(q_{unloaded}), \qquad
@@ -9,18 +9,10 @@ r"""Forces and torques at frames: deflection under constant ones, and inputs of 
 Solved by Newton's method for all postures and loads at once: gravity, nonlinear springs and closed loops are exact. To
 first order y = J K^-1 J^T F, K the tangent stiffness under the load. Forces and torques keep their directions, in the
 axes of the base.
-
-Forces and torques at frames as inputs of a linear model, with its motors locked, free or controlled.
-
-.. math:: B = J^T, \qquad \text{locked: } q = N y, \; B_m^T N = 0, \qquad
-          \text{controlled: } K + B_m (k_p + k_i k_d) B_m^T, \; D + B_m k_d B_m^T, \; \Delta = B_m k_i k_p B_m^T
-
-J: velocity of a frame's origin, or its angular velocity, so that a force at a place works on its motion.  B_m: of the
-motors.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -29,12 +21,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.linear.equilibrium import MAX_STEP, MAX_STEPS, ROUNDING_GAP, equilibrium, free_coordinates
-from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import position, rotation, tree, turns
-from elastid.model.loop_closure import null_space
-from elastid.record import Configuration, JointLoop, Motors
-from elastid.robot.robot import split_place
+from elastid.record import Configuration
 
 _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
 
@@ -189,60 +178,3 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
     given, options = [z, locked, theta, wrench], {"cse": True}
     statics = ca.Function("statics", given, [ca.densify(term) for term in (left, ca.jacobian(left, z))], options)
     return statics, ca.Function("slopes", given, [ca.densify(term) for term in slopes], options)
-
-
-def moved_by(place: str) -> str:
-    """Return the motion on which a force or torque works."""
-    kind, name, axis = split_place(place)
-    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
-
-
-def locked_motor_motions(B: FloatArray) -> FloatArray:
-    """Return N (n, m), the motions with locked motors B^T q = 0; columns of the unit matrix if possible."""
-    still = ~np.any(B, axis=1)
-    if np.linalg.matrix_rank(B) == np.count_nonzero(~still):
-        return np.eye(len(B))[:, still]
-    return null_space(B.T)
-
-
-@dataclass(frozen=True, eq=False)
-class Ports:
-    """Forces and motions as sums of the places of a linear model.
-
-    act (n_u, n_p + n_m): forces at its outputs, then torques of its motors.  read (n_y, n_p): of its outputs.
-    """
-
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    act: FloatArray
-    read: FloatArray
-
-    @classmethod
-    def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> "Ports":
-        """Return forces on motions that are among the outputs of a model, which are read as they are."""
-        n, rows = len(model.outputs), [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
-        return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))
-
-
-def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop | None) -> LinearModel:
-    """Return the model between ports; no chain of drives is in it."""
-    K, D, integral = model.K, model.D, None
-    if motors == "controlled" and loop is not None:
-        gains = loop.kp + loop.ki * loop.kd, loop.kd, loop.ki * loop.kp
-        stiffness, damping, drift = ((model.B * gain) @ model.B.T for gain in gains)
-        K, D, integral = K + stiffness, D + damping, drift if np.any(drift) else None
-    N = locked_motor_motions(model.B) if motors == "locked" else np.eye(model.n)
-    slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
-    M, D, K = (projected(N, A) for A in (model.M, D, K))
-    B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.tilt @ N
-    return replace(
-        model, M=M, D=D, K=K, B=B, C=C, T=T, Z=np.asarray(model.Z) @ N, slopes=slopes,
-        inputs=ports.inputs, outputs=ports.outputs, chain=(), motors=motors, loop=loop, integral=integral,
-    )  # fmt: skip
-
-
-def _on(slope: Slope, N: FloatArray, ports: Ports) -> Slope:
-    M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
-    C, T = (None if part is None else ports.read @ part @ N for part in (slope.C, slope.T))
-    B = None if slope.C is None else N.T @ slope.C.T @ ports.act[:, : len(slope.C)].T
-    return Slope(M, D, K, C, T, B if B is not None and np.any(B) else None)

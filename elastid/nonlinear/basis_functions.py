@@ -1,4 +1,4 @@
-r"""Effects of gears: shapes Phi along the motion, each times a magnitude f, that act at a place of the drivetrain.
+r"""Basis functions Phi of gear effects along the motion, each times a magnitude f at a place of the drivetrain.
 
 .. math:: J \ddot q + f_m \dot q + (F_m + F_{load} |\tau|)\, \mathrm{sgn}\, \dot q + ripple(q) + (1 + e'(q))\, \tau = u,
           \qquad \tau = n(\delta) + d\, \dot\delta + h(\delta), \qquad \delta = q + e(q) - l

@@ -1,4 +1,4 @@
-r"""Responses of records with compensated motor friction, and the errors of the compensation.
+r"""Friction compensation: responses of records with compensated motor friction, and their errors.
 
 Coefficients that are off by df leave their torque in U, the same in all configurations, at the lines of Phi
 

@@ -1,5 +1,4 @@
-r"""The sheet of each gear from the magnitudes of its effects: makers' numbers with intervals, or bounds, and its
-torsion.
+r"""Gearbox characteristics by the magnitudes of effects: makers' numbers with intervals or bounds, and torsion.
 
 .. math:: \tau = k\, \delta + \sum_i f_i\, \Phi_i(\delta), \qquad
           \sigma_\delta = \frac{\sqrt{r\, C\, r^T}}{d\tau / d\delta}, \quad r = \partial \tau / \partial (x, f)
@@ -110,8 +109,8 @@ def open_gears(
         *rigid_gears([joint for joint in data.joints if joint not in elastic]),
     )
     nothing_acts = [SmoothedMotion.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
-    before = left(linear, drives, nothing_acts, np.zeros(0))
-    after = left(data, chosen.drives, chosen.estimates, chosen.magnitudes)
+    before = unexplained_fraction(linear, drives, nothing_acts, np.zeros(0))
+    after = unexplained_fraction(data, chosen.drives, chosen.estimates, chosen.magnitudes)
     numbers = chosen.x, chosen.covariance, chosen.effects, chosen.magnitudes, sheets
     return GearResult(*numbers, before=before, after=after, notes=notes)
 
@@ -204,7 +203,7 @@ def rigid_gears(joints: Sequence[str]) -> list[Note]:
     return [Note("gears/effect-discarded", text, f"joint {joint}", "information") for joint in joints]
 
 
-def left(
+def unexplained_fraction(
     data: GearData, drives: Sequence[DriveLines], estimates: Sequence[SmoothedMotion], magnitudes: FloatArray
 ) -> float:
     """Return the unexplained fraction of the motors' motion at the excited lines, rms, with these magnitudes."""
@@ -348,7 +347,7 @@ def _springs(gear: SlidingFriction, result: Result, reach: float) -> list[GearNu
 
 
 def _levels(gear: SlidingFriction, reach: float) -> list[GearNumber]:
-    """GearEstimate of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at
+    """Magnitudes of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at
     zero.
 
     Lost motion 2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free.

@@ -1,4 +1,4 @@
-r"""GearEstimate of effects and parameters of the model together, from the records' own lines, excited or not.
+r"""Estimate of gear magnitudes and model parameters together, from all lines of the records, excited or not.
 
 .. math:: V(x, f) = \sum_{c, k, m} r^H S^{-1} r + priors, \qquad
           r = y - G(x)\, u + C H(x) \sum_i f_i P_i \Phi_i(\hat q)
@@ -30,9 +30,7 @@ from elastid.response import Response
 
 ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation
 _STEP = 0.5  # of itself, by which a positive number or a scale falls or grows at once, at most
-MIN_SIGNIFICANCE = (
-    3.0  # standard deviations of a magnitude, from which on its scale moves, and below which it is left out at the end
-)
+MIN_SIGNIFICANCE = 3.0  # std of a magnitude, from which on its scale moves, and below which it is discarded at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ class GearEstimate:
         return np.sqrt(np.diag(self.covariance)[len(self.x) :])
 
     def magnitudes_of(self, effects: Sequence[GearEffect]) -> FloatArray:
-        """Return GearEstimate of any effects, 0 of those that are not among these."""
+        """Return magnitudes of any effects, 0 of those that are not among these."""
         magnitudes = dict(zip(self.effects, self.magnitudes.tolist(), strict=True))
         return np.array([magnitudes.get(effect, 0.0) for effect in effects])
 
@@ -135,7 +133,7 @@ def estimate_gear_parameters(
         with_edges = np.concatenate([magnitudes, np.zeros(len(every) - n_f)])
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = data.motions(drives, every, with_edges, estimates, tolerance / 500)
-        (A, b, _), left = normal_equations(data.lines, drives, estimates, n_x, with_edges)
+        (A, b, _), cost = normal_equations(data.lines, drives, estimates, n_x, with_edges)
         T = _scale_jacobian(effects, magnitudes, scales, n_x)
         A, b = T.T @ A.sum(axis=0) @ T, T.T @ b.sum(axis=0)
         of_priors, pull = priors(parameters, x, len(b))
@@ -149,14 +147,14 @@ def estimate_gear_parameters(
         x = x + np.where(parameters.is_log, np.log1p(np.clip(step[:n_x], -_STEP, _STEP)), step[:n_x])
         magnitudes = magnitudes + step[n_x : n_x + n_f]
         effects = _update_scales(effects, scales, step[n_x + n_f :])
-        if last_step_norm < tolerance or (count > 2 and left - target_cost > weighted_cost - left):
+        if last_step_norm < tolerance or (count > 2 and cost - target_cost > weighted_cost - cost):
             break
-        weighted_cost = left
+        weighted_cost = cost
     scale_std = np.zeros(n_f)
     for group, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[group] = [relative * effects[i].scale for i in group]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
-    end = tuple(effects), x, magnitudes, covariance, last_step_norm, left
+    end = tuple(effects), x, magnitudes, covariance, last_step_norm, cost
     return GearEstimate(parameters, *end, estimated, tuple(drives), scale_std)
 
 

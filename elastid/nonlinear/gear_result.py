@@ -1,4 +1,4 @@
-"""GearResult: the effects of a robot's gears with the parameters found beside them, and a sheet for each gear.
+"""GearResult: the effects of the gears of a robot with its parameters, and the characteristics of each gear.
 
 The fit and the robot with what was found, as a robot's file states it.
 """

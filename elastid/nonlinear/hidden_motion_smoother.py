@@ -1,4 +1,4 @@
-r"""The motion behind the gears, which no sensor sees: measured torque and angle weighed against each other.
+r"""Smoother of the unmeasured motion behind the gears, from measured torques and angles.
 
 .. math:: \hat q = q_0 + H W (C H)^H [C H W (C H)^H + \sigma^2]^{-1} (y - C q_0), \qquad
           q_0 = H (B u - \sum_i f_i P_i \Phi_i(\hat q))
@@ -50,13 +50,13 @@ class SmoothedMotion:
 
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> "SmoothedMotion":
-        """Return SmoothedMotion without any motion yet."""
+        """Return the estimate without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, (np.zeros((0, 0)),) * M, np.zeros((M, len(drive.k), lines.points)))
 
     def on(self, lines: PeriodLines) -> "SmoothedMotion":
-        """Return SmoothedMotion on a grid of more or fewer points."""
+        """Return the estimate on a grid of more or fewer points."""
 
         def resampled(x: FloatArray) -> FloatArray:
             return np.asarray(irfft(rfft(x), lines.points) * (lines.points / x.shape[-1])) if x.size else x
@@ -64,7 +64,7 @@ class SmoothedMotion:
         return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
 
     def of(self, places: Sequence[int]) -> "SmoothedMotion":
-        """Return SmoothedMotion of effects by index; index -1 has no force."""
+        """Return the estimate of effects by index; index -1 has no force."""
         Phi, folded = (
             np.concatenate([X, np.zeros((*X.shape[:3], 1))], axis=3)[..., list(places)] for X in (self.Phi, self.folded)
         )

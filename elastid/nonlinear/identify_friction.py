@@ -1,4 +1,4 @@
-"""Friction at the motors, from the records of all configurations of a measurement."""
+"""Identification of motor friction from the records of all configurations of a measurement."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -62,13 +62,13 @@ def identify_motor_friction(
     """
     records = tuple(measured[0])
     try:
-        return _found(records, measured, spec, planned, execution or Execution())
+        return _identify(records, measured, spec, planned, execution or Execution())
     except _Unsuited as reason:
         is_quiet = spec.friction == "auto" and not any(place.startswith("motor ") for place in records[0].inputs)
-        return _nothing(records[0], "" if is_quiet else str(reason), spec.friction)
+        return _no_friction(records[0], "" if is_quiet else str(reason), spec.friction)
 
 
-def _found(
+def _identify(
     records: tuple[Record, ...],
     measured: Sequence[Iterable[Record]],
     spec: EstimatorSpec,
@@ -77,16 +77,16 @@ def _found(
 ) -> CompensatedFriction:
     few, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
-    def gathered(
+    def gather(
         part: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
     ) -> list[ConfigurationSpectra]:
-        return execution.ordered(partial(_gathered, places, shapes, spec, planned, friction), part)
+        return execution.ordered(partial(_gather, places, shapes, spec, planned, friction), part)
 
     if refused := refusal(records):
         raise _Unsuited(refused)
     refuse_mismatch(records)
     shapes = candidate_basis(records, spec.friction == "coulomb")
-    data = gathered(measured[:few], shapes)
+    data = gather(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
     if delay_s := torque_delay(data, shapes, choice, places):
         late, late_shapes = delayed(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
@@ -96,20 +96,20 @@ def _found(
             data, shapes, choice, picked = late, late_shapes, late_choice, late_picked
     of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
     swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
-    first, friction = _Found(records[0], spec, of_picked, choice, swings), None
+    first, friction = _FrictionFit(records[0], spec, of_picked, choice, swings), None
     if choice.shapes:
         near = refined(choice, first.coefficients, places, first.velocity_noise)
-        between = replace(first, choice=near, data=gathered(measured[:few], near.shapes, first.result))
+        between = replace(first, choice=near, data=gather(measured[:few], near.shapes, first.result))
         pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
         is_near = all(abs(coefficient - whole) <= SIGN_ERROR * coefficient for coefficient, whole in pairs)
         if few >= len(measured) or not is_near:
             first, friction = between, first.result
-    first = replace(first, data=[*first.data, *gathered(measured[few:], first.choice.shapes, friction)])
+    first = replace(first, data=[*first.data, *gather(measured[few:], first.choice.shapes, friction)])
     return first.with_dependence() if choice.shapes else first.result
 
 
-def _gathered(
+def _gather(
     inputs: tuple[str, ...],
     shapes: Sequence[BasisFunction],
     spec: EstimatorSpec,
@@ -139,7 +139,7 @@ def _gathered(
 
 
 @dataclass(frozen=True)
-class _Found:
+class _FrictionFit:
     """Friction of a choice of shapes in some configurations; first: a record."""
 
     first: Record
@@ -167,7 +167,7 @@ class _Found:
     def result(self) -> CompensatedFriction:
         """Compensate friction; return it with a note on each motor."""
         (coefficients, equations), first, choice = self.sums, self.first, self.choice
-        left = residual_power_ratios(equations, len(first.inputs), choice.motor_of)
+        ratio = residual_power_ratios(equations, len(first.inputs), choice.motor_of)
         is_compensated = np.isin(np.arange(len(first.inputs)), choice.motor_of)
         result = CompensatedFriction(
             places=first.inputs,
@@ -178,7 +178,7 @@ class _Found:
             configurations=tuple(spectra.name for spectra in self.data),
             before=normal_equations(self.data, 0 * coefficients, choice.motor_of).amplitude,
             after=equations.amplitude,
-            residual_power_ratio=np.where(is_compensated, left, choice.residual_power_ratio),
+            residual_power_ratio=np.where(is_compensated, ratio, choice.residual_power_ratio),
             accelerance=self._accelerance(),
             swings=self.swings,
         )
@@ -259,7 +259,7 @@ def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _nothing(first: Record, why: str, wanted: Friction) -> CompensatedFriction:
+def _no_friction(first: Record, why: str, wanted: Friction) -> CompensatedFriction:
     """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"

@@ -1,4 +1,4 @@
-"""The motion of a motor between its samples, from the DFT of its whole record."""
+"""Motion of a motor between its samples, from the DFT of its whole record."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-r"""The linear model of a configuration on all lines of its periods, and its arm's torques beyond it.
+r"""Period model: the linear model of a configuration on all lines of its periods, and the arm's nonlinear torques.
 
 .. math:: Z(s)\, q = B u - \sum_i f_i P_i \Phi_i, \qquad Z = s^2 M + s D + K, \qquad H = Z^{-1}
 

@@ -1,4 +1,4 @@
-"""Torques and motions of all experiments of one configuration, at lines excited or not; their fine grid."""
+"""Spectra of torques and motions of all experiments of one configuration, at lines excited or not; their fine grid."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -277,7 +277,7 @@ def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: I
 
 
 def some(lines: IntArray, most: int) -> IntArray:
-    """Lines, so many at most, evenly spaced with the first and the last: they show a coefficient as well as all."""
+    """Lines, so many at most, evenly spaced with the first and the last: they show a coefficient as all do."""
     return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
 
 

@@ -1,4 +1,4 @@
-r"""Coefficients of friction by regression: the f for which G is the same in all realisations.
+r"""Variable projection: friction coefficients f for which G is the same in all realisations.
 
 For each line, with the net torques U_n = U - Phi f and the projector Q that takes their span out of the K experiments,
 
@@ -68,9 +68,9 @@ def normal_equations(
             group = np.flatnonzero(motor_of == motor)
             acting = group[coefficients[group] != 0]
             e, friction = e_c[:, motor], np.tensordot(coefficients[acting], of_shapes[acting], axes=1)
-            left = np.mean(np.abs(e - friction) ** 2, axis=1)
-            amplitude[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
-            w = np.sqrt(weights(left, excited))[:, None]
+            power = np.mean(np.abs(e - friction) ** 2, axis=1)
+            amplitude[i, motor] = np.sqrt(np.median(power)) if power.size else 0.0
+            w = np.sqrt(weights(power, excited))[:, None]
             e, X = (w * e).ravel(), (w * of_shapes[group]).reshape(len(group), e.size)
             for m in range(M):
                 rows = np.flatnonzero(fold == m)
@@ -128,11 +128,11 @@ def cross_validated_power(
     A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
     """Return the power that numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
-    left, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
+    cost, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
     for m in range(len(A)):
         f = solved(whole - A[m], pull - b[m])
-        left += float(c[m] - 2 * b[m] @ f + f @ A[m] @ f)
-    return left
+        cost += float(c[m] - 2 * b[m] @ f + f @ A[m] @ f)
+    return cost
 
 
 def _folds(data: ConfigurationSpectra, F: int, realisations: IntArray) -> IntArray:
@@ -156,9 +156,7 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
 # Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
 # 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
 MIN_NONLINEAR_FRACTION = 0.14
-MAX_RESIDUAL_FRACTION = (
-    0.5  # of the power left in other realisations, at most, for friction to be compensation_torque out of a motor
-)
+MAX_RESIDUAL_FRACTION = 0.5  # of the cross-validated power, up to which friction of a motor is compensated
 # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
 # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes coefficients right
 # in scripts/studies/outside_coverage.py, at rest and on a carrier.
@@ -201,8 +199,8 @@ def choose(
     motor_of = _motors(candidates, places)
     choices = _choices(estimate_coefficients(data, motor_of)[1], candidates, identifiable_basis(data, motor_of))
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
-    chosen, left = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([left for _, left in choices])
-    return Basis(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
+    chosen, ratios = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([ratio for _, ratio in choices])
+    return Basis(tuple(candidates[i] for i in chosen), motor_of[chosen], ratios), chosen
 
 
 def _choices(
@@ -228,7 +226,7 @@ def torque_delay(
 ) -> float:
     """Estimate the delay of the logged torques behind the motions by friction; 0 if it explains them nearly as well.
 
-    By the geometric mean over the motors of the power that is left in other realisations.
+    By the geometric mean over the motors of the cross-validated residual power.
     """
     if not choice.shapes:
         return 0.0
@@ -352,14 +350,14 @@ def greedy(
 ) -> tuple[list[int], float]:
     """Select by forward selection: add the member that lowers the cost most, as long as that pays."""
     chosen: list[int] = []
-    left = cost(chosen)
+    least = cost(chosen)
     while sets := larger(chosen):
         costs = [cost(members) for members in sets]
         best = int(np.argmin(costs))
-        if not pays(left, costs[best], sets[best]):
+        if not pays(least, costs[best], sets[best]):
             break
-        chosen, left = sets[best], costs[best]
-    return chosen, left
+        chosen, least = sets[best], costs[best]
+    return chosen, least
 
 
 def may_join(shape: BasisFunction, others: Sequence[BasisFunction]) -> bool:
@@ -400,12 +398,11 @@ def select_motor_basis(
     total, every = power([]), candidates.tolist()
     singles = [[i] for i in every if may_join(shapes[i], ())]
     pairs = [[i, j] for i in every for j in every if is_damping_of(shapes[j], shapes[i])]
-    chosen, left = greedy(partial(larger, firsts=singles), power, pays)
+    chosen, least = greedy(partial(larger, firsts=singles), power, pays)
     if pairs:
-        damped, left_by_damped = greedy(partial(larger, firsts=pairs), power, pays)
-        chosen, left = (damped, left_by_damped) if left_by_damped < DAMPED_POWER * left else (chosen, left)
-    share = left / total if total > 0 else 1.0
-    return np.array(sorted(chosen), dtype=np.int64), share
+        damped, damped_power = greedy(partial(larger, firsts=pairs), power, pays)
+        chosen, least = (damped, damped_power) if damped_power < DAMPED_POWER * least else (chosen, least)
+    return np.array(sorted(chosen), dtype=np.int64), least / total if total > 0 else 1.0
 
 
 def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
@@ -414,7 +411,7 @@ def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: Int
     powers = [
         (residual_power(equations, i, rows), residual_power(equations, i, rows[:0])) for i, rows in enumerate(every)
     ]
-    return np.array([left / total if total > 0 else 1.0 for left, total in powers])
+    return np.array([power / total if total > 0 else 1.0 for power, total in powers])
 
 
 def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:

@@ -1,4 +1,4 @@
-"""Variants of a study, each fitted from the study's start: other robots than the file's, or the same read otherwise.
+"""Alternative models of a study, each fitted from its start: other robots, or the same robot misread.
 
 They stand at the angles as another unit, direction or order has them, have inertias of motors or encoders on the other
 side of the gears, are mounted otherwise, or do not carry the payload that the file has, or a further one.  A fit that

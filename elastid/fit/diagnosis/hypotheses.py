@@ -1,4 +1,4 @@
-r"""HYPOTHESES: every kind of cause that a diagnosis considers, with its usual size, its words and its plausibility.
+r"""HYPOTHESES: a row for every kind of cause, with its typical size, sentence, remedy, plausibility and plant.
 
 To add one, write a function and a row (`Hypothesis`), and name the row as an entry point of the group `elastid.causes`:
 

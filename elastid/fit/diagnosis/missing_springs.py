@@ -1,4 +1,4 @@
-r"""Missing springs: coordinates that the robot's file has as rigid, each tried with a resonance within the band.
+r"""Missing springs: rigid coordinates of the robot model, each fitted with a resonance within the band.
 
 .. math:: k_i = m_c\, (2 \pi f_i)^2, \qquad d_i = k_i \operatorname{median} \frac{d}{k}, \qquad f_{i+1} = \sqrt 2 f_i
 

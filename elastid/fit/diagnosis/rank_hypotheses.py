@@ -1,9 +1,9 @@
-r"""The judge: one score test of everything that a fit held, and the ranking of all causes that hypotheses propose.
+r"""Ranking of hypotheses: one score test of all fixed numbers of a fit, and the odds of all causes.
 
 Numbers by one evaluation at the optimum (`score_test`), then what hypotheses search for themselves: forms of lateness,
-readings of channels and postures, springs that the robot's file lacks, other robots.  Causes are ranked by their odds
-(below); the likeliest is followed by what explains more with it.
-Last come undetectable errors of held numbers: no test of the responses finds them, since free parameters take them up.
+misreadings of channels and postures, springs that the robot's file lacks, other robots.  Causes are ranked by their
+odds (below); the likeliest is followed by what explains more with it. Last come undetectable errors of fixed numbers:
+no test of the responses finds them, since free parameters take them up.
 
 The judgement of causes: the odds of each by the drop of V, by what is plausible beforehand, and by what remains.
 

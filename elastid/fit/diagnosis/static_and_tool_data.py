@@ -1,4 +1,4 @@
-r"""A second source of one robot beside the responses of its motors: load tests, or responses at the tool.
+r"""Static and tool data: consistency of load tests, or of responses at the tool, with the responses of the motors.
 
 The fit to the motors' responses alone, x_m with covariance C, and the residuals r of the second source,
 

@@ -1,4 +1,4 @@
-r"""Meeting place of the wings: responses and linear models of all configurations as one LeastSquares.
+r"""FRF residuals: responses and linear models of all configurations as one LeastSquares.
 
 .. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
           + \text{priors}
@@ -28,10 +28,10 @@ from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
+from elastid.linear.ports import Ports, acted_on, moved_by
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import zoh_aliases
-from elastid.linear.static_deflection import Ports, acted_on, moved_by
 from elastid.parameters import Parameters
 from elastid.record import REFERENCE
 from elastid.response import Response

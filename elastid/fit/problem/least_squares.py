@@ -1,4 +1,4 @@
-r"""LeastSquares: a weighted nonlinear least-squares problem that knows no robot, its residuals, the end of a solve.
+r"""LeastSquares: a weighted nonlinear least-squares problem of any origin, its residuals, and a local optimum.
 
     V(x) = sum_i r_i(x)^2 + sum_p ((x_p - m_p) / s_p)^2,   each real residual r_i of unit variance under the noise model
 

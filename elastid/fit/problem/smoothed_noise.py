@@ -1,4 +1,4 @@
-r"""The noise of a measured response as it weighs: its sample covariance smoothed over lines, in the form it came in.
+r"""Smoothed noise: the sample covariance of a measured response smoothed over lines, in the form it came in.
 
 A full covariance is smoothed around a model of the noise: the sum of noise on the outputs of a response and of torques
 at its inputs that pass through it. Levels of both kinds are estimated by likelihood.
