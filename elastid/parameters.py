@@ -200,7 +200,7 @@ class Parameters:
         return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.is_nuisance))
 
     @property
-    def requested(self) -> tuple[Parameter, ...]:
+    def of_interest(self) -> tuple[Parameter, ...]:
         """The first of `free`: those that were asked for."""
         return tuple(parameter for parameter in self.free if not parameter.is_nuisance)
 

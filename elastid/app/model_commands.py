@@ -100,7 +100,7 @@ def map_study(
 
     def work(fit: Result) -> Used:
         """Map of the fitted robot, with its files."""
-        asked, seed = posture.Asked(frame=frame, axes="world"), run.study.seed
+        asked, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
         family = with_gears(fit, gears_of(run)).family(asked)
         if path is not None:
             angles, remarks = read_path(path, family.robot, family.frame)
@@ -152,7 +152,7 @@ def _given(
 ) -> MoveRobots:
     """The robots of a study with the frame that is asked for.  asked: rate and bandwidth in Hz, error in m."""
     study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
-    family = result.family(posture.Asked(frame=frame))
+    family = result.family(posture.PredictionPorts(frame=frame))
     friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
 
     def framed(robot: Robot) -> Robot:

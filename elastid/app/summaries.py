@@ -18,7 +18,7 @@ from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import stick_figure
-from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
@@ -92,14 +92,14 @@ def summary(
     mode_rows: Sequence[ModeRow],
     agreements: Sequence[Agreement],
     notes: Sequence[Note],
-    friction: FrictionTakenOut | None = None,
+    friction: CompensatedFriction | None = None,
 ) -> dict[str, Any]:
     """Return the content of summary.json; notes of fit, friction and measured responses, in this order.
 
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.requested)
+    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)
     above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(
@@ -126,7 +126,7 @@ def summary(
             section(part, "name stiffness detection_limit")
             | {
                 "changes": dict(
-                    zip((p.name for p in result.parameters.requested), json_value(part.changes), strict=True)
+                    zip((p.name for p in result.parameters.of_interest), json_value(part.changes), strict=True)
                 )
             }
             for part in result.assumed_rigid
@@ -305,7 +305,7 @@ def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
 
 
 def _friction_section(
-    robot: Robot, friction: FrictionTakenOut | None, springs: Mapping[str, float]
+    robot: Robot, friction: CompensatedFriction | None, springs: Mapping[str, float]
 ) -> list[dict[str, Any]] | None:
     """Return the section `friction` of summary.json, one entry per motor; None without compensation.
 

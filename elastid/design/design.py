@@ -100,8 +100,8 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
     responses = [replace(model, parameters=known).expected(c, known.x) for model, c in fitted]
-    is_taken_out = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
-    expected = forecast(responses, known.x, is_taken_out)
+    is_compensated = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
+    expected = forecast(responses, known.x, is_compensated)
     notes = (*sticking(plan, truth, problem.simulated.carrier), *presliding(fitted, truth), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)

@@ -88,14 +88,14 @@ class Forecast:
         return self.parameters[column], float(self.correlation[row, column])
 
 
-def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: bool = False) -> Forecast:
+def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_compensated: bool = False) -> Forecast:
     """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
-    is_taken_out: friction will be, of the torques.
+    is_compensated: friction will be, of the torques.
     Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
     """
     parameters = expected[0].parameters
-    free, freq_hz = parameters.requested, expected[0].response.freq_hz
+    free, freq_hz = parameters.of_interest, expected[0].response.freq_hz
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
@@ -103,7 +103,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
         text = "no response exceeds its noise at any line. Raise excitation.torque_rms, or measure more periods"
         raise StudyError("excitation/power", text, "excitation")
     responses, weights = [e.response for e in expected], [e.weights for e in expected]
-    uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_taken_out=is_taken_out)
+    uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_compensated=is_compensated)
     covariance = uncertainty.covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
@@ -125,7 +125,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Raise StudyError for a grid with fewer lines than unknowns; the message states a sufficient period."""
-    if refused := line_count_refusal(len(freq_hz), len(parameters.requested), "unknowns"):
+    if refused := line_count_refusal(len(freq_hz), len(parameters.of_interest), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
 
 
@@ -134,7 +134,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
 
     They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
     """
-    asked = parameters.requested
+    asked = parameters.of_interest
     n = len(asked)
     R = np.asarray(np.linalg.qr(np.roll(R, -n, axis=1), "r"))[-n:, -n:]
     ranges = [p.upper - p.lower for p in asked]

@@ -593,9 +593,14 @@ class RigidColumns:
         """Columns behind the filter of both sides, at the samples that are kept."""
         decimation, reach = log.first.decimation, len(log.first.taps) + log.first.decimation.step
         pieces = []
-        for start in range(kept.start, kept.stop, _PIECE // kept.step * kept.step or kept.step):
-            stop, first = min(start + (_PIECE // kept.step * kept.step or kept.step), kept.stop), max(0, start - reach)
-            here = replace(log.first, decimation=slice(start - first, stop - first, kept.step))
+        for start in range(
+            decimation.start, decimation.stop, _PIECE // decimation.step * decimation.step or decimation.step
+        ):
+            stop, first = (
+                min(start + (_PIECE // decimation.step * decimation.step or decimation.step), decimation.stop),
+                max(0, start - reach),
+            )
+            here = replace(log.first, decimation=slice(start - first, stop - first, decimation.step))
             pieces.append(here.filtered(self.at(log, slice(first, stop + reach))))
         return np.concatenate(pieces)
 

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.posture import Asked, Family
+from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
 from elastid.frf.matrices import inverse
 from elastid.linear.equilibrium import equilibrium
@@ -93,7 +93,7 @@ class PostureFamily:
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
         """StudyError where a posture has no rest."""
         motors = result.known_robot.motor_locations
-        family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
+        family = result.family(PredictionPorts(inputs=motors, outputs=motors, motors="free"))
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
         for posture in postures:
             linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")

@@ -18,7 +18,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.statistics import LEVEL
-from elastid.fit.posture import Asked, as_configuration
+from elastid.fit.posture import PredictionPorts, as_configuration
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
 from elastid.fit.result import Result
@@ -88,8 +88,8 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
     StudyError for places that the robot lacks, and where it finds no rest.
     """
     motors, places = measured.motors, (measured.inputs, measured.outputs)
-    asked = Asked(*places, motors, quantity=measured.quantity, controller=measured.loop)
-    family = result.family(asked, measured.configuration.name)
+    request = PredictionPorts(*places, motors, quantity=measured.quantity, controller=measured.loop)
+    family = result.family(request, measured.configuration.name)
     where = as_configuration(measured.configuration, family.robot, ())
     band = family.at(where).response_band(measured.freq_hz, LEVEL)
     predicted = replace(band.response, configuration=measured.configuration)

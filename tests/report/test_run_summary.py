@@ -11,17 +11,9 @@ from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
 from elastid.experiment.simulated.plant import true_response
-from elastid.fit.result import (
-    BY_PRIOR,
-    DISTORTED,
-    GOOD,
-    NO_CAUSE,
-    OTHER_JOINTS,
-    UNCERTAIN,
-    ModificationIndex,
-    Result,
-    RigidPart,
-)
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex, RigidPart
+from elastid.fit.status_terms import BY_PRIOR, DISTORTED, GOOD, NO_CAUSE, OTHER_JOINTS, UNCERTAIN
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import WITH_COULOMB, ResponsesContent, parameter_rows
