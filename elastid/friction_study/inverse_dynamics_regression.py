@@ -591,16 +591,11 @@ class RigidColumns:
 
     def filtered(self, log: MotionLog) -> FloatArray:
         """Columns behind the filter of both sides, at the samples that are kept."""
-        decimation, reach = log.first.decimation, len(log.first.taps) + log.first.decimation.step
-        pieces = []
-        for start in range(
-            decimation.start, decimation.stop, _PIECE // decimation.step * decimation.step or decimation.step
-        ):
-            stop, first = (
-                min(start + (_PIECE // decimation.step * decimation.step or decimation.step), decimation.stop),
-                max(0, start - reach),
-            )
-            here = replace(log.first, decimation=slice(start - first, stop - first, decimation.step))
+        used, reach = log.first.decimation, len(log.first.taps) + log.first.decimation.step
+        pieces, length = [], max(_PIECE // used.step, 1) * used.step
+        for start in range(used.start, used.stop, length):
+            stop, first = min(start + length, used.stop), max(0, start - reach)
+            here = replace(log.first, decimation=slice(start - first, stop - first, used.step))
             pieces.append(here.filtered(self.at(log, slice(first, stop + reach))))
         return np.concatenate(pieces)
 
