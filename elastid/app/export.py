@@ -146,8 +146,8 @@ def _export_draws(count: int, run: Run, target: str, folder: Path) -> Iterator[P
         yield from written
         if lacking:
             run.console.warn(f"export: no MJCF of the samples: {lacking}")
-        if draws.held:
-            run.console.warn(f"export: {', '.join(draws.held)} not identifiable: the same in all samples")
+        if draws.fixed:
+            run.console.warn(f"export: {', '.join(draws.fixed)} not identifiable: the same in all samples")
     warn_of_distrust(run, "export", result)
 
 

@@ -177,7 +177,7 @@ def write_table(path: Path, tuned: TunedMove) -> None:
     parts = ("position", "velocity", "torque")
     heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
     columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
-    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.planned, strict=True)
+    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.predicted_error, strict=True)
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 

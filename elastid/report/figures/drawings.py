@@ -182,7 +182,7 @@ def _of_filter(followed: FollowedFriction) -> Named:
     from elastid.report.figures import friction_records
 
     joint = followed.filtered
-    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.held]
+    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.consider_parameters]
     with_errors = f", which include the tolerances of {', '.join(held)}" if held else ""
     caption = (
         f"friction tracked by a Kalman filter, with 95 % bands{with_errors}. "
