@@ -22,10 +22,10 @@ Two wings end in the same value, Response, and meet in the fit:
 Floors, from the top; a room imports from the floors below it only:
 
 - app           command line, table of stages, runs: file -> value -> file
-- verbs         functions from noun to noun
+- api           functions from noun to noun
 - targets study models for other tools; YAML -> values, with file, line and column of every error
 - report store  page and figures; HDF5
-- design nonlinear recorded use validation  plans within limits; friction out of records; logs -> records; maps of the
+- design nonlinear logs use validation  plans within limits; friction out of records; logs -> records; maps of the
   workspace and draws of robots; agreement
 - friction_study               levels, laws, presliding and warm-up of friction; an extended Kalman filter follows it
 - experiment fit modal         plan and simulated rig; weights, least squares, solvers, diagnosis; modes of a structure
@@ -48,18 +48,18 @@ _HOMES = {
     "Response": "elastid.response",
     "Parameters": "elastid.parameters",
     "Result": "elastid.fit.result",
-    "read_robot": "elastid.verbs",
-    "read_records": "elastid.verbs",
-    "simulate": "elastid.verbs",
-    "choose": "elastid.verbs",
-    "estimate": "elastid.verbs",
-    "identify": "elastid.verbs",
+    "read_robot": "elastid.api",
+    "read_records": "elastid.api",
+    "simulate": "elastid.api",
+    "choose": "elastid.api",
+    "estimate": "elastid.api",
+    "identify": "elastid.api",
     "run": "elastid.app.finished_run",
     "export": "elastid.app.finished_run",
     "compare": "elastid.app.finished_run",
     "plot": "elastid.plot",
-    "load": "elastid.verbs",
-    "save": "elastid.verbs",
+    "load": "elastid.api",
+    "save": "elastid.api",
     "Configuration": "elastid.record",
     "Body": "elastid.robot",
     "Joint": "elastid.robot",

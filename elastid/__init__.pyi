@@ -7,7 +7,7 @@ from elastid.record import Record as Record, Configuration as Configuration
 from elastid.response import Response as Response
 from elastid.parameters import Parameters as Parameters
 from elastid.fit.result import Result as Result
-from elastid.verbs import (
+from elastid.api import (
     read_robot as read_robot,
     read_records as read_records,
     simulate as simulate,

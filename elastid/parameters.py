@@ -200,7 +200,7 @@ class Parameters:
         return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.is_nuisance))
 
     @property
-    def asked(self) -> tuple[Parameter, ...]:
+    def of_interest(self) -> tuple[Parameter, ...]:
         """The first of `free`: those that were asked for."""
         return tuple(parameter for parameter in self.free if not parameter.is_nuisance)
 
@@ -209,9 +209,9 @@ class Parameters:
         """Names in the order of x."""
         return tuple(parameter.name for parameter in self.free)
 
-    def moved(self, configuration: str = "") -> tuple[str, ...]:
+    def dependent_names(self, configuration: str = "") -> tuple[str, ...]:
         """Names of the free and tied parameters of theta that x moves in a configuration, in the order of theta."""
-        moves = np.any(self._chain(configuration).reach, axis=1)
+        moves = np.any(self._chain(configuration).dependence, axis=1)
         return tuple(name for name, is_moved in zip(self.names, moves, strict=True) if is_moved)
 
     @property
@@ -250,20 +250,20 @@ class Parameters:
         return np.array([p.log for p in self.free], dtype=np.bool_)
 
     def _chain(self, configuration: str) -> "_Chain":
-        if (local := self.configuration_of_its_own(configuration)) not in self._chains:
+        if (local := self.configuration_of_stand_in(configuration)) not in self._chains:
             standing = {p.stands_for: p for p in self.parameters if local in p.only}
             self._chains[local] = _chain([standing.get(name, self[name]) for name in self.names], self)
         return self._chains[local]
 
-    def configuration_of_its_own(self, configuration: str) -> str:
+    def configuration_of_stand_in(self, configuration: str) -> str:
         """The name of a configuration for which a parameter has a stand-in; empty for all others.
 
         Of a configuration that is measured at several amplitudes that of its posture, whose parameters are the same.
         """
-        return next((name for name in (configuration, posture_of(configuration)) if name in self._with_their_own), "")
+        return next((name for name in (configuration, posture_of(configuration)) if name in self._stand_ins), "")
 
     @cached_property
-    def _with_their_own(self) -> frozenset[str]:
+    def _stand_ins(self) -> frozenset[str]:
         return frozenset(name for p in self.parameters for name in p.only)
 
     @cached_property
@@ -315,7 +315,7 @@ class _Chain:
     by_gain: FloatArray
 
     @cached_property
-    def reach(self) -> BoolArray:
+    def dependence(self) -> BoolArray:
         """Flags (n_theta, n_x): theta_p depends on z_i."""
         return np.asarray((self.gain != 0) | (self.by_gain != 0))
 

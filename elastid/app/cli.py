@@ -238,21 +238,21 @@ def predict(
     model explains, by axis and octave, and a simulation along the logs. Without --log the logs are from STUDY.
     """
     if source is not None:
-        from elastid.app import use_fit
+        from elastid.app import model_commands
 
-        use_fit.predict(run_of(model, use_fit.on_logs(model, logs, options)), source)
+        model_commands.predict(run_of(model, model_commands.on_logs(model, logs, options)), source)
         return
     if not logs:
         raise click.UsageError("give the logs with --log, or the result of another run with --with")
     from elastid.app.console import Console
-    from elastid.app.predict_commands import Given, predict_from_commands
+    from elastid.app.predict_commands import CommandSettings, predict_from_commands
     from elastid.app.run import all_cores
     from elastid.study import load
 
     folder = options["folder"] or Path("runs") / f"{model.stem}_{logs[0].stem}"
     console = Console(options["verbose"] - options["quiet"])
     recorded = None if study is None else load(study, options["overrides"]).study.experiment.as_recorded()
-    given = Given(rate_hz, kp, kd, delay, recorded)
+    given = CommandSettings(rate_hz, kp, kd, delay, recorded)
     predict_from_commands(model, logs, given, folder, options["jobs"] or all_cores(), console)
 
 
@@ -279,7 +279,7 @@ def map_command(study: Path, **options: Any) -> None:
     with a column for each driven joint (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
     """
     asked = run_of(study, options)
-    from elastid.app.use_fit import map_study
+    from elastid.app.model_commands import map_study
 
     map_study(asked, **options)
 
@@ -310,7 +310,7 @@ def tune(study: Path, **options: Any) -> None:
     duration. With t these options stretch it.
     """
     asked = run_of(study, options)
-    from elastid.app.use_fit import tune_study
+    from elastid.app.model_commands import tune_study
 
     tune_study(asked, **options)
 
@@ -331,7 +331,7 @@ def loops(study: Path, **options: Any) -> None:
     in all postures of the study and for 95 % of the posterior samples. loops.yml has the gains as a section of a study.
     """
     asked = run_of(study, options)
-    from elastid.app.use_fit import loops_study
+    from elastid.app.model_commands import loops_study
 
     loops_study(asked, **options)
 
@@ -430,6 +430,7 @@ def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
     \b
     elastid explain fit.criterion            meaning, values, default, and when to change it
     elastid explain records/clock            meaning and remedy
+    elastid explain causes                   causes of model errors, typical size and remedy
     elastid explain k_1                      meaning and side of the gear
     elastid explain k_1 study.yml            place in the robot model and nominal value
     elastid explain k_1 --run runs/demo      estimate, interval and verdict in a run

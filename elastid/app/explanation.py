@@ -1,10 +1,11 @@
-"""`elastid explain`: a key, a code, or a parameter with its nominal value in a study and its estimate in a run."""
+"""`elastid explain`: a key, a code, a cause, or a parameter with its nominal value and its estimate in a run."""
 
 import re
 from pathlib import Path
 
 from elastid.base.display import capital
-from elastid.nonlinear.effects import SHEET
+from elastid.fit.diagnosis.hypotheses import explain_causes
+from elastid.nonlinear.basis_functions import SHEET
 from elastid.store.friction_study import read_friction_result
 from elastid.store.results import read_fit, read_gears
 from elastid.study import load
@@ -13,6 +14,8 @@ from elastid.study.reference import explain, explain_parameter
 
 def explained(asked: str, study: Path | None = None, folder: Path | None = None) -> str:
     """Explain a name, with its nominal value in a study and its estimate in the folder of a run."""
+    if asked.partition(".")[0] == "causes":
+        return explain_causes(asked.partition(".")[2])
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot

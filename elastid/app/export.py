@@ -17,8 +17,8 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
+from elastid.logs.responses.table import geometry_of_files
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_gears, with_linear_springs, with_terms_of
-from elastid.recorded.responses.table import geometry_of_files
 from elastid.simulation.controller import loop_of
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
@@ -146,8 +146,8 @@ def _export_draws(count: int, run: Run, target: str, folder: Path) -> Iterator[P
         yield from written
         if lacking:
             run.console.warn(f"export: no MJCF of the samples: {lacking}")
-        if draws.held:
-            run.console.warn(f"export: {', '.join(draws.held)} not identifiable: the same in all samples")
+        if draws.fixed:
+            run.console.warn(f"export: {', '.join(draws.fixed)} not identifiable: the same in all samples")
     warn_of_distrust(run, "export", result)
 
 

@@ -18,8 +18,8 @@ from elastid.store.friction_study import read_friction_result
 from elastid.store.measured import read_records, read_responses
 from elastid.store.results import read_fit, read_validation
 from elastid.study import load
-from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison
+from elastid.validation.frf_error import Validation
 
 
 def run(

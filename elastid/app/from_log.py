@@ -23,8 +23,8 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
-from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import (
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.channel_guess import (
     MIN_SAMPLES,
     JointGuess,
     LogGuess,
@@ -33,13 +33,13 @@ from elastid.recorded.channel_guess import (
     signals_of,
     wrong_cells,
 )
-from elastid.recorded.channel_names import ChannelGuess, ChannelKey, guess_by_name
-from elastid.recorded.clocks import MAX_SAMPLES, Clock, clock_of
-from elastid.recorded.command_log import gains_in
-from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.text import TextLog, described_format, guess_format
-from elastid.recorded.files.universal import is_universal_file, time_histories
-from elastid.recorded.repair.periodicity import find_period, repetition
+from elastid.logs.channel_names import ChannelGuess, ChannelKey, guess_by_name
+from elastid.logs.clocks import MAX_SAMPLES, Clock, clock_of
+from elastid.logs.command_log import gains_in
+from elastid.logs.files.formats import opened_log
+from elastid.logs.files.text import TextLog, described_format, guess_format
+from elastid.logs.files.universal import is_universal_file, time_histories
+from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Joint, Robot
 
 _SAME_RATE = 0.01  # relative difference of the rates of logs of one study
@@ -391,7 +391,7 @@ def _period(drives: FloatArray) -> list[str]:
         samples = N if abs(best.best_samples - N) < 0.1 else best.best_samples
         why = f"the drives repeat (correlation {best.best_correlation:.3f})"
         return [f"    period_samples: {samples:.8g} # guessed: {why}"]
-    if n % 2 == 0 and repetition(drives, n // 2, sign=-1).is_as_stated:
+    if n % 2 == 0 and repetition(drives, n // 2, sign=-1).matches_stated_period:
         why = "one period, since its second half is minus the first"
         return [f"    period_samples: {n} # guessed: {why}", "    half_wave: true"]
     return ["    period: none # guessed: the drives do not repeat"]

@@ -15,12 +15,12 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT
-from elastid.recorded.channel_names import ChannelGuess, guess_by_name
-from elastid.recorded.clocks import is_time
-from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import StoredArray
-from elastid.recorded.files.text import TextLog, described_format, guess_format
-from elastid.recorded.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
+from elastid.logs.channel_names import ChannelGuess, guess_by_name
+from elastid.logs.clocks import is_time
+from elastid.logs.files.formats import opened_log
+from elastid.logs.files.log import StoredArray
+from elastid.logs.files.text import TextLog, described_format, guess_format
+from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
 from elastid.robot import Robot
 
 _FREQUENCY = re.compile(r"(.*[./_ ])?(f|freq|frequenc(y|ies)|w|omega)([ _./(\[].*)?", re.IGNORECASE)

@@ -9,7 +9,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.fitted_robot import remaining_tolerances, robots_by_group
 from elastid.fit.result import Result
 from elastid.linear.linear_model import DELAY
-from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.gear_result import GearResult, with_effects
 from elastid.parameters import Parameters
 from elastid.report.content import WITH_COULOMB
@@ -30,7 +30,7 @@ NOT_SIGNIFICANT = "viscous friction. The Coulomb friction of the motor is not si
 OF_LOOP = "; an error of k_d of the controller adds to it"
 
 
-def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None) -> frozenset[str]:
+def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFriction | None) -> frozenset[str]:
     """Names of viscous coefficients that contain dry friction, which looks viscous to a multisine.
 
     A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
@@ -42,7 +42,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
         motors = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction]
         rough = {f"motor {name}" for name in motors}
         rough |= {f"joint {joint.name}" for joint in robot.joints if joint.friction is not None}
-    for place in () if friction is None else friction.taken_places():
+    for place in () if friction is None else friction.compensated_motors():
         joint = place.removeprefix("motor ")
         rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})
     sliding = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
@@ -54,7 +54,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
 def contents(
     robot: Robot,
     is_simulated: bool,
-    friction: FrictionTakenOut | None,
+    friction: CompensatedFriction | None,
     parameters: Parameters,
     gears: GearResult | None = None,
 ) -> dict[str, str]:
@@ -64,7 +64,7 @@ def contents(
     """
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
-    taken = () if friction is None else friction.taken_places()
+    taken = () if friction is None else friction.compensated_motors()
     tested = () if friction is None or not friction.configurations else friction.places
     words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
     words |= {name: NOT_SIGNIFICANT for place in tested if (name := place.replace("motor ", "fm_")) in mixed}
@@ -78,7 +78,7 @@ def contents(
 
 
 def truth(
-    robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: FrictionTakenOut | None = None
+    robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: CompensatedFriction | None = None
 ) -> dict[str, float] | None:
     """Return the simulated robot's identifiable parameters by name, in SI; None for logs.
 
@@ -105,7 +105,7 @@ def robot_files(
     name: str,
     robot: Robot,
     result: Result,
-    friction: FrictionTakenOut | None,
+    friction: CompensatedFriction | None,
     configurations: Sequence[str],
     gears: GearResult | None = None,
 ) -> Iterator[tuple[str, str]]:
@@ -120,7 +120,11 @@ def robot_files(
 
 
 def robot_of_fit(
-    name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...], gears: GearResult | None = None
+    name: str,
+    robot: Robot,
+    friction: CompensatedFriction | None,
+    known: tuple[str, ...],
+    gears: GearResult | None = None,
 ) -> str:
     """Return the file of a fitted robot: elastic parameters, friction, and effects of motors and gears.
 
@@ -137,7 +141,7 @@ def robot_of_fit(
     return yaml_text(with_laws(robot, laws), (*comments, *known))
 
 
-def with_findings(robot: Robot, friction: FrictionTakenOut | None, gears: GearResult | None = None) -> Robot:
+def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: GearResult | None = None) -> Robot:
     """A fitted robot with everything that was found in its records, and no other dry friction.
 
     That of its file is in the fitted viscous coefficients where it was not taken out of the responses.
@@ -155,7 +159,7 @@ def _identified(robot: Robot, result: "FrictionResult") -> dict[str, tuple[Frict
     }
 
 
-def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tuple[Friction, float]]:
+def _taken_out(robot: Robot, friction: CompensatedFriction | None) -> dict[str, tuple[Friction, float]]:
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):

@@ -13,11 +13,11 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import DRIVES, LogGuess, signals_of
-from elastid.recorded.channel_names import ChannelGuess, guess_by_name
-from elastid.recorded.clocks import MAX_SAMPLES, clock_of
-from elastid.recorded.files.formats import opened_log
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.channel_guess import DRIVES, LogGuess, signals_of
+from elastid.logs.channel_names import ChannelGuess, guess_by_name
+from elastid.logs.clocks import MAX_SAMPLES, clock_of
+from elastid.logs.files.formats import opened_log
 
 Signals: TypeAlias = list[tuple[ChannelGuess, FloatArray]]
 # Words before the numbers of hit points and of sensor locations; of others, the responses decide.

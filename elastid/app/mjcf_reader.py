@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from elastid.recorded.files.reader_process import limit_memory
+from elastid.logs.files.reader_process import limit_memory
 from elastid.robot import BASE, Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.body import six_numbers
 from elastid.study.robots import yaml_text

@@ -6,8 +6,8 @@ import numpy as np
 
 from elastid.app.stage_table import stages_of_study
 from elastid.excitation.spec import MultisineSpec, planned_lines
-from elastid.fit.parameter_choice import choose, with_tolerances
-from elastid.recorded.headings import unit_of_heading
+from elastid.fit.parameter_selection import choose, with_tolerances
+from elastid.logs.headings import unit_of_heading
 from elastid.study import Study
 
 

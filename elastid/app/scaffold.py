@@ -290,7 +290,7 @@ def write_shaken_masses(folder: Path) -> None:
 
 def write_elastic_joint(folder: Path) -> None:
     """logs/bench_1.csv and bench_2.csv of the template's robot with other numbers than its file has."""
-    from elastid.verbs import read_robot, simulate
+    from elastid.api import read_robot, simulate
 
     noise = {"torque_std": 1e-4, "angle_std": 2e-6}
     rig = {"truth": dict(TRUTH), "outputs": ["motor 1", "joint 1"], "noise": noise}

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from elastid.base.escape import one_line
-from elastid.recorded.channel_names import ChannelGuess
+from elastid.logs.channel_names import ChannelGuess
 
 DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 

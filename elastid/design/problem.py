@@ -8,19 +8,19 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
-from elastid.design.choice import Candidates, draw_candidates, visible
+from elastid.design.configuration_selection import Candidates, draw_candidates, visible
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion, best_powers, even_powers
-from elastid.design.prospect import Prospect
+from elastid.design.predicted_response import Prospect
 from elastid.design.spec import DesignSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec
-from elastid.experiment.plan.movement import movement, reach
-from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
+from elastid.experiment.plan.plan import DesignedConfiguration, Plan, make_plan
+from elastid.experiment.plan.reference_trajectory import max_excursion, movement
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.model.formulation import EXACT
@@ -38,9 +38,9 @@ Measurement: TypeAlias = tuple[Prospect, Configuration]
 class DesignProblem:
     """The sections of a study that a plan depends on, and earlier fits.
 
-    left_out: configurations that the fit does not use.  fitted_values: of parameters, from earlier fits.  model: of the
-    fit.  typical (F, n_u): spectrum for all configurations
-    until each has its own.  friction: `none` if the estimator leaves that of the motors in the responses.
+    excluded_configurations: not used by the fit.  fitted_values: of parameters, from earlier fits.  model: of the fit.
+    typical (F, n_u): spectrum for all configurations until each has its own.  friction: `none` if the estimator leaves
+    that of the motors in the responses.
     """
 
     robot: Robot
@@ -50,7 +50,7 @@ class DesignProblem:
     quantity: Motion
     seed: int
     design: DesignSpec | None = None
-    left_out: tuple[str, ...] = ()
+    excluded_configurations: tuple[str, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
@@ -69,7 +69,7 @@ class DesignProblem:
         chosen by a design are of one robot.
         """
         given = () if self.design is not None else tuple(self.experiment.configurations)
-        parameters = choose(self.fit, self.robot, [name for name in given if name not in self.left_out])
+        parameters = choose(self.fit, self.robot, [name for name in given if name not in self.excluded_configurations])
         known = dict(self.fitted_values)
         return parameters.with_values(
             {p.name: min(max(known[p.stands_for], p.lower), p.upper) for p in parameters.free if p.stands_for in known}
@@ -88,13 +88,13 @@ class DesignProblem:
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods / 2
             before_s = periods * excitation.period + experiment.ramp / 2
-            swing = reach(carrier, len(swing), excitation.period, before_s) / (1 - excitation.margin)
+            swing = max_excursion(carrier, len(swing), excitation.period, before_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(
         self,
         experiment: ExperimentSpec,
-        chosen: Sequence[ChosenConfiguration] = (),
+        chosen: Sequence[DesignedConfiguration] = (),
         spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
         """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
@@ -122,7 +122,8 @@ class DesignProblem:
             return drawn.plan(experiment)
         probes = self.candidates(self.design).configurations[:8]
         return drawn.plan(
-            experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)]
+            experiment,
+            [DesignedConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)],
         )
 
     def at_equilibria(
@@ -152,7 +153,7 @@ class DesignProblem:
         part = plan.at(q, plan.realisations[q])
         fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
         velocity = movement(self.simulated.carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
-        return Prospect(*fixed, distortion, part, self.experiment.realisations, velocity, self.friction_is_left)
+        return Prospect(*fixed, distortion, part, self.experiment.realisations, velocity, self.includes_friction)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -160,7 +161,7 @@ class DesignProblem:
         return self.simulated.outputs or self.robot.motor_locations
 
     @property
-    def friction_is_left(self) -> bool:
+    def includes_friction(self) -> bool:
         """True if the responses will include the motors' friction, uncompensated or not identifiable."""
         n_u, M = len(self.robot.driven), self.experiment.realisations
         E = self.experiment.runs(n_u)
@@ -171,7 +172,7 @@ class DesignProblem:
         """Prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
         measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
         every = [(replace(self.prospect(plan, q), realisations=M), c) for q, (c, M) in measured]
-        return [(prospect, c) for prospect, c in every if c.name not in self.left_out]
+        return [(prospect, c) for prospect, c in every if c.name not in self.excluded_configurations]
 
     def prior_information(self) -> FloatArray:
         """Information (n_x, n_x) of priors."""
@@ -208,7 +209,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
 
 
 def best_spectra_of(
-    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration], torque_rms: AskedTorque
+    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[DesignedConfiguration], torque_rms: AskedTorque
 ) -> dict[str, FloatArray]:
     """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
 

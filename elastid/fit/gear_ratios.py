@@ -2,7 +2,7 @@ r"""Scatter of gear ratios between angles, due to transmission error, and its co
 
 .. math:: \delta G_q = \sum_j e_{jq} \frac{\partial G_q}{\partial e_{jq}}, \qquad e_{jq} \sim N(0, s_j^2)
 
-for gear j at angle q, the same in all configurations with this angle (slopes: `problem.shared_bias.ratio_errors`).
+for gear j at angle q, equal in all configurations with this angle (slopes: `systematic_errors.ratio_errors`).
 Ratios are not estimated: their common part is hardly told from masses and inertias. Their variance is, from what the
 residuals r have along the whitened errors V:
 
@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from elastid.base.arrays import FloatArray, frozen_value, named
-from elastid.fit.line_sums import LineSums
+from elastid.fit.robust_covariance import LineSums
 
 # rad; angles that transmission errors do not tell apart.
 SAME_ANGLE = 1e-3

@@ -8,5 +8,5 @@ In a frequency response: about a sliding speed v_0 > 0 a LuGre law is, to first 
 and b vanishes above three to five nu_s: only the viscous alpha_2 remains, which the linear model has. At rest the law
 is a spring sigma_0 to ground, indistinguishable from stiffness of the robot; near nu_s it is negative damping. So
 experiments keep the joints sliding (`experiment.simulated.carrier`). Dry friction that reverses under a multisine adds
-damping, and a distortion that averages out over realisations (`design.prospect`).
+damping, and a distortion that averages out over realisations (`design.predicted_response`).
 """

@@ -42,15 +42,15 @@ def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray,
 
 PIECE = 20_000  # samples whose columns are in memory at once
 # Thresholds of plateaus and their pairs, and of the judgement of passes.
-STEADY_SHARE = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
+MAX_STEADY_CHANGE = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
 SHORTEST_S = 0.15
-REST_SHARE = 0.005  # of the highest speed, below which a joint is at rest
-COMMON_SHARE = 0.1  # of the shorter plateau's travel, that there and back share under gravity
-OTHER_SPEED = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
+MAX_REST_FRACTION = 0.005  # of the highest speed, below which a joint is at rest
+MIN_OVERLAP = 0.1  # of the shorter plateau's travel, that there and back share under gravity
+MAX_SPEED_DIFFERENCE = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
 STEADY_HZ = 15.0  # band in which a plateau is steady, about as long as the shortest one
-TURN_SHARE = 0.01  # of the travel of a log, by which it goes back after a turning point at least
+MIN_RETURN_FRACTION = 0.01  # of the travel of a log, by which it goes back after a turning point at least
 WAY_WINDOWS = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
-LINE_SHARE = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
+MAX_LINE_RATIO = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
 MIN_CHANGE = 0.03  # of friction with the angle, relative, that is worth a note
 MIN_COUNTS = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
 
@@ -67,8 +67,8 @@ class Plateau:
 def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float) -> tuple[Plateau, ...]:
     """The plateaus of a smooth motion (n,), in their order."""
     speed = np.abs(velocity)
-    steady = speed > REST_SHARE * speed.max(initial=0.0)
-    steady &= np.abs(acceleration) * SHORTEST_S < STEADY_SHARE * speed
+    steady = speed > MAX_REST_FRACTION * speed.max(initial=0.0)
+    steady &= np.abs(acceleration) * SHORTEST_S < MAX_STEADY_CHANGE * speed
     return tuple(
         Plateau(start, stop, float(velocity[start:stop].mean()))
         for start, stop in runs(steady).tolist()
@@ -86,7 +86,7 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
     """The speeds without sign, each once, lowest first: the mean of those that are the same."""
     groups: list[list[float]] = []
     for speed in sorted(abs(float(speed)) for speed in speeds):
-        if groups and speed < groups[-1][0] * (1 + STEADY_SHARE):
+        if groups and speed < groups[-1][0] * (1 + MAX_STEADY_CHANGE):
             groups[-1].append(speed)
         else:
             groups.append([speed])
@@ -119,7 +119,7 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     parts = [part for part in steady if not any(part.start < way.stop and way.start < part.stop for way in ways)]
     plateaus = [*ways, *parts]
     if record.speed is not None:
-        reach = OTHER_SPEED * record.speed
+        reach = MAX_SPEED_DIFFERENCE * record.speed
         plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= reach]
     return tuple(sorted(plateaus, key=lambda part: part.start))
 
@@ -129,7 +129,7 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 
     What is not as far, stick-slip and noise at rest, turns no way.
     """
-    far = TURN_SHARE * float(np.ptp(position))
+    far = MIN_RETURN_FRACTION * float(np.ptp(position))
     slope = np.sign(np.diff(position))
     peaks = [0, *(np.flatnonzero(slope[1:] != slope[:-1]) + 1).tolist(), len(position) - 1]
     turns, low, high, sign = list[int](), 0, 0, 0  # sign: of the way, 0 before the first
@@ -147,15 +147,15 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """The plateau of a way of which half of the time at least is spent at one speed, if means over windows are."""
     way = position[start:stop]
-    travelled = np.abs(way - way[0]) > STEADY_SHARE * np.ptp(way)
-    ahead = np.abs(way - way[-1]) > STEADY_SHARE * np.ptp(way)
+    travelled = np.abs(way - way[0]) > MAX_STEADY_CHANGE * np.ptp(way)
+    ahead = np.abs(way - way[-1]) > MAX_STEADY_CHANGE * np.ptp(way)
     first, last = int(np.argmax(travelled)), len(way) - int(np.argmax(ahead[::-1]))
     w = (last - first) // WAY_WINDOWS
     if WAY_WINDOWS * w < 2 * SHORTEST_S * rate_hz:
         return None
     steps = way[first + w : last] - way[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
-    steady = runs(change < STEADY_SHARE * travel, w).tolist()
+    steady = runs(change < MAX_STEADY_CHANGE * travel, w).tolist()
     if not steady:
         return None
     begin, end = max(steady, key=lambda run: run[1] - run[0])
@@ -164,7 +164,7 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
     t = np.arange(len(way)) / rate_hz
     speed, offset = np.polyfit(t[inner], way[inner], 1)
     away = np.abs(way - speed * t - offset)
-    on_line = away <= LINE_SHARE * away[inner].max()
+    on_line = away <= MAX_LINE_RATIO * away[inner].max()
     before, after = on_line[: inner.start][::-1], on_line[inner.stop :]
     begin = inner.start - int(np.argmin(np.append(before, False)))
     return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(after, False))), float(speed))
@@ -174,12 +174,12 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
     """Pairs of each plateau with the next one back at the same speed, each used once."""
 
     def is_way_back(first: Plateau, other: Plateau) -> bool:
-        limit = STEADY_SHARE * abs(first.velocity)
+        limit = MAX_STEADY_CHANGE * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
         q, q_back = (record.position[part.start : part.stop] for part in (first, other))
         common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
-        return not has_gravity or bool(common > COMMON_SHARE * min(np.ptp(q), np.ptp(q_back)))
+        return not has_gravity or bool(common > MIN_OVERLAP * min(np.ptp(q), np.ptp(q_back)))
 
     pairs: list[tuple[Plateau, Plateau]] = []
     free = list(plateaus)
@@ -236,7 +236,7 @@ class MotionSignals:
     """A motion at full rate (n,) behind the filter of derivatives; direction: sgn of the velocity.
 
     derivatives (2, n): of the position as logged, which the filter of both sides smooths.
-    taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
+    taps: the filter of both sides.  decimation: the samples of the filtered equation, thinned, without the ends.
     """
 
     motion: Motion
@@ -246,7 +246,7 @@ class MotionSignals:
     derivatives: FloatArray
     direction: FloatArray
     taps: FloatArray
-    kept: slice
+    decimation: slice
     passband_hz: float
 
     @classmethod
@@ -299,7 +299,7 @@ class MotionSignals:
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """A side of the equation (n, ...) behind the filter, at the samples that are kept, away from the ends."""
-        kept, h = self.kept, len(self.taps) // 2
+        kept, h = self.decimation, len(self.taps) // 2
         before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
         sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
         first = (before + h) // kept.step
@@ -307,15 +307,15 @@ class MotionSignals:
 
     def pieces(self) -> Iterator[tuple["MotionSignals", slice]]:
         """Parts whose kept samples are together those of all, and their samples; ends within the filter are in both."""
-        step, n, log = self.kept.step, len(self.position), self.motion
+        step, n, log = self.decimation.step, len(self.position), self.motion
         reach, size = len(self.taps) + step, max(1, PIECE // step) * step
-        for start in range(self.kept.start, self.kept.stop, size):
-            stop = min(start + size, self.kept.stop)
+        for start in range(self.decimation.start, self.decimation.stop, size):
+            stop = min(start + size, self.decimation.stop)
             here = slice(max(0, start - reach), min(n, stop + reach))
             names = ("position", "torque", "temperature", "payload_torque")
             cut = {name: None if (x := getattr(log, name)) is None else x[here] for name in names}
             part = replace(
-                self, motion=replace(log, **cut), kept=slice(start - here.start, stop - here.start, step),  # type: ignore[arg-type]
+                self, motion=replace(log, **cut), decimation=slice(start - here.start, stop - here.start, step),  # type: ignore[arg-type]
                 derivatives=self.derivatives[:, here],
                 **{name: getattr(self, name)[here] for name in ("position", "velocity", "acceleration", "direction")},
             )  # fmt: skip
@@ -335,15 +335,15 @@ class MotionSignals:
         return np.asarray(variance * np.array(gains))
 
     @property
-    def kept_hz(self) -> float:
+    def decimated_hz(self) -> float:
         """The rate of the samples that are kept."""
-        return self.motion.rate_hz / int(self.kept.step)
+        return self.motion.rate_hz / int(self.decimation.step)
 
     @property
     def rests(self) -> BoolArray:
         """Flags at full rate (n,), true at rest."""
         speed = np.abs(self.velocity)
-        return np.asarray(speed < REST_SHARE * speed.max())
+        return np.asarray(speed < MAX_REST_FRACTION * speed.max())
 
     @cached_property
     def slides(self) -> BoolArray:
@@ -357,14 +357,14 @@ class MotionSignals:
     @cached_property
     def used(self) -> BoolArray:
         """Flags of the samples that are kept (k,), those that slide; all, where hardly any does."""
-        slides = self.slides[self.kept]
+        slides = self.slides[self.decimation]
         # All are used where fewer than a fifth slide clear of reversals.
         return slides if slides.mean() > 0.2 else np.ones_like(slides)
 
     @property
     def seconds(self) -> dict[str, float]:
         """Durations that sum to the duration of the log: used in the regression, and rejected with the reason."""
-        total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.kept_hz
+        total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.decimated_hz
         rest = min(float(self.rests.mean()) * total, total - used)
         return {"used": used, "at rest": rest, "near a reversal, rest or end": total - used - rest}
 
@@ -375,7 +375,7 @@ class MotionSignals:
 
     def moves(self, direction: int) -> bool:
         """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
-        inside = self.velocity[self.kept.start : self.kept.stop]
+        inside = self.velocity[self.decimation.start : self.decimation.stop]
         return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
 
 
@@ -429,8 +429,10 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
             return ()
         if any(signal.used.all() for signal in slow.values()):
             return ()
-        kept = next(iter(slow.values())).kept
-        same = slice(kept.start, kept.stop, log.first.kept.step)
+        kept = next(iter(slow.values())).decimation
+        same = slice(kept.start, kept.stop, log.first.decimation.step)
         for band, signals in zip(bands, (log.of_joints, slow), strict=True):
-            band.append(replace(log, of_joints={joint: replace(axis, kept=same) for joint, axis in signals.items()}))
+            band.append(
+                replace(log, of_joints={joint: replace(axis, decimation=same) for joint, axis in signals.items()})
+            )
     return bands

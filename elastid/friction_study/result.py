@@ -20,13 +20,19 @@ from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.commanded import DELAY, CommandedJoint
-from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
-from elastid.friction_study.levels import Levels
-from elastid.friction_study.motion import MotionFriction, RigidBody
-from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
+from elastid.friction_study.constant_velocity import FrictionCurve
+from elastid.friction_study.inverse_dynamics_regression import MotionFriction, RigidBody
+from elastid.friction_study.presliding import (
+    Elements,
+    PreslidingFit,
+    fit_presliding,
+    fit_presliding_responses,
+    presliding_responses,
+)
 from elastid.friction_study.spec import FrictionSpec, LawSpec
+from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
-from elastid.model.formulation import ElasticJoint, held_joint
+from elastid.model.formulation import ElasticJoint, locked_joint
 from elastid.record import FrictionRecord, FrictionRecords, motion_unit
 from elastid.robot import Friction, LuGre, Robot, channel_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
@@ -59,12 +65,12 @@ class FrictionNumber:
 
 
 @dataclass(frozen=True)
-class JointLevels:
+class SlidingFriction:
     """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both."""
 
     joint: str
     slides: bool
-    constant_velocity: Levels | None = None
+    constant_velocity: FrictionCurve | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
     commanded: CommandedJoint | None = None
@@ -75,21 +81,21 @@ class JointFriction:
     """Friction of one joint, link side; None if it was not measured or is not identifiable.
 
     friction, viscous: the law as a whole, with the ranges in which it was measured.
-    numbers: the table.  held: parts without numbers, with reasons.
+    numbers: the table.  unidentified: parts without numbers, with reasons.
     """
 
     joint: str
     slides: bool
-    constant_velocity: Levels | None = None
+    constant_velocity: FrictionCurve | None = None
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Elements | None = None
-    presliding_test: AtRest | None = None
+    presliding_test: PreslidingFit | None = None
     thermal: ThermalModel | None = None
     friction: Friction | None = None
     viscous: float | None = None
     numbers: tuple[FrictionNumber, ...] = ()
-    held: tuple[Held, ...] = ()
+    unidentified: tuple[UnidentifiedTerm, ...] = ()
     notes: tuple[Note, ...] = ()
     commanded: CommandedJoint | None = None
 
@@ -98,7 +104,7 @@ class JointFriction:
         """Values and stds of identified parameters other than friction: inertia, gravity."""
         if self.motion is None:
             return {} if self.constant_velocity is None else self.constant_velocity.shared
-        chosen = self.motion.chosen
+        chosen = self.motion.regression
         return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
 
     @property
@@ -109,21 +115,21 @@ class JointFriction:
         return self.motion.misfit if self.motion is not None and self.static is None else ""
 
     @property
-    def is_of_one_speed(self) -> bool:
+    def has_one_speed(self) -> bool:
         """True if the torque at one speed was identified, and so no law."""
-        return self.static is not None and self.static.is_of_one_speed
+        return self.static is not None and self.static.has_one_speed
 
     @property
-    def missing(self) -> tuple[Held, ...]:
+    def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
-        if self.friction is None and not self.is_of_one_speed:
+        if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
-            return (Held("friction", why),)
+            return (UnidentifiedTerm("friction", why),)
         return tuple(
             held
-            for held in self.held
-            if held.part in ("stribeck", "presliding") and not held.reason.startswith((NOT_ASKED, ABSENT))
+            for held in self.unidentified
+            if held.term in ("stribeck", "presliding") and not held.reason.startswith((NOT_ASKED, ABSENT))
         )
 
 
@@ -183,24 +189,24 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    levels, values = law.levels, np.array([law.values[name] for name in law.names])
+    levels, values = law.curve, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", levels.slides)
-    learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
+    learnt = f"{levels.n_conditions} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
     at, terms = f"friction torque at {levels.speed.mean():.3g} {unit}", dict(TERMS)
-    if law.is_of_one_speed:
+    if law.has_one_speed:
         by_heat = f"{at}: change with temperature"
         terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
         terms["temperature.coulomb"] = replace(
             TERMS["temperature.coulomb"], prefix="tauT", symbol="tau_T", meaning=by_heat
         )
-    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.reach)
+    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
     yield from _table(joint, levels.slides, learnt, known, *of_law, terms)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Time constants, and heat given off where kelvins are known."""
     constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
-    learnt = f"{read} readings, {len(warm_up.level)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
+    learnt = f"{read} readings, {len(warm_up.torque)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
     numbered = zip([""] if len(constants) == 1 else ["1", "2"], constants, strict=True)
     rows = [(f"h_m{joint}", "h", "heat given off", "W/K", model.h)]
     rows += [(f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T) for i, T in numbered]
@@ -256,9 +262,9 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
         return {}
     paths = {path: known[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in known}
     if static is not None:
-        degc, by_load = static.levels.known_temperatures, law.load is not None and "load.coulomb" not in static.names
+        degc, by_load = static.curve.measured_temperatures, law.load is not None and "load.coulomb" not in static.names
         placed = next(law for law in frictions(robot) if law.place == f"motor {joint}")
-        load = float(np.mean(static.levels.load)) if by_load else 0.0
+        load = float(np.mean(static.curve.load)) if by_load else 0.0
         curve = placed.curve(load, float(np.mean(degc)) if len(degc) else None)
         F_c, F_s, inverse_nu_s, _, alpha_T, F_l = curve[:6].tolist()
         terms = {"coulomb": F_c, "stiction": F_s + F_l, "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s else None}
@@ -269,7 +275,7 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
 
 def identify_friction(
     robot: Robot,
-    levels: Sequence[JointLevels],
+    levels: Sequence[SlidingFriction],
     measured: FrictionRecords,
     spec: FrictionSpec,
     truth: Robot | None = None,
@@ -279,7 +285,7 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
-    parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.is_of_one_speed) for j in joints)
+    parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
     if not any(map(any, parts)):
         status = "failed"
     message = "; ".join([*misfits, *(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)])
@@ -287,7 +293,7 @@ def identify_friction(
 
 
 def _joint(
-    robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
+    robot: Robot, levels: SlidingFriction, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
     name, curve, static = levels.joint, levels.constant_velocity, None
     if curve is not None:
@@ -307,13 +313,14 @@ def _joint(
         numbers |= {row.name: row for row in numbers_of_heat(name, *warmed)}
         notes += warm_up_note(*warmed, f"warm-up of joint {name}")
     notes += () if at_rest is None else at_rest.notes
-    held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
+    fit = levels.motion if static is None else static
+    unidentified = () if fit is None else fit.unidentified
     if presliding is None and at_rest is None:  # logs that were recorded for it, and give no number
-        held += tuple(Held("presliding", note.text) for note in notes if note.code in PRESLIDING)
+        unidentified += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
     return JointFriction(
         name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
-        None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
-        levels.commanded,
+        None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), unidentified,
+        (*notes, *refused), levels.commanded,
     )  # fmt: skip
 
 
@@ -331,11 +338,15 @@ def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: 
 
 
 def _law(
-    levels: JointLevels, static: StaticLaw | None, presliding: Elements | None, at_rest: AtRest | None, spec: LawSpec
+    levels: SlidingFriction,
+    static: StaticLaw | None,
+    presliding: Elements | None,
+    at_rest: PreslidingFit | None,
+    spec: LawSpec,
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
     """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
     sliding = static if static is not None else levels.motion or levels.commanded
-    if sliding is None or (static is not None and static.is_of_one_speed):
+    if sliding is None or (static is not None and static.has_one_speed):
         return None, None, ()
     try:
         friction = sliding.to_friction()
@@ -354,15 +365,17 @@ def _law(
 
 
 def _numbers(
-    levels: JointLevels, static: StaticLaw | None, at_rest: AtRest | None, truth: Truth
+    levels: SlidingFriction, static: StaticLaw | None, at_rest: PreslidingFit | None, truth: Truth
 ) -> Iterator[FrictionNumber]:
     """Table of parameters; of two experiments for one, the later counts, and constant-velocity runs over motions."""
     if static is not None:
         yield from numbers_of_law(levels.joint, static, truth)
     if levels.motion is not None:
-        motion, fit = levels.motion, levels.motion.chosen
+        motion, fit = levels.motion, levels.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-        known = motion.known if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
+        known = (
+            motion.identified_names if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
+        )
         yield from _table(levels.joint, levels.slides, learnt, known, fit.names, fit.values, fit.covariance, truth)
     if levels.commanded is not None:
         found = levels.commanded
@@ -390,7 +403,7 @@ def _first_numbers(joint: JointFriction) -> str:
     return numbers or next((note.text for note in joint.notes if note.severity == "warning"), "nothing was found")
 
 
-def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec) -> Elements | None:
+def _presliding(loops: Sequence[FrictionRecord], at_rest: PreslidingFit | None, spec: FrictionSpec) -> Elements | None:
     if not loops or spec.law.presliding == "no" or (spec.law.presliding == "lugre" and at_rest is not None):
         return None
     if spec.law.presliding == "lugre":
@@ -403,16 +416,16 @@ def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: F
     return fit_presliding(loops[0], hz, spec.law.elements)
 
 
-def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> AtRest | None:
+def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> PreslidingFit | None:
     if not records:
         return None
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
-        viscous = static.viscous, static.known("viscous")[1]
-    spring = held_spring(robot, records[0])
-    return fit_at_rest(f"joint {records[0].joint}", rest_responses(records), spring, viscous)
+        viscous = static.viscous, static.value_and_std("viscous")[1]
+    spring = joint_spring(robot, records[0])
+    return fit_presliding_responses(f"joint {records[0].joint}", presliding_responses(records), spring, viscous)
 
 
-def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
+def joint_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
     """The joint with its spring, the others held; None for a rigid one."""
-    return held_joint(robot, record.joint, record.angles(len(robot.driven)))
+    return locked_joint(robot, record.joint, record.angles(len(robot.driven)))

@@ -32,10 +32,10 @@ from elastid.response import Response
 class Modes:
     """Modes by rising frequency, of one response.
 
-    freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation
-    (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
-    at_hz (F,), synthesis (F, n_y, n_u): of the model; stated (F,): standard deviation of G over |G|, both RMS over
-    elements.  indicators (F, n): CMIF.  diagram: of stabilisation.  covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
+    freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation (n_u,
+    n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
+    at_hz (F,), synthesis (F, n_y, n_u): of the model; relative_std (F,): standard deviation of G over |G|, both RMS
+    over elements. indicators (F, n): CMIF. diagram: of stabilisation. covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
     """
 
     configuration: str
@@ -43,7 +43,7 @@ class Modes:
     outputs: tuple[str, ...]
     quantity: Motion
     unit: str
-    rate_is_known: bool
+    has_rate: bool
     freq_hz: FloatArray = labelled("natural frequency", "Hz")
     freq_std: FloatArray = labelled("its standard deviation", "Hz")
     zeta: FloatArray = labelled("damping ratio")
@@ -55,7 +55,7 @@ class Modes:
     collinearity: FloatArray = labelled("modal phase collinearity")
     at_hz: FloatArray = labelled("lines", "Hz")
     synthesis: ComplexArray = labelled("response of the modal model", "{unit}", "at_hz outputs inputs")
-    stated: FloatArray = labelled("relative standard deviation of the response")
+    relative_std: FloatArray = labelled("relative standard deviation of the response")
     indicators: FloatArray = labelled("complex mode indicator functions", "{unit}", "at_hz rank")
     diagram: StabilisationDiagram
     covariance: FloatArray = labelled("covariance of frequency and damping of each mode", "Hz, 1", "number number")
@@ -100,7 +100,7 @@ class Modes:
     @property
     def frequency_unit(self) -> str:
         """Unit Hz, or cycles per sample for a response with unknown rate."""
-        return "Hz" if self.rate_is_known else "of the sampling rate"
+        return "Hz" if self.has_rate else "of the sampling rate"
 
     @property
     def n_modes(self) -> int:
@@ -227,7 +227,7 @@ def without_modes(response: Response, note: Note) -> Modes:
     diagram = StabilisationDiagram(np.empty(0, int), none, none, np.empty(0, bool))
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
-        response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
+        response.has_rate, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
         np.empty((n_u, 0), complex), np.empty((n_u, 0)), none, no_lines.freq_hz, no_lines.G, none,
         np.empty((0, min(n_y, n_u))), diagram, np.zeros((0, 0)), (note,),
     )  # fmt: skip

@@ -6,5 +6,5 @@ Phi_i: spectrum of a known function of measured motions, at a place with the tra
 independent realisations G must be the same; the levels are those for which it is. Friction at the motors is the case
 of Phi_i = phi(q, q') of a motor's angle, H_i = -G e_j: it is taken out of the torque, u_net = u - sum f_i phi_i.
 
-Effects of gears are kinds of `effects.GearEffect`, found together with the parameters of the model in `gear_levels`.
+Effects of gears are kinds of `basis_functions.GearEffect`; `gear_estimation` estimates them with the model parameters.
 """

@@ -16,7 +16,7 @@ from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.twin import NO_TWIN, TwinFindings
+from elastid.validation.simulation import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.design.forecast import Forecast, LimitUse
@@ -24,10 +24,10 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.fit.fitted_robot import FittedRobot
     from elastid.modal.modes import Modes
     from elastid.modal.spec import GeometrySpec
-    from elastid.nonlinear.friction import FrictionTakenOut
+    from elastid.nonlinear.compensated_friction import CompensatedFriction
     from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
-    from elastid.validation.agreement import Agreement, Validation
     from elastid.validation.comparison import Comparison
+    from elastid.validation.frf_error import Agreement, Validation
     from elastid.validation.measured_modes import MeasuredModes
 
 
@@ -60,7 +60,7 @@ class ReportContent:
     limit_use: LimitUse | None = None
     comparison: Comparison | None = None
     dense: tuple[tuple[Response, FloatArray], ...] = ()
-    friction: FrictionTakenOut | None = None
+    friction: CompensatedFriction | None = None
     contents: Mapping[str, str] | None = None
     twin: TwinFindings = NO_TWIN
     gears: GearResult | None = None
@@ -80,7 +80,7 @@ class ReportContent:
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
         notes = tuple(note for measured, _ in self.frf for note in measured.notes)
-        notes = notes if self.gears is None else self.gears.left_open(notes)
+        notes = notes if self.gears is None else self.gears.unanswered_notes(notes)
         return grouped((*self.result.shown_notes, *self.missing_modes, *notes))
 
     @property
@@ -98,7 +98,7 @@ class ResponsesContent:
     modes: tuple[Modes, ...]
     study_text: str
     provenance: Mapping[str, str]
-    friction: FrictionTakenOut | None = None
+    friction: CompensatedFriction | None = None
     geometry: GeometrySpec | None = None
 
     @property
@@ -127,9 +127,9 @@ class ResponsesContent:
         return {r.configuration.name: dict(r.repairs) for r in self.responses if r.repairs}
 
     @property
-    def rate_is_known(self) -> bool:
+    def has_rate(self) -> bool:
         """True where frequencies are in Hz, not in units of the sampling rate."""
-        return all(response.rate_is_known for response in self.responses)
+        return all(response.has_rate for response in self.responses)
 
 
 # Lines over the whole band, and about each resonance, there at most so many half-widths (damping ratio times f) away.
@@ -165,7 +165,7 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]
     for model, measured in zip(fitted.models, fitted.measured, strict=True):
         mode = model.modes()
         lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), most)
-        response = replace(model.response(lines, sampled=True), rate_is_known=measured.rate_is_known)
+        response = replace(model.response(lines, sampled=True), has_rate=measured.has_rate)
         models.append((response, model.response_std(lines)))
     return tuple(models)
 
@@ -179,7 +179,7 @@ class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
 
     deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
-    contains: in words, of a viscous coefficient that may contain dry friction.  std_parts:
+    contains: in words, of a viscous coefficient that may contain dry friction.  std_contributions:
     contributions to std, none for an exact robot model.  verdict: of the fit.  base: effect of a typical base.
     """
 
@@ -194,7 +194,7 @@ class ParameterRow:
     truth: float | None = None
     deviation: float | None = None
     contains: str = ""
-    std_parts: Mapping[str, float] = field(default_factory=dict)
+    std_contributions: Mapping[str, float] = field(default_factory=dict)
     verdict: str = ""
     base: str = ""
 
@@ -217,8 +217,8 @@ def parameter_rows(
     known, estimates, stds = truth or {}, result.values, result.std
     std_x, bases = result.std_of_x, result.base_remarks
     rows = []
-    verdicts = result.verdicts or ("",) * len(result.parameters.asked)
-    for i, parameter in enumerate(result.parameters.asked):
+    verdicts = result.verdicts or ("",) * len(result.parameters.of_interest)
+    for i, parameter in enumerate(result.parameters.of_interest):
         name = parameter.name
         true = known.get(name, known.get(parameter.stands_for))
         deviation = None
@@ -227,7 +227,7 @@ def parameter_rows(
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
-        parts = {kind: part[name] for kind, part in result.std_parts.items()}
+        parts = {kind: part[name] for kind, part in result.std_contributions.items()}
         of_base = "" if known else bases.get(name, "")  # the base of a simulated robot is rigid
         rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)
@@ -252,7 +252,7 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
 
 def _cells(row: GearNumber) -> list[str]:
     unit, factor = row.maker_unit or row.unit, row.factor
-    if not row.is_seen:
+    if not row.is_significant:
         return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not significant"]
     value, std = factor * row.value, factor * row.std
     meaning = f"{row.meaning}, phase {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
@@ -266,7 +266,7 @@ def seen_words(sheet: GearSheet) -> str:
     """Stiffness and the effects of a gear that were seen, in few words."""
     words = []
     for row in sheet.numbers:
-        if row.is_seen and row.name[0] in "kHeFr" and not row.name.startswith("H_"):
+        if row.is_significant and row.name[0] in "kHeFr" and not row.name.startswith("H_"):
             unit, std = row.maker_unit or row.unit, row.factor * row.std
             value = row.factor * row.value
             words.append(f"{row.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
@@ -277,7 +277,7 @@ def gear_line(gears: GearResult) -> str:
     """The findings in a sentence; or why nothing was looked for."""
     if gears.refused:
         return f"effects not estimated: {gears.refused}"
-    seen = [row.name for row in gears.numbers if row.is_seen and not math.isfinite(row.linear)]
+    seen = [row.name for row in gears.numbers if row.is_significant and not math.isfinite(row.linear)]
     if not seen:
         return "no effect besides stiffness and damping is significant; upper bounds are in gears.h5"
     left = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"

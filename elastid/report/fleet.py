@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from elastid.base.display import Display, number, percent
-from elastid.report.answer import Answer
+from elastid.report.command_summary import Answer
 from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.fit import fleet_parameter
 

@@ -11,10 +11,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
-from elastid.experiment.plan.movement import Reference, references
 from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.reference_trajectory import Reference, references
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.robot import Robot
@@ -123,7 +123,7 @@ write_responses = writer(
     RESPONSES,
     {"responses": "configuration.name"},
     responses=(tuple[Response, ...], ()),
-    friction=(FrictionTakenOut | None, None),
+    friction=(CompensatedFriction | None, None),
 )
 
 
@@ -164,8 +164,8 @@ def read_responses(path: Path | str) -> Responses:
 
 
 # The friction that was taken out of the responses in frf.h5; None where the study asked for none.
-read_friction: Callable[[Path | str], FrictionTakenOut | None] = reader(
-    RESPONSES, "friction", FrictionTakenOut, may_miss=True
+read_friction: Callable[[Path | str], CompensatedFriction | None] = reader(
+    RESPONSES, "friction", CompensatedFriction, may_miss=True
 )
 
 

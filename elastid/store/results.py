@@ -26,9 +26,9 @@ from elastid.store.files import write_rows, write_text
 from elastid.store.reading import read_part, reader
 from elastid.store.values import SCHEMA, from_json, json_value, or_text, write_artefact, write_json, writer
 from elastid.use.map import WorkspaceMap
-from elastid.validation.agreement import Validation
 from elastid.validation.comparison import Comparison, Refit
-from elastid.validation.twin import NO_TWIN, TwinFindings
+from elastid.validation.frf_error import Validation
+from elastid.validation.simulation import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
     from elastid.use.loops import Loops
@@ -73,8 +73,8 @@ class Numbers:
     @classmethod
     def of(cls, result: Result) -> "Numbers":
         """Numbers that were asked for."""
-        asked = result.parameters.asked
-        parts = (*result.std_parts.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
+        asked = result.parameters.of_interest
+        parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
             for p in asked

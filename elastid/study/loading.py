@@ -13,14 +13,14 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import comment_lines, printable
 from elastid.base.names import SEPARATOR, at_amplitude, is_match, matching
 from elastid.base.units import Quantity, to_si
-from elastid.fit.parameter_choice import choose, named_on_demand
+from elastid.fit.parameter_selection import choose, named_on_demand
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
-from elastid.study.checks.recorded import is_missing
+from elastid.study.checks.logs import is_missing
 from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
@@ -195,7 +195,7 @@ def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     """Study with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))
-    from elastid.study.checks.recorded import check_logs  # brings the reader of logs
+    from elastid.study.checks.logs import check_logs  # brings the reader of logs
 
     if problems := list(check_logs(loaded.study, loaded.path.parent)):
         raise make_error(source, problems)
@@ -213,7 +213,7 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
     problems = [*check_study(study, path.parent), *unresolved]
     if problems:
         raise make_error(source, _with_origin(problems, source.text))
-    return LoadedStudy(_with_every_amplitude(study), path, source.text, overrides), source
+    return LoadedStudy(_exclude_all_amplitudes(study), path, source.text, overrides), source
 
 
 def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
@@ -231,7 +231,7 @@ def _is_comment(line: str) -> bool:
     return line.startswith("#")
 
 
-def _with_every_amplitude(study: Study) -> Study:
+def _exclude_all_amplitudes(study: Study) -> Study:
     """The study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
     recorded, left_out = study.experiment.recorded, study.validation.configurations
     if study.friction is not None or not left_out:

@@ -15,7 +15,7 @@ from elastid.base.codes import renamed, renamed_key
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import one_line, printable
 from elastid.base.section import validator
-from elastid.study.reference import describe, names_in, type_at, words_in
+from elastid.study.reference import describe, literal_choices, names_in, type_at
 from elastid.study.source import KeyPath, Place, YamlSource, first_of
 
 PydanticError: TypeAlias = Mapping[str, Any]
@@ -129,7 +129,7 @@ def _union_problems(
     annotation = type_at(root, union)
     sentences = [str(error["ctx"]["error"]) for _, error in members if error["type"] == "value_error"]
     if sentences and isinstance(value_at(data, union), str):
-        return [Problem(union, " or ".join([sentences[0], *words_in(annotation)]))]
+        return [Problem(union, " or ".join([sentences[0], *literal_choices(annotation)]))]
     return [Problem(union, f"expected {describe(annotation)}")]
 
 
@@ -175,6 +175,6 @@ def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     is_said = problem.at_key or (isinstance(value, str) and value in problem.message)
     shown = "" if is_said or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
-    steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.hidden :])
+    steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.skipped_keys :])
     keys = one_line("".join(steps).lstrip("."))
     return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}")

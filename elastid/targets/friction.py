@@ -22,12 +22,12 @@ from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.extended_kalman_filter import FollowedJoint, filter_step, first_estimate
-from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
 from elastid.targets.numbers import c_row
-from elastid.use.plans import SLIDING
+from elastid.use.trajectory_optimisation import SLIDING
 
 
 def write_observers(folder: Path, observers: Mapping[str, FollowedFriction]) -> tuple[Path, ...]:
@@ -87,10 +87,10 @@ def _header(observers: Mapping[str, FollowedFriction], identifiers: Mapping[str,
     declared = []
     for name, observer in observers.items():
         states, key = observer.filtered.states, identifiers[name]
-        n, size = len(states), len(states) * (len(states) + len(observer.filtered.held))
+        n, size = len(states), len(states) * (len(states) + len(observer.filtered.consider_parameters))
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
-        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.held]
+        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
         lines.append(f"  holds, with relative std: {', '.join(held) or 'nothing'}")
         lines.append(f"  starts with 95 % bands {_starts(observer.filtered)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")

@@ -19,7 +19,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.posture import Asked, Family
+from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
 from elastid.frf.matrices import singular_values
 from elastid.linear.equilibrium import equilibrium
@@ -31,7 +31,7 @@ from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 
 LINES, CURVE_LINES = 300, 120
-_REST = 1e-5  # of the first natural frequency: a force so slow finds the robot at rest
+_QUASI_STATIC_FRACTION = 1e-5  # of the first natural frequency: a force so slow finds the robot at rest
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def answers(
     linear, theta, modes = fitted.linear, fitted.theta, fitted.modes()
     freq_hz = modes.freq_hz
     peak_hz, chatter_hz, (n, f) = _extremes(linear, theta, modes, lines_hz, cut)
-    grid_hz = np.append([_REST * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
+    grid_hz = np.append([_QUASI_STATIC_FRACTION * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
     H, shifts = frequency_response(linear, theta, grid_hz), fitted.response_shifts(grid_hz)
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> float:
@@ -239,7 +239,7 @@ def map_workspace(
     lines_hz (F,): by default LINES of them over the modes.
     """
     cut = cut or Cut()
-    family = fitted if isinstance(fitted, Family) else fitted.family(Asked(frame=frame, axes="world"))
+    family = fitted if isinstance(fitted, Family) else fitted.family(PredictionPorts(frame=frame, axes="world"))
     lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
     rows, rests = [], np.zeros(len(angles), bool)
@@ -266,7 +266,7 @@ def map_workspace(
 
 
 def _posture(family: Family, angles: FloatArray) -> Configuration:
-    return Configuration("posture", angles, family.asked.payload is not False)
+    return Configuration("posture", angles, family.request.payload is not False)
 
 
 def default_lines(family: Family, angles: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import tune
 from elastid.use.moves import KINDS, MotionLimits, Move, References
-from elastid.use.plans import (
+from elastid.use.trajectory_optimisation import (
     CommandedRobot,
     Planned,
     best_plan,
@@ -128,10 +128,10 @@ class TunedMove(References):
     """References of the motors `joints`, and how the tool follows with them.
 
     duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
-    target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
-    with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: on the twin `judge`.
-    draws: of the fit, geometry included, on which torques and velocities keep the limits as well; most (n_u,): torque.
-    The errors of a draw count from the path of its own rigid robot, which lengths and zeros move by up to `moved_m`.
+    target (N, 3): path of the frame's origin in the base's axes.  predicted_error (N,): error by the model that was
+    planned with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: simulated with the robot `judge`.
+    draws: of the fit, geometry included, on which torques and velocities keep the limits as well; max_torque (n_u,):
+    torque. Errors of a draw count from the path of its rigid robot; lengths and zeros move it by `geometric_error_m`.
     """
 
     name: str
@@ -143,12 +143,12 @@ class TunedMove(References):
     duration: float = labelled("duration of the move", "s")
     margin_s: float = labelled("time before and after the move", "s")
     target: FloatArray = labelled("path of the frame", "m", "time_s axis")
-    planned: FloatArray = labelled("error of the tool as planned", "m", "time_s")
+    predicted_error: FloatArray = labelled("error of the tool as planned", "m", "time_s")
     limits: FloatArray = labelled("largest velocity, acceleration, jerk, torque", "", "kind joints")
     outcomes: tuple[Outcome, ...]
     samples: int
-    most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
-    moved_m: float = labelled("error of the path by lengths and zeros, 95 % of draws", "m")
+    max_torque: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
+    geometric_error_m: float = labelled("error of the path by lengths and zeros, 95 % of draws", "m")
     advice: str = ""
 
     def __getitem__(self, name: str) -> Outcome:
@@ -157,7 +157,7 @@ class TunedMove(References):
 
 
 @dataclass(frozen=True)
-class Given:
+class MoveRobots:
     """Robots of a move: as identified, as in the catalogue, the one to judge by with its name, and draws.
 
     bandwidth_hz: of the loops of the drives, rate_hz of their references.  error_m: that the tool may have.
@@ -174,13 +174,13 @@ class Given:
     error_m: float
 
 
-def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) -> TunedMove:
+def tune_move(given: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
     """The references of a move and its outcomes; a move without a duration takes the shortest time.
 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
     commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
-    asked = _Asked(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
+    asked = _MoveTask(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
     if not move.duration:
         if not first_duration(commanded, move, asked.limits):
             raise DataError(
@@ -201,10 +201,10 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _MoveTask:
     """A move with the robot that makes it, limits of its motors, and s before and after it."""
 
-    given: Given
+    robots: MoveRobots
     commanded: CommandedRobot
     move: Move
     limits: MotionLimits
@@ -212,7 +212,7 @@ class _Asked:
 
     def tuned(self, name: str, progress: Progress) -> TunedMove:
         """The best move with its outcomes."""
-        given, limits, joints = self.given, self.limits, self.commanded.robot.driven
+        given, limits, joints = self.robots, self.limits, self.commanded.robot.driven
         planned, r, drawn, most = self._within_limits(progress)
         target = self._path(r.time_s)
         moved = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in given.draws]
@@ -229,10 +229,10 @@ class _Asked:
         return TunedMove(
             **vars(r), name=name, frame=given.frame, joints=tuple(joint.name for joint in joints),
             units=tuple(joint.unit for joint in joints), judge=given.judge_name, bandwidth_hz=given.bandwidth_hz,
-            duration=self.move.duration, margin_s=self.margin_s, target=target, planned=error,
+            duration=self.move.duration, margin_s=self.margin_s, target=target, predicted_error=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
-            outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), most=most, advice=advice,
-            moved_m=float(np.quantile(moved, 0.95)) if moved else 0.0,
+            outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), max_torque=most, advice=advice,
+            geometric_error_m=float(np.quantile(moved, 0.95)) if moved else 0.0,
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
@@ -244,7 +244,7 @@ class _Asked:
 
         Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
         """
-        given, commanded, limits = self.given, self.commanded, self.limits
+        given, commanded, limits = self.robots, self.commanded, self.limits
         n = len(given.draws)
         samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * given.rate_hz) * n
         start, hz = self.move.ends[0], (given.rate_hz, given.bandwidth_hz)
@@ -290,7 +290,7 @@ class _Asked:
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
         """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
-        given, move = self.given, self.move
+        given, move = self.robots, self.move
         start, hz, samples = move.ends[0], (given.rate_hz, given.bandwidth_hz), 3 * len(references.time_s)
         judge = TwinLoop.of(self.commanded, given.judge, start, *hz, samples, clips=True)
         of_catalogue = CommandedRobot.of(given.catalogue, given.frame, start, self.commanded.spec)

@@ -28,8 +28,8 @@ from elastid.record import Configuration, JointLoop, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands
 from elastid.simulation.spec import ControllerSpec
+from elastid.validation.simulation import LONGEST_S, follow
 from elastid.validation.torque_balance import octave_lines
-from elastid.validation.twin import LONGEST_S, follow
 
 # Typical rate of the controllers in drives: a slower one has half a sample more delay from hold and difference.
 DRIVE_HZ: Final = 2000.0

@@ -41,13 +41,13 @@ from elastid.base.errors import ElastidError, StudyError
 from elastid.base.names import matching, posture_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.agreement import Fold, agreement
+from elastid.validation.frf_error import Fold, agreement
 
 # The coordinates that are elastic in a model, in the order of the robot, by their labels.
 Elastic: TypeAlias = tuple[str, ...]
@@ -236,7 +236,7 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
         return Refit("failed", str(error), 0, math.inf, 0, {})
     pairs = zip(out, modelled, strict=True)
     scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in pairs}
-    return Refit(result.status, result.message, len(result.parameters.asked), result.cost, result.dof, scores)
+    return Refit(result.status, result.message, len(result.parameters.of_interest), result.cost, result.dof, scores)
 
 
 def rank(

@@ -82,7 +82,7 @@ class TorqueBalance:
     unexplained_fraction: float
     unexplained_without_friction: float
     bands: tuple[BandBalance, ...]
-    rate_is_known: bool = True
+    has_rate: bool = True
 
     @property
     def worst(self) -> BandBalance:
@@ -95,7 +95,7 @@ class TorqueBalance:
     def words(self) -> str:
         """Shares of the parts in a sentence."""
         shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.fractions, strict=True))
-        worst, unit = self.worst, "Hz" if self.rate_is_known else "of the sampling rate"
+        worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
         return (
             f"{self.place}, {self.log}: contributions to the mean-square torque: {shares}. Unexplained: "
             f"{self.unexplained_fraction:.1%}, at most "
@@ -120,7 +120,7 @@ def torque_balance(
     measured: FloatArray,
     parts: Mapping[str, FloatArray],
     band_hz: tuple[float, float],
-    rate_is_known: bool = True,
+    has_rate: bool = True,
 ) -> TorqueBalance:
     """Shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
     names, torques = tuple(parts), np.stack(list(parts.values()))
@@ -135,7 +135,7 @@ def torque_balance(
         for low, high, inside in octaves
     )
     of_log = place, log, unit, rate_hz, names, measured, torques
-    return TorqueBalance(*of_log, shares, left, without, bands, rate_is_known)
+    return TorqueBalance(*of_log, shares, left, without, bands, has_rate)
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
@@ -197,7 +197,7 @@ def elastic_balances(
     """Balances of each motor at freq_hz (F,), none of fewer than two settled periods; net: without dry friction."""
     # Periods that count: neither dropped by the study nor left out by the repair of the log.
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.left_out}) < 2:
+    if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.discarded_periods}) < 2:
         return ()
     (motors, _), N = parts[0], record.period_samples
     lines = np.rint(freq_hz * N / record.rate_hz).astype(np.int64)
@@ -213,7 +213,7 @@ def elastic_balances(
     return tuple(
         torque_balance(
             place, record.name, record.units_of_inputs[i], record.rate_hz, measured[:, i],
-            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.rate_is_known,
+            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.has_rate,
         )
         for i, place in enumerate(motors.inputs)
     )  # fmt: skip
@@ -221,7 +221,7 @@ def elastic_balances(
 
 def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
     """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
-    last = [last_counted(record.n_samples // record.repeat_samples, record.left_out)]
+    last = [last_counted(record.n_samples // record.repeat_samples, record.discarded_periods)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     spectra, n_y = RecordSpectra(record), len(record.outputs)
     Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))

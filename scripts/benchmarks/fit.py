@@ -46,9 +46,9 @@ from timing import cpu_seconds, in_turn, machine
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
-from elastid.fit.assembly import Assembly
-from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.parameter_selection import choose
+from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.problem.weights import vec
 from elastid.fit.solve.solvers import solve

@@ -40,11 +40,11 @@ from elastid.base.arrays import ComplexArray, IntArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
+from elastid.logs.rig import RecordedRig
 from elastid.record import Configuration, Record
-from elastid.recorded.rig import RecordedRig
 
 AS_IS = {"window": "boxcar", "noverlap": 0, "detrend": False}
 RATE_HZ, NOISE_U, NOISE_Y = 1000.0, 0.002, 0.01

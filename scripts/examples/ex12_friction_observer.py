@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.follow import follow
+from elastid.friction_study.friction_tracking import follow
 
 rate_hz, inertia, count = 1000.0, 0.02, 2 * np.pi / 2**16
 t = np.arange(int(20 * rate_hz)) / rate_hz

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.fit.fitted_robot import estimated_robot
-from elastid.validation.twin import MOTION, elastic_runs
+from elastid.validation.simulation import MOTION, elastic_runs
 
 robot, (low_hz, high_hz) = estimated_robot(bench.result), bench.excitation["band_hz"]
 soft = robot.with_parameters({"k_1": bench.result["k_1"].value / 2})

@@ -43,7 +43,7 @@ from scipy.stats import beta
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.outside_arm import Outside
 
-from elastid import verbs
+from elastid import api
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError, Note
 from elastid.base.execution import Execution
@@ -52,16 +52,16 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.logs.rig import RecordedRig
 from elastid.record import Configuration, Record
-from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.simulation.spec import ControllerSpec
-from elastid.validation.agreement import noise_p, validate
+from elastid.validation.frf_error import noise_p, validate
 from elastid.validation.measured_modes import measured_modes
 from elastid.validation.residual_tests import FALSE_ALARM
 
@@ -256,7 +256,7 @@ def _alarms(records: list[Record], robot: Robot, seed: int) -> Iterator[tuple[st
     """Codes with their sentences, of records, responses, fit and validation; a refusal ends them."""
     of_records = _codes(note for record in records for note in record.notes)
     yield from of_records.items()
-    responses = verbs.estimate(records, robot)
+    responses = api.estimate(records, robot)
     yield from _codes(note for response in responses for note in response.notes).items()
     yield from ((f"local-{code}", text) for code, text in _local(records, robot).items() if code not in of_records)
     free = {pattern: ParameterSpec() for pattern in ("k_*", "d_*", "fm_*")}
@@ -274,7 +274,7 @@ def _alarms(records: list[Record], robot: Robot, seed: int) -> Iterator[tuple[st
 def _local(records: list[Record], robot: Robot) -> dict[str, str]:
     """Of the local rational method; new phases in every experiment are no repeats."""
     try:
-        responses = verbs.estimate(records, robot, method="local_rational", friction="none")
+        responses = api.estimate(records, robot, method="local_rational", friction="none")
     except ElastidError as error:
         return {"refused": str(error)}
     return _codes(note for response in responses for note in response.notes)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.assembly import Assembly
-from elastid.fit.parameter_choice import choose
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linear_model import LinearModel

@@ -16,7 +16,7 @@ from elastid.app.from_log import texts_from_logs
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import imported_responses
 from elastid.base.errors import DataError, StudyError
-from elastid.recorded.friction_logs import read_friction_logs
+from elastid.logs.friction_logs import read_friction_logs
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.store.measured import read_responses
 from elastid.study import Study, load, load_with_logs

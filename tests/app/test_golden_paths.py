@@ -14,7 +14,7 @@ from elastid.app import cli
 from elastid.app.run import stamps
 from elastid.base.errors import ElastidError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.experiment.specs.recorded import FileSpec, TextFormatSpec
+from elastid.experiment.specs.logs import FileSpec, TextFormatSpec
 from elastid.record import Record
 from elastid.store.measured import read_responses, write_responses
 from elastid.study import load

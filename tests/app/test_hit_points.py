@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
+from elastid.logs.responses.table import geometry_of_files
 from elastid.modal.estimate import estimate_modes
-from elastid.recorded.responses.table import geometry_of_files
 from elastid.store.measured import read_responses
 from elastid.study import load
 

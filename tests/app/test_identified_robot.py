@@ -9,7 +9,7 @@ from plants.two_mass_gear import RATIO, Gear, robot
 
 from elastid.app.identified_robot import NOT_SIGNIFICANT, SLOPE, contents, truth, with_findings
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.nonlinear.effects import GearEffect, implicit_law
+from elastid.nonlinear.basis_functions import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs
 from elastid.parameters import Parameter, Parameters
 from elastid.report.content import WITH_COULOMB

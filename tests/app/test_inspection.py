@@ -10,7 +10,7 @@ from plants.refusals import refused
 from scipy.io import savemat
 
 from elastid.app.inspection import described
-from elastid.recorded.files import log as log_of_arrays
+from elastid.logs.files import log as log_of_arrays
 
 T = np.arange(50) / 20.0
 

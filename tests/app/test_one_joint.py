@@ -10,7 +10,7 @@ from unittest.mock import create_autospec
 import numpy as np
 import pytest
 
-from elastid.app import cli, use_fit
+from elastid.app import cli, model_commands
 from elastid.base.errors import FitError
 from elastid.store.measured import read_plan
 from elastid.store.results import read_fit, read_map
@@ -44,8 +44,8 @@ def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder: Path) -> None
 
 def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """That of the study, or those that are asked for."""
-    design = create_autospec(use_fit.design_loops, side_effect=FitError("fit/not-trusted", "not now"))
-    monkeypatch.setattr(use_fit, "design_loops", design)
+    design = create_autospec(model_commands.design_loops, side_effect=FitError("fit/not-trusted", "not now"))
+    monkeypatch.setattr(model_commands, "design_loops", design)
     for words, expected in (((), (400.0, 1)), (("--rate", "250", "--delay", "3"), (250.0, 3))):
         assert command("loops", folder, folder / "run", *words) == 1
         _, _, family, delay, *_ = design.call_args.args

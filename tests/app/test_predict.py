@@ -11,7 +11,7 @@ from plants.cogged_joint import CoggedJoint, simulated
 from plants.moving_arm import ARM, motion
 
 from elastid.app import cli
-from elastid.app.use_fit import on_logs
+from elastid.app.model_commands import on_logs
 from elastid.study.robots import yaml_text
 
 STUDY = """

@@ -10,7 +10,7 @@ from plants.two_mass import circular
 
 from elastid.base import kernels
 from elastid.frf import matrices
-from elastid.friction import operators
+from elastid.friction import stop_operator
 from elastid.linear.response.kernel import Elimination
 
 needs_kernels = pytest.mark.skipif(not kernels.is_compiled(), reason="the kernels in C are not built")
@@ -48,7 +48,7 @@ def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray
             "singular values": matrices.singular_values(A),
             "positive part": matrices.positive(B + B.mT.conj()),
             "responses": Elimination.of(np.ones((6, 6), bool)).products(M, D, K, np.linspace(0.1, 9.0, 37), *sides),
-            "bristle": operators.bristle(operators.Path.of(velocity.ravel()), 0.2),
+            "bristle": stop_operator.bristle(stop_operator.Path.of(velocity.ravel()), 0.2),
         }
     kernels._kernel.cache_clear()
     return values

@@ -10,7 +10,7 @@ from plants.refusals import refused
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.base.errors import StudyError
-from elastid.design.choice import draw_candidates
+from elastid.design.configuration_selection import draw_candidates
 from elastid.design.spec import CandidateSpec
 from elastid.robot import Body, Joint, Limits, Motor, Robot
 from elastid.study import load

@@ -15,7 +15,7 @@ from elastid.design.next_experiment import Goal, Known, NextExperiment, next_exp
 from elastid.design.problem import DesignProblem, with_typical_spectrum
 from elastid.design.spec import BoxSpec, CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.movement import movement
+from elastid.experiment.plan.reference_trajectory import movement
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.robot import Frame, Placement, Robot, Tolerances

@@ -22,8 +22,8 @@ from elastid.app.overview import overview
 from elastid.app.stages.design import problem_of
 from elastid.design.limits import expected_use, limits_of, peaks_of_run, within_limits
 from elastid.excitation.spec import Injected
-from elastid.experiment.plan.movement import references
 from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.plan.reference_trajectory import references
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec

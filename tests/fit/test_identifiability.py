@@ -10,7 +10,7 @@ from plants.refusals import refused
 
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
 from elastid.response import Response
 from elastid.robot import Chain, Channel, Payload, Robot

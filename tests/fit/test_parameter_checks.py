@@ -11,10 +11,10 @@ from plants.measured_robots import deviations, responses_of
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
-from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import identify
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response

@@ -8,20 +8,20 @@ import pytest
 from plants.data_sheet_arm import POSTURES, SPEC, arm, measure
 from plants.dry_friction import CONFIGURATIONS, robot, simulated
 
-from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.presliding import rate_band, with_presliding
-from elastid.fit.problem.elastic import linear_model
+from elastid.fit.problem.frf_residuals import linear_model
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.presliding import RelaxingSpring
 from elastid.linear.response.transfer import frequency_response
-from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.take_out import estimate_without_friction
+from elastid.nonlinear.compensate_friction import estimate_compensated_response
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.response import Response
 from elastid.robot import Tolerances
 from elastid.targets.numbers import lines_of
@@ -113,8 +113,8 @@ def test_bristles_leave_stiffness_and_damping_right(law: str, bending: float) ->
     """
     measured, lines = simulated(robot(law=law, bending=bending), CONFIGURATIONS, 2, 1, 8, carrier=None)
     spec, plain = EstimatorSpec(friction="auto"), replace(robot((0.0, 0.0)), tolerances=Tolerances())
-    taken = find_friction(list(measured), spec, lines)
-    responses = [estimate_without_friction(group, taken, spec, lines, None, plain) for group in measured]
+    taken = identify_motor_friction(list(measured), spec, lines)
+    responses = [estimate_compensated_response(group, taken, spec, lines, None, plain) for group in measured]
     result = fit_parameters(responses, plain, FitSpec(starts=2, seed=1))
     assert {found.place for found in result.presliding} == {"motor 1", "motor 2"}
     assert result.status == "converged"

@@ -11,7 +11,7 @@ from plants.data_sheet_arm import POSTURES, SPEC, arm, measure, off
 from plants.marks import slow
 
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_choice import choose, with_tolerances
+from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
 from elastid.response import Response
@@ -32,7 +32,7 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
     assert (result.status, held.status) == ("converged", "misfit")
     truth = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
     for name in STIFF:
-        std, parts = result.std[name], [part[name] for part in result.std_parts.values()]
+        std, parts = result.std[name], [part[name] for part in result.std_contributions.values()]
         assert abs(result.values[name] - truth[name]) < 3 * std
         assert math.hypot(*parts) == pytest.approx(std, rel=1e-9)
         assert 0 < parts[0] < std
@@ -130,7 +130,7 @@ def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None
     robot = arm(Tolerances())
     parameters = with_tolerances(choose(SPEC, robot), robot, SPEC)
     free = parameters.free_names
-    assert [p.name for p in parameters.asked] == list(free[:6])
+    assert [p.name for p in parameters.of_interest] == list(free[:6])
     assert {"m_upper", "I_upper", "I_fore", "Jm_1", "c_fore_y", "p_fore_z", "zero_2"} <= set(free[6:])
     assert not {"p_fore_x", "pj_2_x", "I_upper_xx"} & set(free)
     assert parameters["p_fore_z"].prior is not None

@@ -14,8 +14,8 @@ from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
 from elastid.frf import period_selection
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
+from elastid.logs.rig import RecordedRig
 from elastid.record import Record
-from elastid.recorded.rig import RecordedRig
 from elastid.study import load
 
 BENCH_STUDY = Path(__file__).parents[2] / "configs" / "real" / "motor_bench.yml"

@@ -9,6 +9,7 @@ from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, ri
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study import extended_kalman_filter
+from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
     FollowedJoint,
@@ -18,8 +19,7 @@ from elastid.friction_study.extended_kalman_filter import (
     estimate_noise,
 )
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, consistency
-from elastid.friction_study.follow import FollowedFriction, follow, with_tolerances
-from elastid.friction_study.levels import Levels
+from elastid.friction_study.friction_tracking import FollowedFriction, follow, with_tolerances
 from elastid.friction_study.result import JointFriction
 
 
@@ -162,7 +162,7 @@ def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
 def test_what_a_study_has_identified_narrows_the_bands() -> None:
     """Inertia to 0.5 % and gravity to 1 % of a rigid joint."""
     one = np.ones(1)
-    levels = Levels("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
+    levels = FrictionCurve("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (3.0, 0.03), "gravity.sin": (4.0, 0.04)}
     identified = JointFriction("1", False, constant_velocity=replace(levels, shared=shared))
     rigid = FollowedJoint(motor_inertia=2.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
@@ -180,7 +180,7 @@ def test_momentum_grows_by_the_torques_that_act(joint: FollowedJoint) -> None:
     frictionless = replace(joint, followed=("offset",), **free)
     values = {"q_m": 0.1, "q_l": -0.2, "v_m": 3.0, "v_l": -1.0, "z": 0.0, "offset": 0.2}
     x = np.array([values[name] for name in frictionless.states])
-    after = frictionless.step(RATE_HZ)(x, np.zeros(len(frictionless.held)), 2.0, 0.7).full()[:, 0]
+    after = frictionless.step(RATE_HZ)(x, np.zeros(len(frictionless.consider_parameters)), 2.0, 0.7).full()[:, 0]
     inertias = {"v_m": joint.motor_inertia, "v_l": joint.link_inertia if joint.stiffness else 0.0}
     momentum = np.array([inertias.get(name, 0.0) for name in frictionless.states])
     assert (after - x) @ momentum == pytest.approx((2.0 - 0.7 - 0.2) / RATE_HZ, rel=1e-6)

@@ -7,11 +7,11 @@ import pytest
 from plants import elastic_arm
 from plants.outside_arm import Outside
 
-from elastid.fit.parameter_choice import choose, with_tolerances
-from elastid.fit.problem.elastic import kernel_of, linear_model
+from elastid.fit.parameter_selection import choose, with_tolerances
+from elastid.fit.problem.frf_residuals import kernel_of, linear_model
 from elastid.fit.spec import FitSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.loaded import moved_by
+from elastid.linear.ports import moved_by
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT

@@ -18,9 +18,9 @@ from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response, to_response
+from elastid.logs.units_and_sides import to_joints
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.recorded.link_side import to_joints
 from elastid.response import Covariance
 from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
 from elastid.targets.mujoco import write_mujoco

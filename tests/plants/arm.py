@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import OperatingPoint, equilibrium

@@ -7,7 +7,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import OperatingPoint, equilibrium

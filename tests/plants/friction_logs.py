@@ -9,7 +9,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.study.robots import yaml_text
 

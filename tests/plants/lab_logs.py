@@ -9,9 +9,9 @@ import numpy as np
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
+from elastid.logs.rig import RecordedRig
 from elastid.record import Record
-from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 N, P, RATE, RATIO = 200, 4, 100.0, -50.0

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from elastid.base.arrays import FloatArray
-from elastid.recorded.command_log import CommandLog
+from elastid.logs.command_log import CommandLog
 from elastid.robot import Body, Joint, Motor, Robot
 
 QUADRUPED = "unitree_go2"

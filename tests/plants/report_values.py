@@ -19,7 +19,7 @@ from elastid.report.figures.drawings import drawings
 from elastid.report.modes import ModeRow
 from elastid.report.page.page import html, write_page
 from elastid.response import Covariance, Response
-from elastid.validation.agreement import validate
+from elastid.validation.frf_error import validate
 from elastid.validation.torque_balance import DRY, INERTIA, TorqueBalance, torque_balance
 from plants.arm_modes import mode_row
 

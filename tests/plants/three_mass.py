@@ -7,7 +7,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit
+from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LocalOptimum, as_real
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve

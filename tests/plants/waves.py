@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.repair import Findings, Log
+from elastid.logs.repair import Findings, Log
 
 N, P = 500, 6
 LINES = np.arange(2, 150)

@@ -13,7 +13,7 @@ from elastid.friction_study.result import FrictionResult
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
 from elastid.report.content import gear_table, parameter_rows
 from elastid.report.page.page import html
-from elastid.validation.twin import TORQUE, TwinFindings, TwinRun, TwinSignal
+from elastid.validation.simulation import TORQUE, TwinFindings, TwinRun, TwinSignal
 
 LOGS = tuple(Note("late-log", f"{20 + i} samples late", f"log {i}") for i in range(108))
 REMARK = Note("fit/profile", "k_1 has an interval by profile", severity="information")

@@ -10,9 +10,9 @@ from plants.two_mass_gear import RATIO, Gear, robot
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle, Stop
-from elastid.friction.operators import Path, bristle, stop
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Curve
+from elastid.friction.stop_operator import Path, bristle, stop
 from elastid.model.formulation import formulate
 from elastid.robot import Friction, GearRipple, Joint, Robot, TransmissionError
 from elastid.robot import Gear as GearSection

@@ -7,8 +7,8 @@ import pytest
 
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.store.results import Checkpoint
-from elastid.validation.agreement import Fold
 from elastid.validation.comparison import Refit
+from elastid.validation.frf_error import Fold
 
 START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
 REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": Fold("a", 1 / 7, np.nan, 3.0)})

@@ -12,10 +12,10 @@ from plants.fitted_models import DELAY, close, responses_of
 from scipy.io import loadmat
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.logs import ResponseFileSpec, ResponsesSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
-from elastid.recorded.responses.reading import link_side_response, read_table
+from elastid.logs.responses.reading import link_side_response, read_table
 from elastid.targets.control import write_control
 from elastid.targets.csv import write_csv
 from elastid.targets.matlab import write_matlab

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.logs.responses.table import uff_geometry, uff_table
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.spec import GeometrySpec
 from elastid.record import Configuration
-from elastid.recorded.responses.table import uff_geometry, uff_table
 from elastid.response import Response
 from elastid.targets.uff import write_uff
 

@@ -10,7 +10,7 @@ from plants.fitted_models import fitted_model
 from plants.refusals import refused
 
 from elastid.base.statistics import propagate
-from elastid.fit.parameter_choice import choose, with_tolerances
+from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.response.transfer import frequency_response

@@ -8,8 +8,8 @@ from plants.commanded_joint import CommandedJoint
 from plants.measured import measured
 from plants.quadruped import NAMES, QUADRUPED, robot_of_commands
 
+from elastid.logs.command_log import read_command_log
 from elastid.record import JointLoop
-from elastid.recorded.command_log import read_command_log
 from elastid.validation.command_replay import CommandedMotion, Replay, overall, pooled_tests, replay
 
 

@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 from plants.dry_friction import robot as two_axes
 from plants.measured_robots import responses_of
 
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.model.formulation import EXACT
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.agreement import Fold
 from elastid.validation.comparison import (
     ComparedModel,
     ComparedVariant,
@@ -29,6 +28,7 @@ from elastid.validation.comparison import (
     refit,
     search,
 )
+from elastid.validation.frf_error import Fold
 
 
 @given(n=st.integers(1, 12), parts=st.integers(0, 12).filter(lambda k: k != 1))

@@ -14,8 +14,8 @@ from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
+from elastid.validation.simulation import LINK, MOTION, TORQUE, TwinRun, elastic_runs
 from elastid.validation.torque_balance import DRY, ELASTICITY, RIGID_BODY, VISCOUS, elastic_balances
-from elastid.validation.twin import LINK, MOTION, TORQUE, TwinRun, elastic_runs
 
 RATE_HZ, N = 500.0, 1000
 J_MOTOR, J_LINK, K, VISCOUS_COEFFICIENT, DRY_SHARE = 3.0, 6.0, 2e4, 40.0, 0.1
@@ -139,7 +139,7 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
 def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
     """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
     _, record = measured
-    assert elastic_runs(replace(record, rate_is_known=False), arm(), BAND_HZ) == ()
+    assert elastic_runs(replace(record, has_rate=False), arm(), BAND_HZ) == ()
     (stiff,) = elastic_runs(record, arm(friction=Friction(8.0)), BAND_HZ)
     assert stiff.lost
     assert not stiff.signals

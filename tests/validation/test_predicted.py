@@ -8,7 +8,7 @@ from plants.arm import result
 from plants.load_tests import tapped
 
 from elastid.record import Configuration
-from elastid.validation.agreement import predict_response
+from elastid.validation.frf_error import predict_response
 
 WHERE = Configuration("tapped", np.array([0.4, -0.6]))
 LINES = np.linspace(2, 60, 80)

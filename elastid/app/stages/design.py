@@ -12,8 +12,8 @@ from elastid.app.run import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
-from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Plan
+from elastid.experiment.plan.reference_trajectory import Reference, reference
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
@@ -81,7 +81,7 @@ def problem_of(study: Study) -> DesignProblem:
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
     sections = study.excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, study.design
     return DesignProblem(
-        study.as_robot(), *sections, left_out=study.validation.configurations, model=study.model,
+        study.as_robot(), *sections, excluded_configurations=study.validation.configurations, model=study.model,
         friction=study.estimator.friction,
     )  # fmt: skip
 

@@ -17,14 +17,15 @@ from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
-from elastid.fit.parameter_choice import AT_TOOL
+from elastid.fit.parameter_selection import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.result import DISTORTED, HELD_AS_EXACT, Result
-from elastid.nonlinear.effects import notes_before_gears
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.fit.result import Result
+from elastid.fit.status_terms import DISTORTED, FIXED_VALUES
+from elastid.nonlinear.basis_functions import notes_before_gears
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table, parameter_rows
-from elastid.report.overview import (
+from elastid.report.run_summary import (
     OPEN_GEARS,
     accuracy,
     is_wrong,
@@ -38,7 +39,7 @@ from elastid.simulation.controller import loop_of
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
-from elastid.validation.agreement import agreement
+from elastid.validation.frf_error import agreement
 
 TRUSTED = ("converged", "noise_unknown", "at_bound")
 
@@ -51,7 +52,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
     recorded, loop = study.experiment.recorded, None
-    if recorded is not None and recorded.has_commands_alone and recorded.controller is not None:
+    if recorded is not None and recorded.has_no_torque and recorded.controller is not None:
         loop = loop_of(recorded.controller, len(robot.driven))
     tests: Sequence[PlacedTest] = ()
     tapped: list[Response] = []
@@ -74,7 +75,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     # The fixed values and the base of a simulated robot are exact.
-    exact = () if study.experiment.simulated is None else (HELD_AS_EXACT, "fit/assumed-rigid")
+    exact = () if study.experiment.simulated is None else (FIXED_VALUES, "fit/assumed-rigid")
     noted = [note for note in result.notes if note.code not in exact]
     loop_notes = () if loop is None else loop_note(result, robot, loop)
     result = replace(result, notes=(*noted, *notes_of(tapped), *loop_notes, *combination_notes(result)))
@@ -104,7 +105,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
 
 def fitted_rows(
-    study: Study, result: Result, friction: FrictionTakenOut | None, gears: GearResult | None = None
+    study: Study, result: Result, friction: CompensatedFriction | None, gears: GearResult | None = None
 ) -> tuple[ParameterRow, ...]:
     """A row for each parameter, with its truth where the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
@@ -184,7 +185,7 @@ STD_PARTS = {
 
 
 def _legend(
-    robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: FrictionTakenOut | None
+    robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: CompensatedFriction | None
 ) -> Iterator[str]:
     named = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []

@@ -18,12 +18,12 @@ from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
-from elastid.friction_study.follow import FollowedFriction, follow_joints
-from elastid.friction_study.joint_levels import find_joint_levels
-from elastid.friction_study.laws import NOT_ASKED
-from elastid.friction_study.result import JointLevels, identify_friction
+from elastid.friction_study.friction_tracking import FollowedFriction, follow_joints
+from elastid.friction_study.joint_levels import identify_sliding_friction
+from elastid.friction_study.result import SlidingFriction, identify_friction
 from elastid.friction_study.spec import FilterSpec
-from elastid.recorded.friction_logs import read_friction_logs
+from elastid.friction_study.static_model_fit import NOT_ASKED
+from elastid.logs.friction_logs import read_friction_logs
 from elastid.report.figures.drawings import friction_study_drawings
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import html_of_friction
@@ -31,7 +31,7 @@ from elastid.store import friction_study as stored
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.measured import write_signals
 from elastid.study import Study
-from elastid.validation.friction_twin import friction_twin, predict_logs
+from elastid.validation.friction_simulation import friction_twin, predict_logs
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:
@@ -43,7 +43,7 @@ def design_motions(study: Study, work: Work) -> Artefacts:
             f"design: {len(plan.motions)} trajectories of {len(plan.designs)} joints, "
             f"{plan.robot_time_s / 60:.3g} min of robot time"
         )
-        for sentence in plan.known:
+        for sentence in plan.assumed_friction:
             console.say(f"design: {sentence}")
 
     files: dict[str, Write] = {
@@ -96,7 +96,7 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
     measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.configurations)
     joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
     with work.execution() as execution:
-        joint_levels = find_joint_levels(study.as_robot(), joints, measured, execution.progress)
+        joint_levels = identify_sliding_friction(study.as_robot(), joints, measured, execution.progress)
 
     def report(console: Console) -> None:
         said = notes_of(measured.records)
@@ -183,16 +183,16 @@ def conclude(run: Run) -> None:
     run.console.say(f"{result.status}: {meaning}")
 
 
-def _level_words(joint: JointLevels) -> str:
+def _level_words(joint: SlidingFriction) -> str:
     unit = "m/s" if joint.slides else "rad/s"
     parts = []
     if joint.constant_velocity is not None:
         curve = joint.constant_velocity
-        parts.append(f"{curve.n_levels} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
+        parts.append(f"{curve.n_conditions} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
-        error = joint.motion.chosen.relative_error
+        error = joint.motion.regression.relative_error
         parts.append(f"trajectories, unexplained torque {error:.1%}")
-        parts.append(joint.motion.seconds_words)
+        parts.append(joint.motion.time_summary)
     if joint.commanded is not None:
         fit, distance = joint.commanded, "m" if joint.slides else "rad"
         parts.append(

@@ -24,9 +24,9 @@ from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.effects import ANSWERED
+from elastid.nonlinear.basis_functions import ANSWERED
+from elastid.nonlinear.gear_characteristics import open_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
-from elastid.nonlinear.gear_sheet import open_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.content import ParameterRow, gear_line
 from elastid.response import Response
@@ -57,7 +57,7 @@ def gears(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         linear = [*result.notes, *notes_of(responses)]
-        console.notes(opened.left_open(note for note in linear if note.code in ANSWERED))
+        console.notes(opened.unanswered_notes(note for note in linear if note.code in ANSWERED))
         console.notes(opened.notes)
         if opened.refused:  # the end of the run has the effects
             console.warn(f"gears: {gear_line(opened)}")
@@ -131,12 +131,15 @@ def with_gear_section(
 
 def _number(joint: str, row: GearNumber) -> dict[str, Any]:
     known: dict[str, Any] = {"joint": joint, **section(row, "meaning unit value std")}
-    known |= {"interval95": row.interval if row.is_seen else None, "bound95": None if row.is_seen else row.bound}
+    known |= {
+        "interval95": row.interval if row.is_significant else None,
+        "bound95": None if row.is_significant else row.bound,
+    }
     if row.order:
         known |= section(row, "order phase phase_std")
     if math.isfinite(row.rated_fraction):
         known["of_rated"] = row.rated_fraction
     if row.maker_unit:
-        size = row.value if row.is_seen else row.bound
+        size = row.value if row.is_significant else row.bound
         known |= {"maker_unit": row.maker_unit, "in_maker_unit": size * row.factor}
     return known

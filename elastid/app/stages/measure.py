@@ -17,10 +17,10 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.load_tests import LoadsSpec, LoadTest
 from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
-from elastid.linear.loaded import LoadedRobot
+from elastid.linear.static_deflection import LoadedRobot
+from elastid.logs.rig import RecordedRig
 from elastid.model.formulation import formulate
 from elastid.record import FrictionRecord, Record
-from elastid.recorded.rig import RecordedRig
 from elastid.response import Response
 from elastid.robot.robot import with_frames
 from elastid.store.artefacts import Stamp, read_stamp

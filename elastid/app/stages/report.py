@@ -81,10 +81,10 @@ def page_artefacts(
 def report_responses(study: Study, work: Work) -> Artefacts:
     """The page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
+    from elastid.logs.responses.table import geometry_of_files
     from elastid.modal.estimate import modes_of_responses
-    from elastid.recorded.responses.table import geometry_of_files
     from elastid.report.content import ResponsesContent
-    from elastid.report.overview import questions_of_responses
+    from elastid.report.run_summary import questions_of_responses
     from elastid.targets.csv import write_modes_csv
 
     estimates, modal = work.sources["estimate"], study.modal

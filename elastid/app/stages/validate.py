@@ -14,20 +14,20 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
-from elastid.fit.result import REQUIRED
+from elastid.fit.status_terms import REQUIRED
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensate_friction import compensated_records, shaft_couplings
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.nonlinear.take_out import net_records, shaft_couplings
 from elastid.response import Response
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, read_modelled, write_validation
 from elastid.study import Study
-from elastid.validation.agreement import Validation, predict_response
-from elastid.validation.agreement import validate as validate_responses
+from elastid.validation.frf_error import Validation, predict_response
+from elastid.validation.frf_error import validate as validate_responses
+from elastid.validation.simulation import NO_TWIN, TwinFindings, TwinRun, elastic_runs
 from elastid.validation.torque_balance import Part, TorqueBalance, elastic_balances, model_parts, rigid_linearisation
-from elastid.validation.twin import NO_TWIN, TwinFindings, TwinRun, elastic_runs
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Validated:
 
     study: Study
     fitted: FittedRobot
-    friction: FrictionTakenOut | None
+    friction: CompensatedFriction | None
     gears: GearResult | None = None
 
 
@@ -125,12 +125,12 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
 
 
 def _balanced(
-    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec,
+    path: Path, friction: CompensatedFriction | None, E: FloatArray | None, spec: EstimatorSpec,
     model: tuple[Sequence[Part], Response],
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))
-    net = next(net_records([first], friction, E))
+    net = next(compensated_records([first], friction, E))
     return elastic_balances(first, net, parts, response.freq_hz, spec)
 
 

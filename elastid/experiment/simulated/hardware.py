@@ -20,7 +20,7 @@ from elastid.base.errors import StudyError
 from elastid.experiment.specs.simulated import NoiseSpec, TorqueRippleSpec
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LagElement, sensor_elements, torque_elements
-from elastid.linear.moving_posture import is_point
+from elastid.linear.motion_bias import is_point
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion
@@ -169,7 +169,7 @@ def drives(robot: Robot, encoder_counts: int, torque_ripple: Sequence[TorqueRipp
     return Drives(resolution, limit, ripples, lags[0] if lags else None)
 
 
-def friction_at_rest(contacts: Contacts, robot: Robot, point: OperatingPoint) -> FloatArray:
+def friction_coefficients(contacts: Contacts, robot: Robot, point: OperatingPoint) -> FloatArray:
     """Friction coefficients (9 n_f,) in a configuration: the load on a joint is the torque that holds it there.
 
     StudyError where the load gives coefficients that no friction law has.

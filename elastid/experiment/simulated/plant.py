@@ -21,8 +21,8 @@ from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import Quantity, to_si
 from elastid.excitation.multisine import synthesise
 from elastid.excitation.spec import Injected
-from elastid.experiment.plan.movement import FeedForward, Movement
 from elastid.experiment.plan.plan import ClosedLoopResponse, PredictClosedLoop
+from elastid.experiment.plan.reference_trajectory import FeedForward, Movement
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.specs.simulated import SimulatedSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions

@@ -10,7 +10,7 @@ from elastid.base.names import FileName
 from elastid.base.section import Key, section
 from elastid.base.units import Damping, JointPosition, Quantity, Stiffness, Time
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.recorded import RecordedSpec, ResponsesSpec
+from elastid.experiment.specs.logs import RecordedSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.record import Configuration, JointLoop, Motors
 

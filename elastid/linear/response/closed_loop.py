@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import TORQUE_LAG, LinearModel
-from elastid.record import HeldTorque, ReferenceLoop, zero_order_hold
+from elastid.record import ReferenceLoop, ZohTorque, zero_order_hold
 from elastid.robot import channel_name
 
 GAINS = ("kp", "kd")  # as in gain_kp_motor_1
@@ -32,7 +32,7 @@ def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
     motors = replace(
         plain, C=model.B.T, T=None, outputs=loop.motors, quantity="position", slopes=slopes,
         chain=tuple(element for element in model.chain if element.name == TORQUE_LAG),
-        hold=HeldTorque((loop.rate_hz,) * len(loop.motors), (True,) * len(loop.motors)),
+        hold=ZohTorque((loop.rate_hz,) * len(loop.motors), (True,) * len(loop.motors)),
     )  # fmt: skip
     return plain, motors
 
@@ -41,7 +41,7 @@ def closed(
     model: LinearModel, theta: FloatArray, freq_hz: FloatArray, plain: ComplexArray, motors: ComplexArray,
     plain_images: ComplexArray | float = 0.0, motor_images: ComplexArray | float = 0.0,
 ) -> "ClosedLoop":  # fmt: skip
-    """Close the loops around responses of `open_loops` at freq_hz (F,), whose images may stand apart."""
+    """Return close the loops around responses of `open_loops` at freq_hz (F,), whose images may stand apart."""
     assert model.controller is not None
     loop, names = model.controller.at(freq_hz), model.controller.motors
     H = zero_order_hold(freq_hz / loop.rate_hz)[:, None, None]
@@ -80,11 +80,11 @@ class ClosedLoop:
     entering: ComplexArray
 
     def change(self, plain: ComplexArray, motors: ComplexArray) -> ComplexArray:
-        """dT by changes of G_y, channels included, and of G_m."""
+        """Return dT by changes of G_y, channels included, and of G_m."""
         return (plain - self.L @ motors) @ self.A
 
     def of_gain(self, gain: int, motor: str) -> ComplexArray:
-        """dT by the factor of a gain, 0 of k_p and 1 of k_d, of the loop of a motor."""
+        """Return dT by the factor of a gain, 0 of k_p and 1 of k_d, of the loop of a motor."""
         j = self.loop.motors.index(motor)
         is_own = np.array(self.columns) == j
         torque = is_own * self.entering[gain] - self.loop.feedback[gain, :, j, None] * self.motion[:, j]

@@ -24,9 +24,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import grouped
 from elastid.base.execution import Execution
-from elastid.base.files import clear_folder, write_whole
-from elastid.nonlinear.friction import friction_rows
-from elastid.report import overview
+from elastid.base.files import clear_folder, write_atomically
+from elastid.nonlinear.compensated_friction import friction_rows
+from elastid.report import run_summary
 from elastid.report.content import (
     ParameterRow,
     ReportContent,
@@ -83,13 +83,15 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
 def _level(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
     """Index of WIDTH_WORDS of the widest interval of stiffness and damping at these joints; None without one."""
     terms = {f"{kind}_{name}" for name in names for kind in "kd"}
-    return max((overview.width_class(row) for row in rows if row.name in terms), default=None)
+    return max((run_summary.width_class(row) for row in rows if row.name in terms), default=None)
 
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
     level = _level(names, rows.values())
-    widths = ", ".join(f"{row.name} ±{percent(overview.half_width(row))}" for row in terms) or "nothing identified here"
+    widths = (
+        ", ".join(f"{row.name} ±{percent(run_summary.half_width(row))}" for row in terms) or "nothing identified here"
+    )
     css_class = "held" if level is None else f"w{level}"
     label = escape(", ".join(names))
     return (
@@ -119,23 +121,23 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     """Values for the status bar and the three columns; a sketch only where the robot has points that are drawn."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
     sketched = content.robot if drawing is not None else None
-    classes: list[int | None] = [overview.width_class(row) for row in rows]
+    classes: list[int | None] = [run_summary.width_class(row) for row in rows]
     if sketched is not None:
         classes = [_level(names, rows) for names in joint_groups(sketched)]
     return {
-        "sentence": overview.verdict_sentence(content.result, rows, content.agreements),
-        "numbers_answer": overview.numbers_answer(content.result, rows, content.gears),
-        "summary": overview.summary_line(content),
+        "sentence": run_summary.verdict_sentence(content.result, rows, content.agreements),
+        "numbers_answer": run_summary.numbers_answer(content.result, rows, content.gears),
+        "summary": run_summary.summary_line(content),
         "sketch": robot_sketch(sketched, drawing, rows) if sketched is not None and drawing is not None else "",
-        "widest": None if overview.is_wrong(content.result) else overview.widest(rows),
-        "half_width": overview.half_width,
-        "width_class": overview.width_class,
-        "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(overview.WIDTH_WORDS)],
+        "widest": None if run_summary.is_wrong(content.result) else run_summary.widest(rows),
+        "half_width": run_summary.half_width,
+        "width_class": run_summary.width_class,
+        "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(run_summary.WIDTH_WORDS)],
         "counted": "point" if sketched else "parameter",
-        "strip": overview.strip(content.validation.configurations),
-        "residuals": overview.residual_sentence(content.result, content.agreements),
-        "actions": overview.next_steps(content.result, rows),
-        "commands": overview.COMMANDS,
+        "strip": run_summary.strip(content.validation.configurations),
+        "residuals": run_summary.residual_sentence(content.result, content.agreements),
+        "actions": run_summary.next_steps(content.result, rows),
+        "commands": run_summary.COMMANDS,
         "meanings": meanings(content),
     }
 
@@ -218,7 +220,7 @@ def write_page(
     todo = [drawing for drawing in drawn if drawing.on_page or formats]
     write = partial(_written, figures if formats else None)
     embedded = (execution or Execution()).ordered(write, todo)
-    write_whole(folder / name, page(embedded).encode("utf-8"))
+    write_atomically(folder / name, page(embedded).encode("utf-8"))
     return folder / name
 
 
@@ -228,7 +230,7 @@ def _written(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
         figure = drawing.draw()
     png, name = rendered(figure), f"{drawing.name}.png"
     if figures is not None:
-        write_whole(figures / name, png)
+        write_atomically(figures / name, png)
     text = base64.b64encode(png).decode("ascii") if drawing.on_page else ""
     file = "" if figures is None else f"figures/{name}"
     return EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file)
@@ -237,17 +239,17 @@ def _written(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     free = set(content.result.parameters.free_names)
-    rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
+    has_rate = all(measured.has_rate for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.configurations if agreement.is_validation]
     responses = explorer(content.frf, left_out, content.dense) if content.frf else ""
-    modes = mode_viewer(content.modes, rate_is_known)
+    modes = mode_viewer(content.modes, has_rate)
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)
     scripts = (*scripts, asset("mode_viewer.js")) if modes else scripts
     rows = parameter_rows(content.result, content.truth, content.contents)
     given = [(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free]
     values = {"result": content.result, "rows": rows, "given": given, "axis": row_axis(rows), "mode_viewer": modes}
     values |= {"agreements": content.validation.configurations, **first_screen(content, rows)}
-    values["hz"] = "Hz" if rate_is_known else "units of the sampling rate"
+    values["hz"] = "Hz" if has_rate else "units of the sampling rate"
     return render("template.html.j2", content, figures, responses, scripts, **values)
 
 
@@ -301,8 +303,8 @@ def rendered(figure: Figure) -> bytes:
 def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
-    viewer = mode_viewer(content.mode_rows, content.rate_is_known)
+    viewer = mode_viewer(content.mode_rows, content.has_rate)
     scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
-    names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
-    names["questions"] = overview.questions_of_responses(content)
+    names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.has_rate), "mode_viewer": viewer}
+    names["questions"] = run_summary.questions_of_responses(content)
     return render("responses.html.j2", content, figures, responses, scripts, **names)

@@ -35,7 +35,7 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_friction(study, base)
         return
     if (experiment.recorded, experiment.responses, study.tool, study.validation.tool) != (None,) * 4:
-        from elastid.study.checks.recorded import check_measured  # brings the reader of logs
+        from elastid.study.checks.logs import check_measured  # brings the reader of logs
 
         yield from check_measured(study, base)
     if study.robot is None:

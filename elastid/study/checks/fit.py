@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import is_match, matching
 from elastid.fit.load_tests import LoadTest
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.spec import FitSpec, misnamed
 from elastid.robot import TOOL

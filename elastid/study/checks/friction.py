@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.base.errors import did_you_mean
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LoadSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
+from elastid.study.checks.logs import check_channels, check_controller, check_files
 from elastid.study.checks.names import check_names, unknown
-from elastid.study.checks.recorded import check_channels, check_controller, check_files
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, joint_called
 from elastid.study.source import KeyPath

@@ -9,7 +9,7 @@ from plants.two_axes import measured
 
 from elastid.app import cli
 from elastid.report.content import parameter_rows
-from elastid.report.overview import next_steps
+from elastid.report.run_summary import next_steps
 from elastid.store.results import read_fit
 from elastid.study import load_robot
 

@@ -11,8 +11,8 @@ import pytest
 
 from elastid.app.cli import run_command
 from elastid.experiment.simulated.plant import true_modes, true_response
-from elastid.experiment.specs.recorded import ResponsesSpec
-from elastid.recorded.responses.reading import read_table
+from elastid.experiment.specs.logs import ResponsesSpec
+from elastid.logs.responses.reading import read_table
 from elastid.store.measured import read_responses
 from elastid.study import load
 

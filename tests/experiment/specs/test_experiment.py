@@ -8,7 +8,7 @@ import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.simulation.dynamics import FIFTH_ORDER
 from elastid.simulation.spec import ControllerSpec

@@ -7,9 +7,9 @@ import pytest
 from plants.three_mass import FREQ, NO_FLOOR, fit_of, measured, noise_of, parameters, plant
 from plants.two_mass import circular
 
-from elastid.fit.assembly import robust_factors
 from elastid.fit.covariance import estimate_uncertainty
-from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.frf_problem import robust_factors
+from elastid.fit.problem.frf_residuals import elastic_fit
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec

@@ -8,10 +8,10 @@ from plants.arm import robot as arm
 from plants.load_tests import NAMED, load_tests, measure
 from plants.refusals import refused
 
-from elastid.fit.assembly import Assembly
+from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.load_tests import LoadTest
-from elastid.fit.parameter_choice import choose
+from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec, ParameterSpec
 

@@ -11,7 +11,7 @@ from plants.report_values import FREQ_HZ, full_content, pair, report_content
 
 from elastid.report.content import MAX_VALUES, model_lines
 from elastid.report.page.explorer import curve_scripts, explorer
-from elastid.validation.agreement import validate
+from elastid.validation.frf_error import validate
 
 
 def test_the_data_of_twenty_configurations_of_six_axes_stay_below_nine_megabytes():

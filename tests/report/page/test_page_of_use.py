@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.arm import result
 
-from elastid.report.answers import answer_of_map
+from elastid.report.command_summaries import answer_of_map
 from elastid.report.figures.use import workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.store.results import read_map, write_map, write_map_table

@@ -14,7 +14,7 @@ from plants.refusals import refused
 from elastid.app import scaffold
 from elastid.app.stage_table import stages_of
 from elastid.base.errors import StudyError
-from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.logs import ResponseFileSpec, ResponsesSpec
 from elastid.friction_study.spec import LoadSpec
 from elastid.study import Study, load, load_with_logs
 from elastid.study.checks import UNUSED

@@ -8,7 +8,7 @@ from elastid.base.arrays import FloatArray
 from elastid.record import JointLoop
 from elastid.simulation.controller import tune
 from elastid.use.moves import MotionLimits, References
-from elastid.use.plans import CommandedRobot, plan, rigid_references, sampled
+from elastid.use.trajectory_optimisation import CommandedRobot, plan, rigid_references, sampled
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
 pytestmark = pytest.mark.oracle

@@ -1,0 +1,339 @@
+"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer.
+
+predict: the numbers that one study has identified, judged on the logs of another: prediction.json and a figure. Of a
+study of friction these are rigid body and friction; of a study of elasticity the fitted robot, whose responses, torques
+and motion are compared with those of the logs.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from matplotlib.figure import Figure
+
+from elastid.app.export import gears_of
+from elastid.app.identified_robot import with_findings, with_identified_friction
+from elastid.app.run import Run, carry_out, logged_in
+from elastid.app.stages.fit import current_fit, warn_of_distrust
+from elastid.app.stages.validate import Validated, judge
+from elastid.app.summaries import predicted, validation_summary
+from elastid.base.errors import DataError, StudyError
+from elastid.base.execution import Execution
+from elastid.base.files import clear_folder
+from elastid.experiment.simulated.plant import true_robot
+from elastid.fit import posture
+from elastid.fit.fitted_robot import FittedRobot, estimated_robot
+from elastid.fit.result import Result
+from elastid.nonlinear.gear_result import with_gears
+from elastid.report.command_summaries import answer_of_loops, answer_of_map, answer_of_move
+from elastid.report.command_summary import Answer
+from elastid.report.figures.fit import octaves_figure
+from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
+from elastid.report.page.page_of_use import map_data, write_page_of_answer
+from elastid.robot import Robot
+from elastid.simulation.spec import ControllerSpec
+from elastid.store.files import keep_checksums, write_rows, write_text
+from elastid.store.friction_study import read_friction_records, read_friction_result
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
+from elastid.store.values import SCHEMA, write_json
+from elastid.study import Study
+from elastid.study.robots import yaml_text
+from elastid.study.source import read_source
+from elastid.targets.fmu import write_move_fmu
+from elastid.targets.move import write_move
+from elastid.use.closed_loops import PostureFamily
+from elastid.use.draws import draw_robots
+from elastid.use.loops import Loops, design_loops
+from elastid.use.map import Cut, map_workspace
+from elastid.use.moves import read_move
+from elastid.use.postures import grid_postures, random_postures, read_path
+from elastid.use.tune import MoveRobots, TunedMove, tune_move
+from elastid.validation.friction_simulation import predict_logs
+from elastid.validation.simulation import TwinFindings
+from elastid.validation.spec import ValidationSpec
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Used:
+    """Files (name in the run folder -> write(path)), figure of the page, and data of an explorable map."""
+
+    answer: Answer
+    files: Mapping[str, Callable[[Path], Any]]
+    figure: Callable[[], Figure]
+    data: str = ""
+
+
+def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
+    """All results of a command `name` on the study's fit; StudyError without a current one."""
+    result = current_fit(run)
+    with logged_in(run.folder, run.jobs, run.console):
+        used, made_by = work(result), run.stamps["fit"].shown["made by"]
+        for file, write in used.files.items():
+            write(run.folder / file)
+        write_page_of_answer(used.answer, used.figure, run.folder / f"{name}.html", made_by, used.data)
+        names = (*used.files, f"{name}.html", f"{name}.png")
+        keep_checksums(run.folder, names)
+        for table in used.answer.tables:
+            run.console.detail(table.text)
+        for sentence in (*used.answer.sentences, ", ".join(str(run.folder / name) for name in names)):
+            run.console.say(f"{name}: {sentence}")
+        warn_of_distrust(run, name, result)
+
+
+def map_study(
+    run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, load: Vector, cutting: float,
+    normal: Vector | None, force: Vector | None,
+) -> None:  # fmt: skip
+    """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
+    if sum(option is not None for option in (path, grid, random)) > 1:
+        raise StudyError("options/invalid", "--path, --grid and --random are exclusive. Give one of them")
+    try:
+        cut = Cut(load, cutting, normal or None, force or None)
+    except ValueError as error:
+        raise StudyError("options/invalid", str(error)) from None
+
+    def work(fit: Result) -> Used:
+        """Map of the fitted robot, with its files."""
+        asked, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
+        family = with_gears(fit, gears_of(run)).family(asked)
+        if path is not None:
+            angles, remarks = read_path(path, family.robot, family.frame)
+            for words in remarks:
+                run.console.warn(f"map: {words}")
+        elif grid is not None:
+            angles = grid_postures(family.robot, family.frame, grid, seed)
+        else:
+            angles = random_postures(family.robot, random or 1000, seed)
+        workspace = map_workspace(family, angles, cut, name=run.study.name, is_path=path is not None)
+        files = {
+            "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
+            "map.csv": lambda path: write_map_table(path, workspace),
+        }
+        return Used(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
+
+    use_fit(run, "map", work)
+
+
+def tune_study(
+    run: Run, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
+    rate_hz: float | None, bandwidth_hz: float, samples: int,
+) -> None:  # fmt: skip
+    """References of the motors along a move of the fitted robot."""
+    if duration is not None and fastest:
+        raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
+
+    def work(result: Result) -> Used:
+        """Move of the fitted robot, with its files."""
+        given = _given(run, result, frame, samples, (rate_hz, bandwidth_hz, error_mm / 1e3))
+        move = read_move(path, given.identified, given.frame, 0.0 if fastest else duration)
+        with run.console.progress("tune") as progress:
+            tuned = tune_move(given, move, run.study.name, progress)
+        folder = clear_folder(run.folder, "tune")
+        files = {
+            "tune.h5": lambda path: write_tune(path, tuned, run.stamps["fit"]),
+            "tune.csv": lambda path: write_table(path, tuned),
+            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, given.identified, tuned)),
+        }
+        if tuned.advice:
+            run.console.warn(f"tune: {tuned.advice}")
+        return Used(answer_of_move(tuned), files, partial(move_figure, tuned))
+
+    use_fit(run, "tune", work)
+
+
+def _given(
+    run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]
+) -> MoveRobots:
+    """The robots of a study with the frame that is asked for.  asked: rate and bandwidth in Hz, error in m."""
+    study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
+    family = result.family(posture.PredictionPorts(frame=frame))
+    friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
+
+    def framed(robot: Robot) -> Robot:
+        return replace(robot, frames=family.robot.frames)
+
+    identified = framed(with_findings(estimated_robot(result), friction))
+    judge, judge_name = identified, "simulation with the identified parameters"
+    simulated = study.experiment.simulated
+    if simulated is not None:
+        judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "simulation with the true parameters"
+    drawn = draw_robots(result, draws, study.seed).robots if draws else ()
+    # Where the rate of the study's controller is not known 500 Hz are usual.
+    study_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
+    return MoveRobots(
+        identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, drawn)), family.frame,
+        rate_hz or study_rate, bandwidth_hz, error_m,
+    )  # fmt: skip
+
+
+def write_table(path: Path, tuned: TunedMove) -> None:
+    """tune.csv: a row for each sample, link side, SI."""
+    parts = ("position", "velocity", "torque")
+    heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
+    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.predicted_error, strict=True)
+    write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
+
+
+def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int) -> None:
+    """Sensitivity of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
+
+    rate_hz, delay: None for those of the study.
+    """
+    study_hz, today = _todays(run.study)
+    hz = rate_hz or study_hz
+    if hz is None:
+        raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
+
+    def work(result: Result) -> Used:
+        """Loops of the fitted robot, with their files."""
+        family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
+        stated_delay = 0 if today is None else today.delay_samples
+        asked_delay = stated_delay if delay is None else delay
+        loops = design_loops(run.study.name, result, family, asked_delay, samples, run.study.seed, today, study_hz)
+        files = {
+            "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
+            "loops.yml": lambda path: write_text(path, loops_section(loops)),
+        }
+        answer, figure = replace(answer_of_loops(loops), text=loops_section(loops)), partial(loops_figure, loops)
+        return Used(answer, files, figure)
+
+    use_fit(run, "loops", work)
+
+
+def _todays(study: Study) -> tuple[float | None, ControllerSpec | None]:
+    simulated, recorded = study.experiment.simulated, study.experiment.recorded
+    if simulated is not None:
+        return (None if study.excitation is None else study.excitation.rate_hz), simulated.controller
+    if recorded is None:
+        return None, None
+    rate_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+    return rate_hz, None if recorded.controller is None else recorded.controller.spec
+
+
+def loops_section(loops: Loops) -> str:
+    """The designed controller as the section of a study."""
+    head = (
+        f"Gains for {loops.name} by `elastid loops`, at {loops.rate_hz:g} Hz, link side, SI: the section",
+        "experiment.simulated.controller of a study whose excitation.rate_hz is that rate.",
+    )
+    return yaml_text({"controller": loops.controller}, head)
+
+
+# Keys of a file of a study that are of that file alone, and not of another log with the same channels.
+_OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
+
+
+def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of the command line under which a study has these logs in place of its own, and another run folder.
+
+    A log has the other keys (configuration, realisation ...) of the file that it stands in for, the last of the first.
+    """
+    if not logs:
+        return dict(options)
+    data = read_source(study, str(study)).data
+    experiment = data.get("experiment") if isinstance(data, Mapping) else None
+    recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
+    if not isinstance(recorded, Mapping) or not recorded:
+        raise StudyError(
+            "options/invalid",
+            "--log needs the section experiment.recorded, which is missing. Add it with channels and rate_hz",
+            study,
+        )
+    files = recorded.get("files") or [{}]
+    entries = [
+        {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
+        | {"path": str(log.absolute())}
+        for i, log in enumerate(logs)
+    ]
+    overrides = [f"experiment.recorded.files={json.dumps(entries)}"]
+    if (data.get("validation") or {}).get("configurations") and "friction" in data:
+        overrides.append("validation.configurations=[]")
+    folder = options["folder"] or Path("runs") / f"{data.get('name', 'study')}_{logs[0].stem}"
+    return {**options, "overrides": (*options["overrides"], *overrides), "folder": folder}
+
+
+def predict(run: Run, source: Path) -> None:
+    """prediction.json and prediction.png: the logs of a study judged by the numbers of `source`.
+
+    source: a friction.h5 or fit.h5, or the folder that holds it.  Stages that read the logs are run where they are out
+    of date.  StudyError for a study of the other kind, and where nothing can be predicted.
+    """
+    of_friction = run.study.friction is not None
+    path = _result_of(run, source, "friction.h5" if of_friction else "fit.h5")
+    with logged_in(run.folder, run.jobs, run.console):
+        for name in ("design", "measure", *(() if of_friction else ("estimate",))):
+            if name in run.stages and not run.is_current(name):
+                carry_out(run, name)
+        judged, content, words = (_friction if of_friction else _elasticity)(run, path)
+        write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
+        if judged.balances:
+            octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
+        keep_checksums(run.folder, [summary.name])
+        for sentence in (*words, str(summary)):
+            run.console.say(f"predict: {sentence}")
+
+
+def _result_of(run: Run, source: Path, name: str) -> Path:
+    path = source / name if source.is_dir() else source
+    if not path.is_file():
+        kind = "friction" if run.study.friction is not None else "elasticity"
+        raise StudyError(
+            "files/missing",
+            f"{path.name} is missing. The study identifies {kind}: give the run folder of another study of {kind}",
+            f"--with {source}",
+        )
+    if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
+        raise StudyError(
+            "options/invalid",
+            "this is the run folder of STUDY, whose logs would be replaced. Give another folder with --run",
+            f"--with {source}",
+        )
+    run.study.as_robot()
+    return path
+
+
+def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+    result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
+    recorded = run.study.experiment.recorded
+    robot, controller = run.study.as_robot(), None if recorded is None else recorded.controller
+    identified = with_identified_friction(robot, result)
+    prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
+    for joint, reason in prediction.missing.items():
+        run.console.warn(f"joint {joint}: no prediction, {reason}")
+    if not prediction.balances:
+        alone = ", which contain no torques. For position references: `elastid predict RUN --log LOG`"
+        why = " (see the warnings above)" if prediction.missing else alone
+        raise DataError(
+            "predict/mismatch",
+            f"no joint can be predicted on these logs{why}",
+            f"--with {path}",
+        )
+    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words
+
+
+def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+    study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
+    robot = study.as_robot()
+    lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
+    if lacking:
+        raise DataError(
+            "predict/mismatch",
+            f"fit of another robot, without {', '.join(lacking[:3])}",
+            f"--with {path}",
+        )
+    taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
+    friction = read_friction(taken_out) if taken_out.is_file() else None
+    gears = read_gears(laid_open if laid_open.is_file() else None)
+    fitted = FittedRobot.of(result, robot, responses, study.model)
+    records = run.path("measure") if "measure" in run.stages else None
+    validated = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
+    judged, twin = judge(validated, responses.names, records, run.console, Execution(run.jobs))
+    content = validation_summary(study.name, judged, twin)
+    return twin, content, [words for words in (judged.verdict, *twin.words) if words]

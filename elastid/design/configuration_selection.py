@@ -1,0 +1,215 @@
+"""The choice of configurations: admissible candidates, optimal shares (`optimal`), rounded to whole experiments."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
+from elastid.base.execution import Execution
+from elastid.design.optimal import DesignCriterion, best_experiments
+from elastid.design.predicted_response import Prospect
+from elastid.design.spec import CandidateSpec
+from elastid.experiment.plan.plan import DesignedConfiguration
+from elastid.model.kinematics import Skeleton, skeleton
+from elastid.parameters import Parameters
+from elastid.record import Configuration
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Admissible configurations, and how many were refused for which reason."""
+
+    configurations: tuple[Configuration, ...]
+    refused: Mapping[str, int]
+
+    @property
+    def reasons(self) -> str:
+        """The reasons with their counts, for a message."""
+        return ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
+
+
+def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
+    """The admissible candidates of a study; the same seed draws the same.
+
+    swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
+    or an unknown body, for a slide without limits, and where no candidate is left, with the reasons.
+    """
+    low, high = _range(robot, swing)
+    names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
+    reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
+    reasons += list(obstacles(spec, robot, angles))
+    left = np.ones(len(angles), dtype=np.bool_)
+    refused: dict[str, int] = {}
+    for reason, bad in reasons:
+        if (left & bad).any():
+            refused[reason] = int((left & bad).sum())
+        left &= ~bad
+    if not left.any():
+        raise StudyError(
+            "design/candidates",
+            f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}. Give others, or "
+            "relax the constraints that reject them",
+            "design.candidates",
+        )
+    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist()), refused)
+
+
+def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
+    limits = np.array([joint.limits.angle for joint in robot.driven])
+    endless = [j.name for j in robot.driven if j.slides and not np.isfinite(j.limits.angle).all()]
+    if endless:
+        raise StudyError(
+            "design/candidates",
+            f"sliding joint {endless[0]} has no limits.angle for random candidates. Give both ends of its travel in "
+            "the robot model",
+            "design.candidates",
+        )
+    low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
+    high = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - swing, math.pi)
+    for joint, by, a, b in zip(robot.driven, np.broadcast_to(swing, len(low)).tolist(), low, high, strict=True):
+        if a > b:
+            raise StudyError(
+                "design/candidates",
+                f"carrier and margin of {by:g} {joint.unit} to either side exceed the range of joint {joint.name}, "
+                f"[{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}. Lower the carrier's amplitude "
+                "or design.candidates.margin",
+                "design.candidates",
+            )
+    return low, high
+
+
+def _proposed(
+    spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
+) -> tuple[Sequence[str], FloatArray]:
+    n = len(robot.driven)
+    if spec.given:
+        for name, given in spec.given.items():
+            if refused := robot.count_refusal(len(given)):
+                raise StudyError("design/candidates", refused, f"design.candidates.given.{name}")
+        return list(spec.given), np.array(list(spec.given.values()))
+    if spec.grid is not None:
+        counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
+        if refused := robot.count_refusal(len(counts), "numbers"):
+            raise StudyError("design/candidates", refused, "design.candidates.grid")
+        if math.prod(counts) > 200_000:  # a typing error
+            text = "more than 200000 candidates. Reduce the points per joint"
+            raise StudyError("design/candidates", text, "design.candidates.grid")
+        axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
+        angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
+    else:
+        draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0xCA,)))
+        angles = low + (high - low) * draw.random((spec.random or 200, n))
+    return [f"candidate{i + 1}" for i in range(len(angles))], angles
+
+
+def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
+    """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
+    if spec.floor is None and not spec.boxes:
+        return
+    points = _link_points(skeleton(robot, angles))
+    if spec.floor is not None:
+        yield "reach the floor", (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
+    for box in spec.boxes:
+        low, high = np.array(box.lower) - spec.clearance, np.array(box.upper) + spec.clearance
+        yield f"reach into box {box.name}", np.any(np.all((points > low) & (points < high), axis=2), axis=1)
+
+
+def upwards(robot: Robot) -> FloatArray:
+    """Unit vector against gravity; z without gravity."""
+    gravity = np.array(robot.gravity)
+    g = float(np.linalg.norm(gravity))
+    return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def _link_points(skeleton: Skeleton) -> FloatArray:
+    """The points that move and points on the links between two that do (Q, n, 3)."""
+    points = [skeleton.points[:, skeleton.moves]]
+    for a, b in skeleton.links:
+        if skeleton.moves[a] and skeleton.moves[b]:
+            part = np.linspace(0, 1, 7)[1:-1, None]
+            points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
+    return np.concatenate(points, axis=1)
+
+
+def choose_configurations(
+    criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
+    configurations: Sequence[Configuration], taken: Sequence[str], execution: Execution,
+) -> tuple[tuple[DesignedConfiguration, ...], str]:  # fmt: skip
+    """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
+
+    elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  taken: names
+    that other configurations have.  StudyError where no candidate informs any parameter.
+    """
+    H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
+    seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
+    numbers, efficiency = best_experiments(H[None], count, seen, (elsewhere + ground)[None])
+    chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
+    names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in chosen)
+    best = f"{100 * efficiency:.1f} % of the best possible allocation"
+    return chosen, f"chosen among {len(rows)} candidates: {names}; {best}"
+
+
+def informations(
+    prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, execution: Execution
+) -> tuple[FloatArray, IntArray]:
+    """H (Q, n_x, n_x) at x (n_x,) of the configurations that have an equilibrium, and which these are.
+
+    StudyError or DataError of the first where none has.
+    """
+    if len(configurations) < 400:  # less work than it takes to start other processes
+        execution = replace(execution, jobs=1)
+    blocks = execution.ordered(partial(_information, prospect, x), configurations)
+    informative = {i: H for i, H in enumerate(blocks) if H is not None}
+    if not informative:
+        prospect.expected(configurations[0], x)  # raises with the reason
+    return np.stack([*informative.values()]), np.array([*informative])
+
+
+def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
+    """H (n_x, n_x); None without an equilibrium."""
+    try:
+        return prospect.information(configuration, x)
+    except (StudyError, DataError):
+        return None
+
+
+def visible(
+    criterion: DesignCriterion, H: FloatArray, known: FloatArray, parameters: Parameters
+) -> tuple[DesignCriterion, FloatArray]:
+    """The criterion on the parameters that the candidates together inform, and information (n_x, n_x) for the rest."""
+    pooled = H.mean(axis=0) + known
+    length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
+    length[length == 0] = 1.0
+    eigenvalues, V = np.linalg.eigh(pooled / np.outer(length, length))
+    blind = V[:, eigenvalues < 1e-12]  # relative to the best known direction
+    informed = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
+    columns = criterion.interest[:, [informed[int(np.argmax(column))] for column in criterion.interest.T]]
+    if columns.shape[1] == 0:
+        names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
+        raise StudyError(
+            "design/goal",
+            f"no candidate identifies {names} above the noise. Raise excitation.torque_rms; if no measured output "
+            "depends on it, fix it or add an output (experiment.simulated.outputs)",
+            "design",
+        )
+    ground = (blind * length[:, None]) @ (blind * length[:, None]).T
+    return replace(criterion, interest=columns), ground
+
+
+def _named(
+    configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
+) -> tuple[DesignedConfiguration, ...]:
+    """Chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
+    chosen: list[DesignedConfiguration] = []
+    used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
+    free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
+    for configuration, number in zip(configurations, numbers.tolist(), strict=True):
+        if number:
+            name = next(free) if configuration.name.startswith("candidate") else configuration.name
+            chosen.append(DesignedConfiguration(replace(configuration, name=name), number * realisations))
+    return tuple(chosen)

@@ -1,0 +1,283 @@
+r"""A prospect: the frequency response that a plan will measure and its covariance, as functions of a configuration.
+
+.. math:: cov(vec\, G) = \frac{1}{M} (U U^H)^{-T} \otimes C_V + \frac{\rho^2}{M} |G|^2, \qquad
+          C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H] + G C_s G^H, \qquad U = (I + F G_q)^{-1} R
+
+R (n_u, E): the torques injected in the E experiments of a realisation, F: the sampled joint controller, G_q: from held
+torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
+line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that is not in the log,
+C_s: scatter of Coulomb friction (`friction_linearisation`), equal in all periods; rho: further distortion. The
+estimator's own covariance is in `frf.estimators`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, quotient
+from elastid.base.errors import StudyError
+from elastid.base.statistics import mean_of_neighbours
+from elastid.design.optimal import PowerSource
+from elastid.excitation.multisine import synthesise
+from elastid.experiment.plan.plan import Plan
+from elastid.experiment.simulated.hardware import logged_quantity, output_stds
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
+from elastid.fit.problem.weights import Weights, weigh
+from elastid.fit.spec import FitSpec
+from elastid.frf.distortion import of_sign
+from elastid.friction.robot_friction import coulomb_torques
+from elastid.linear.equilibrium import rigid_posture
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import frequency_response, to_response
+from elastid.model.spec import ModelSpec
+from elastid.parameters import Parameters
+from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, zero_order_hold
+from elastid.response import Covariance, Response
+from elastid.robot import Robot
+from elastid.simulation.controller import gains_of, sampled_responses
+from elastid.simulation.spec import ControllerSpec
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedResponse:
+    """The expected response, its model, and the weights that the fit will give to it."""
+
+    response: Response
+    model: LinearModel
+    weights: Weights
+    parameters: Parameters
+    fit: FitSpec
+
+    def information(self, x: FloatArray) -> FloatArray:
+        r"""H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
+        fit = expected_fit([self])
+        return fit.evaluate(x).hessian / 2 - np.diag(fit.prior_slopes**2)
+
+
+def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
+    """The fit of all expected responses together."""
+    responses, models, weights = zip(*((part.response, part.model, part.weights) for part in expected), strict=True)
+    return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
+
+
+def friction_linearisation(
+    V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    r"""Damping d (n_u,) and E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) in K experiments, link side.
+
+    .. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
+              d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
+
+    T_k: lines of the friction torque, V_k: of the motor's velocity under the multisine.  coulomb (n_u,): Nm.
+    carrier_velocity (period_samples, n_u): v_c, rad/s.  d is the best linear approximation, which the fit finds as
+    viscous friction; s depends on the phases, repeats in every period and averages over realisations only.
+    """
+    v = np.stack([synthesise(lines, spectrum, period_samples) for spectrum in V]) + carrier_velocity
+    slope, power = of_sign(v, V, lines)
+    return coulomb * slope, mean_of_neighbours(coulomb**2 * power, 9)  # it comes from few experiments
+
+
+# Of the power of friction's distortion, what is left where it is taken out: 0.1 and 1.4 % in two studies.
+COMPENSATED_FRICTION = 0.004
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """All that the information of a configuration depends on, but for the configuration; it pickles.
+
+    plan: of one configuration, in realisations that stand for all.  outputs and quantity: what is estimated.
+    distortion: std of G over |G| in one realisation.  includes_friction: in the responses, with its damping and its
+    scatter; else COMPENSATED_FRICTION of the latter.
+    """
+
+    robot: Robot
+    parameters: Parameters
+    fit: FitSpec
+    model: ModelSpec
+    outputs: tuple[str, ...]
+    quantity: Motion
+    simulated: SimulatedSpec
+    distortion: float
+    plan: Plan
+    realisations: int
+    carrier_velocity: FloatArray
+    includes_friction: bool
+
+    @property
+    def R(self) -> ComplexArray:
+        """(M, E, F, n_u): the torques to be injected."""
+        return np.asarray(self.plan.R[0])
+
+    @property
+    def linearisation(self) -> Linearisation:
+        """The linearisation of the fit's model."""
+        return Linearisation.of_robot(self.robot, self.model, self.parameters.names)
+
+    def expected(self, configuration: Configuration, x: FloatArray) -> ExpectedResponse:
+        """The response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
+
+        StudyError where the configuration has no equilibrium.
+        """
+        model, G, motion = self._local(configuration, x)
+        covariance = self._covariance(G, motion, configuration)
+        response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
+        return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
+
+    def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """H (n_x, n_x) at x (n_x,)."""
+        return self.expected(configuration, x).information(x)
+
+    def source(self, configuration: Configuration, x: FloatArray) -> PowerSource:
+        """Information by elements one by one, a function of the powers of R; friction scatters as under R.
+
+        StudyError without noise.
+        """
+        M, (_, G, motion) = self.realisations, self._local(configuration, x)
+        one_by_one = replace(self.fit.weights, covariance="diagonal")
+        expected = replace(self, fit=replace(self.fit, weights=one_by_one)).expected(configuration, x)
+        sensitivity, U = self._torques(configuration, motion)
+        error = _diagonal(self._error(U, G, motion)) / M
+        ((_, J),) = expected_fit([expected]).blocks(x)
+        used = expected.weights.used
+        if not np.all(error > 0):
+            raise StudyError(
+                "excitation/power",
+                "flat: information needs noise that decreases with the injected power. Set "
+                "experiment.simulated.noise, or choose another flat",
+                "excitation.flat",
+            )
+        spread = np.abs(np.linalg.inv(sensitivity)) ** 2
+        fixed = (expected.weights.floor**2 + self.distortion**2 / M) * np.abs(G) ** 2
+        return PowerSource(J * np.where(used, expected.weights.sigma, 0.0), error, spread, fixed, used)
+
+    def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
+        """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
+        theta = self.parameters.expand(x)
+        motors = self.robot.motor_locations
+        both = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
+        n_u = len(motors)
+        G = frequency_response(both, theta, self.plan.freq_hz)
+        return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
+
+    def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration) -> Covariance:
+        """cov(vec G) of the mean over all realisations; motion (F, n_u, n_u): motor responses, in `quantity`."""
+        M = self.realisations
+        distortion = (self.distortion * np.abs(G)) ** 2 / M
+        sensitivity, U = self._torques(configuration, motion)
+        power = self._power(U, sensitivity)
+        left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
+        right = self._error(U, G, motion)
+        noise = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
+        factors = () if self.distortion > 0 else (left, right)
+        return Covariance(noise + distortion, math.inf, *factors)
+
+    def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
+        motion = self._motion(configuration, x)
+        return self._friction(self._torques(configuration, motion)[1], motion)[0]
+
+    def reversal_distances(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """Mean distance (n_u,) of each motor between two reversals, rad, link side; infinite without reversals."""
+        motion = self._motion(configuration, x)
+        V = self._velocities(self._torques(configuration, motion)[1], motion)
+        v = np.stack([synthesise(self.plan.lines, row, self.plan.period_samples) for row in V]) + self.carrier_velocity
+        reversals = np.sum(np.signbit(v) != np.signbit(np.roll(v, 1, axis=1)), axis=(0, 1))
+        return quotient(np.abs(v).sum(axis=(0, 1)) / self.plan.rate_hz, reversals, math.inf)
+
+    def _motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
+        """Responses (F, n_u, n_u) of the motors to their torques, in `quantity`."""
+        theta = self.parameters.expand(x)
+        model = self.linearisation.at(configuration, theta[:-1], self.robot.motor_locations, self.quantity)
+        return frequency_response(model, theta, self.plan.freq_hz)
+
+    def _velocities(self, U: ComplexArray, motion: ComplexArray) -> ComplexArray:
+        """Velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""
+        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
+        shafts = self.robot.mixing @ motion
+        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        return np.asarray(V.reshape(-1, *V.shape[2:]))
+
+    def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
+        """U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
+
+        Fewer experiments than inputs: a line and its neighbours have independent phases, and together the power
+        S diag(|R|^2) S^H at each line, with |R|^2 the mean of n_u lines.
+        """
+        M, E, F, n_u = U.shape
+        if n_u <= E:
+            return np.asarray(np.einsum("mefi,mefj->fij", U, U.conj()) / M)
+        squares = np.sum(np.abs(self.R) ** 2, axis=(0, 1)) / M
+        nearby = np.clip(np.arange(F) - n_u // 2, 0, F - n_u)[:, None] + np.arange(n_u)
+        mean = squares[nearby].mean(axis=1)
+        return np.asarray(np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj()), dtype=np.complex128)
+
+    def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction.
+
+        If references are injected: I and R, the planned torques.
+        """
+        freq_hz, rate_hz, controller = self.plan.freq_hz, self.plan.rate_hz, self.simulated.controller
+        if self.plan.inject != "torque":
+            return np.broadcast_to(np.eye(motion.shape[1], dtype=np.complex128), motion.shape), self.R
+        loop = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), controller)
+        F, _ = sampled_responses(self.robot.driven_names, loop, controller, freq_hz, rate_hz)
+        to_angle = zero_order_hold(freq_hz / rate_hz) / (2j * np.pi * freq_hz) ** MOTION_ORDER[self.quantity]
+        difference = np.eye(len(loop.kp)) + F[:, :, None] * motion * to_angle[:, None, None]
+        sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
+        return sensitivity, np.asarray((sensitivity @ self.R[..., None])[..., 0])
+
+    def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
+        coulomb, lines = coulomb_torques(self.robot), self.plan.lines
+        if not coulomb.any():
+            return np.zeros(len(coulomb)), np.zeros((len(lines), len(coulomb)))
+        V = self._velocities(U, motion)
+        d, scatter = friction_linearisation(V, lines, self.plan.period_samples, coulomb, self.carrier_velocity)
+        return (d, scatter) if self.includes_friction else (0 * d, COMPENSATED_FRICTION * scatter)
+
+    def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
+        """C_V (F, n_y, n_y), of the mean over the periods, with the scatter of friction."""
+        noise, freq_hz, rate_hz = self.simulated.noise, self.plan.freq_hz, self.plan.rate_hz
+        hold = np.sinc(freq_hz / rate_hz) ** 2
+        power = sum(noise.variances(signal, freq_hz, rate_hz) for signal in ("torque", "disturbance"))
+        torque = (hold * power)[:, None, None]
+        omega = 2 * np.pi * freq_hz[:, None]
+        measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
+        angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
+        per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
+        scatter = self._friction(U, motion)[1]
+        of_shafts = G @ self.robot.mixing.T
+        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        return np.asarray(per_sample * (4 / (self.plan.period_samples * self.plan.periods)) + scattered)
+
+    def _output_variances(self) -> FloatArray:
+        """rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
+        noise = self.simulated.noise
+        color = noise.variances("angle", self.plan.freq_hz, self.plan.rate_hz) - noise.angle_std**2
+        is_angle = [logged_quantity(place) == "position" for place in self.outputs]
+        variances = np.asarray(output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle))
+        if not noise.encoder_counts:
+            return variances
+        steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
+        counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
+        for i, place in enumerate(self.outputs):
+            if place in self.robot.motor_locations:
+                variances[:, i] += counted[self.robot.motor_locations.index(place)]
+        return variances
+
+
+@lru_cache(maxsize=1024)
+def _gains(robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec) -> JointLoop:
+    """Gains (n_u,) of the simulated joint controller in a configuration."""
+    model = Linearisation.of_robot(robot, formulation).model
+    q = rigid_posture(model, Configuration("", np.array(angles)))
+    return gains_of(model, q, spec)
+
+
+def _diagonal(matrices: ComplexArray) -> FloatArray:
+    return np.asarray(np.einsum("fii->fi", matrices).real)

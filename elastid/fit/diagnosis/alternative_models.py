@@ -1,0 +1,234 @@
+"""Alternative models of a study, each fitted from its start: other robots, or the same robot misread.
+
+They stand at the angles as another unit, direction or order has them, have inertias of motors or encoders on the other
+side of the gears, are mounted otherwise, or do not carry the payload that the file has, or a further one.  A fit that
+moved numbers within their tolerances to make up for such a cause ends where no step leads to it; these begin at the
+file, with the tolerances about their own numbers.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, named
+from elastid.base.errors import ElastidError
+from elastid.fit.diagnosis.forgotten_load import LEAST, find_load, steps_of
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.refit import AS_MEASURED, settle, thinned
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.result_rows import ModificationIndex
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.parameters import Parameter, Parameters, Prior
+from elastid.robot import Payload, Robot
+
+
+class AlternativeModel(NamedTuple):
+    """The study otherwise: of another robot, or with other responses."""
+
+    name: str
+    family: str
+    assembly: Assembly
+
+
+def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """Return the indices with the best variant, and with a load that was fitted, where nothing explains all."""
+    explained = max((index.explained_fraction for index in indices), default=0.0)
+    if explained > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
+        return indices
+    judged = sorted(
+        (_judged(alternative, evidence, scores) for alternative in _alternatives(evidence)), key=lambda trial: trial[1]
+    )
+    # V that the file's own robot reaches from the study's start is no merit of a variant.
+    as_stated = min(_judged(AlternativeModel("", "", evidence.assembly), evidence, scores)[1], scores.cost)
+    first, least = judged[0]
+    chosen = []
+    if as_stated - least > LIMITS.majority_fraction * (as_stated - scores.noise):
+        equal = tuple(index.name for index, V in judged[1:] if least > LIMITS.equal_drop * V)
+        chosen.append(replace(first, alike=equal))
+    if max(explained, *(index.explained_fraction for index in chosen), 0.0) <= LIMITS.complete_fraction:
+        chosen += [
+            index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.majority_fraction
+        ]
+    shares = {index.name: index.explained_fraction for index in indices}
+    better = {i.name: i for i in chosen if i.explained_fraction > shares.get(i.name, 0.0)}
+    return [*(index for index in indices if index.name not in better), *better.values()]
+
+
+def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
+    """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
+    cost, x, parameters = math.inf, alternative.assembly.parameters.x, alternative.assembly.parameters
+    asked = np.array([not p.is_nuisance for p in parameters.free])
+    for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
+        with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
+            fit = thinned(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
+            V, end = settle(AS_MEASURED, fit, start, np.ones(len(start), dtype=bool))
+            V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
+            cost, x = min((cost, x), (V, end), key=lambda point: point[0])
+    return against(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
+
+
+def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
+    yield from _angles(evidence)
+    yield from _encoders(evidence)
+    base = evidence.assembly
+    robot, parameters = base.linearisation.model.robot, base.parameters
+    for name, family, varied, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
+        about = _about(parameters, numbers)
+        known = base.spec, about, base.model, (), base.weights
+        of_varied = Assembly.of(base.responses, varied, *known, presliding=base.linearisation.presliding)
+        yield AlternativeModel(name, family, of_varied)
+
+
+def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
+    assembly = evidence.assembly
+    driven = assembly.linearisation.model.robot.driven
+    turns, n = np.array([not joint.slides for joint in driven]), len(driven)
+    degree = math.radians(1)
+    changes = {
+        "angles of all configurations in degrees, read as radians": np.diag(np.where(turns, degree, 1.0)),
+        "angles of all configurations in radians, read as degrees": np.diag(np.where(turns, 1 / degree, 1.0)),
+    }
+    for i, joint in enumerate(driven):
+        counted = f"angle of axis {joint.name} counted in the other direction in all configurations"
+        changes[counted] = np.diag([-1.0 if j == i else 1.0 for j in range(n)])
+    for i, (first, second) in enumerate(pairwise(driven)):
+        order = [*range(i), i + 1, i, *range(i + 2, n)]
+        changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
+    stated = np.array([G.configuration.angles for G in assembly.responses])
+    for name, change in changes.items():
+        stood = stated @ change.T
+        if not np.allclose(stood, stated):
+            pairs = zip(assembly.responses, stood, strict=True)
+            responses = (replace(G, configuration=replace(G.configuration, angles=row)) for G, row in pairs)
+            yield AlternativeModel(name, "postures", replace(assembly, responses=tuple(responses)))
+
+
+def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
+    """The study with encoders of an axis, or of all axes, on the other side of the elastic gear."""
+    assembly = evidence.assembly
+    elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
+    for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
+        moved = {f"{now} {name}": f"{then} {name}" for name in elastic}
+        read = [place for place in moved if any(place in G.outputs for G in assembly.responses)]
+        for places in (*([place] for place in read), *([read] if len(read) > 1 else ())):
+            whose = f"encoder of axis {places[0].partition(' ')[2]}" if len(places) == 1 else "encoders of all axes"
+            outputs = {place: moved[place] for place in places}
+            responses = tuple(
+                replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in assembly.responses
+            )
+            yield AlternativeModel(
+                f"{whose} {side} the gear", "side of the encoder", replace(assembly, responses=responses)
+            )
+
+
+# Name, family, robot, and the numbers about which tolerances are.
+_Other: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
+
+
+def _motor_inertias(robot: Robot) -> Iterator[_Other]:
+    """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
+    given = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
+    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in given.items()}
+    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
+    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
+        words = f"{name} given on the link side, or in kg cm^2"
+        yield words, "side of the gear", robot.with_parameters(numbers), numbers
+
+
+def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
+    size = float(np.linalg.norm(robot.gravity)) or 9.81
+    directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
+                  for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
+    for name, gravity in (directions | {"no gravity": np.zeros(3)}).items():
+        if not np.allclose(gravity, robot.gravity, atol=0.1 * size):
+            yield name, "gravity", replace(robot, gravity=tuple(gravity.tolist())), {}
+    if robot.payload is not None and robot.payload.mass > 0:
+        numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
+        left = {name: LEAST * value for name, value in numbers.items()}
+        yield "the payload of the file not carried", "payload of the file", robot.with_parameters(left), left
+
+
+def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
+    def moved(p: Parameter) -> Parameter:
+        if p.name not in numbers or not (p.is_nuisance or p.tie is not None or not p.free):
+            return p
+        value = numbers[p.name]
+        if p.tie is not None:
+            return replace(p, tie=replace(p.tie, factor=value), value=value)
+        by = value / p.value if p.log else 0.0
+        lower, upper = (p.lower * by, p.upper * by) if p.log else (p.lower + value - p.value, p.upper + value - p.value)
+        return replace(p, value=value, lower=lower, upper=upper, prior=p.prior and replace(p.prior, mean=value))
+
+    return replace(parameters, parameters=tuple(map(moved, parameters)))
+
+
+def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """Load on the body where it explains most, fitted from there with its mass, place and inertia free.
+
+    Resonances move farther with it than they are wide, so that its linear step is only a start.
+    """
+    bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
+    every = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
+    loads = {name: load for name, load in every.items() if load is not None}
+    body = max(loads, key=lambda name: loads[name].drop, default="")
+    if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
+        return []
+    mass, place = loads[body].mass, _centre(scores, body) + loads[body].place
+    loaded = _carrying(evidence, body, mass, place)
+    if loaded is None or not loaded[0] < scores.cost:
+        return []
+    cost, p, x = loaded
+    candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
+    members = [scores.test.numbers[i] for i in candidate.places]
+    p[1:] -= _centre(scores, body)
+    index = ModificationIndex(
+        candidate.name, "payload", tuple(n.name for n in members), np.array([n.value for n in members]),
+        tuple(n.unit for n in members), tuple(n.log for n in members), steps_of(members, p),
+    )  # fmt: skip
+    return [against(index, cost, x, evidence, scores)]
+
+
+def _centre(scores: Scores, body: str) -> FloatArray:
+    """The centre of mass (3,) of a body in the file, in its axes."""
+    value = {number.name: number.value for number in scores.test.numbers}
+    return np.array([value.get(f"c_{body}_{axis}", 0.0) for axis in "xyz"])
+
+
+def _carrying(
+    evidence: Evidence, body: str, mass: float, place: FloatArray
+) -> tuple[float, FloatArray, FloatArray] | None:
+    """V, mass (kg) and place (m) of a load (4,) in the axes of a body, and x (n_x,) of the fit with it from a start."""
+    given = evidence.assembly
+    inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
+    robot = replace(given.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
+    numbers = (
+        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
+        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
+          for n, v in zip(names, place, strict=True)),
+        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
+    )  # fmt: skip
+    file, known = given.parameters, named(given.parameters.free_names, evidence.result.x)
+    every = {p.name: p for p in (*file, *numbers)}
+    in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
+    parameters = Parameters((*in_order, *every.values()))
+    asked = {p.name for p in file.free if not p.is_nuisance}
+    x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
+    try:
+        of_file = given.spec, parameters, given.model, (), given.weights
+        assembly = Assembly.of(given.responses, robot, *of_file, presliding=given.linearisation.presliding)
+        for _ in range(LIMITS.rounds):
+            fit = assembly.at(x, given.spec.criterion)
+            _, near = settle(AS_MEASURED, thinned(fit), x, np.ones(len(x), dtype=bool))
+            x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
+        cost = assembly.at(x, given.spec.criterion).evaluate(x).cost
+    except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
+        return None
+    values = named(parameters.free_names, x)
+    p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])
+    return cost, p, np.array([values[name] for name in file.free_names])

@@ -1,0 +1,240 @@
+r"""Channel hypotheses: responses that were misread, as changes of the responses of the model.
+
+.. math:: \hat G \approx S G, \quad P G, \quad G^*, \quad (j \omega)^k G, \quad
+          |\hat G_{ij}| \approx \frac{|G_{ij}|}{c_i c_j}
+
+A channel of the other sign, channels or postures exchanged, phases counted by exp(-j omega t), a velocity taken for an
+acceleration, channels in another unit.  A fit of misread responses may end anywhere: one evaluation at
+its optimum and one at its start predict V of every misreading, and the best of them take some steps on a few lines.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from itertools import combinations, product
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import ElastidError
+from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores, against
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.refit import (
+    Change,
+    Evaluated,
+    Misreading,
+    evaluate,
+    predict,
+    settle,
+    squares,
+    start_distance,
+    thinned,
+)
+from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.result_rows import ModificationIndex
+
+
+def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """Return the indices with the best reading, and the names of those that cannot be distinguished from it."""
+    optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
+    fit, x = thinned(optimum.fit), optimum.end.x
+    every, of_all = np.ones(len(x), dtype=bool), optimum.fit.n_residuals / max(fit.n_residuals, 1)
+    costs = np.array(squares(evaluate(fit, x)))
+    starts = [(fit, x, ~result.at_bound)]
+    with suppress(ElastidError):  # no equilibrium there
+        file = thinned(assembly.at(assembly.parameters.x, assembly.spec.criterion))
+        # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
+        starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
+    predicted = [  # V of every reading after one step from each start
+        (predict(misreading, evaluated, problem.prior_slopes, free)[0], misreading, (problem, start, free))
+        for problem, start, free in starts
+        for evaluated in (evaluate(problem, start),)
+        for hypothesis in evidence.hypotheses
+        for misreading in (_changes(hypothesis.changes, evaluated, costs) if hypothesis.changes is not None else ())
+    ]
+    followed: dict[str, tuple[float, FloatArray, Misreading]] = {}
+    for cost, misreading, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
+        if len(followed) >= LIMITS.followed or cost > LIMITS.predicted_ratio * costs.sum():
+            break
+        if misreading.name not in followed:
+            near = settle(misreading, problem, start, free)[1]
+            V, x_end = settle(misreading, problem, near, every)
+            followed[misreading.name] = (of_all * V, x_end, misreading)
+    as_read = min(of_all * float(costs.sum()), scores.cost)
+    excess = max(as_read - scores.noise, 1e-300)
+    least = min((cost for cost, _, _ in followed.values()), default=math.inf)
+    if as_read - least <= LIMITS.complete_fraction * excess:
+        for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
+            followed[name] = (of_all * cost, x_end, Misreading(name, SCALE, lambda _, values: values))
+    least = as_read - LIMITS.sufficient_fraction * excess
+    good = sorted((curve for curve in followed.values() if curve[0] < least), key=lambda curve: curve[0])
+    if not good:
+        return indices
+    cost, x_end, best = good[0]
+    equal = tuple(misreading.name for V, _, misreading in good[1:] if cost > LIMITS.equal_drop * V)
+    occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
+    index = ModificationIndex(best.name, best.family, alike=equal, occam=occam)
+    return [*indices, against(index, cost, x_end, evidence, scores)]
+
+
+def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
+    """Readings of all configurations, and of each alone of those that fit worst."""
+    yield from changes(evaluated, costs)
+    for i in np.argsort(-costs)[: LIMITS.followed] if len(costs) > 2 else ():
+        part = evaluated[i].part
+        for misreading in changes([evaluated[i]], costs[[i]]):
+            name = f"{misreading.name} in configuration {part.configuration} alone"
+            yield replace(misreading, name=name, change=partial(_of_one, part, misreading.change))
+
+
+def _of_one(part: Part, change: Change, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    return change(evaluated, values) if evaluated.part.configuration == part.configuration else values
+
+
+def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    models = [e.part.kernel.model for e in evaluated]
+    outputs = tuple(dict.fromkeys(name for model in models for name in model.outputs))
+    return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
+
+
+def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+    """Return channels with the other sign."""
+    outputs, inputs = _channels(evaluated)
+    for place in outputs:
+        yield Misreading(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
+    for place in inputs:
+        yield Misreading(f"u at {place} with the other sign", "sign", partial(_times, {}, {place: -1.0}))
+
+
+def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+    """Return motors that count torque and motion in the other direction."""
+    outputs, inputs = _channels(evaluated)
+    for place in (place for place in inputs if place in outputs):
+        name = f"{place} counted in the other direction, torque and motion"
+        yield Misreading(name, "direction", partial(_times, {place: -1.0}, {place: -1.0}))
+
+
+def _times(
+    outputs: dict[str, float], inputs: dict[str, float], evaluated: Evaluated, values: ComplexArray
+) -> ComplexArray:
+    model = evaluated.part.kernel.model
+    rows, columns = [outputs.get(p, 1.0) for p in model.outputs], [inputs.get(p, 1.0) for p in model.inputs]
+    return values * np.outer(rows, columns)
+
+
+def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+    """Return pairs of channels that were taken for each other."""
+    (outputs, inputs), family = _channels(evaluated), "exchanged channels"
+    for a, b in combinations(outputs, 2):
+        yield Misreading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
+    for a, b in combinations(inputs, 2):
+        both = {a: b, b: a}
+        yield Misreading(f"u at {a} and at {b} exchanged", family, partial(_permuted, {}, both))
+        if a in outputs and b in outputs:
+            yield Misreading(f"{a} and {b} exchanged, torques and motions", family, partial(_permuted, both, both))
+
+
+def _permuted(
+    outputs: dict[str, str], inputs: dict[str, str], evaluated: Evaluated, values: ComplexArray
+) -> ComplexArray:
+    def places(names: Sequence[str], swapped: dict[str, str]) -> list[int]:
+        wanted = [swapped.get(name, name) for name in names]
+        return [names.index(name) if name in names else i for i, name in enumerate(wanted)]
+
+    model = evaluated.part.kernel.model
+    rows, columns = places(model.outputs, outputs), places(model.inputs, inputs)
+    return values[..., rows, :][..., columns]
+
+
+def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
+    """Return pairs among the configurations that fit worst, if they have the same lines and channels."""
+    kernels = [e.part.kernel for e in evaluated]
+    for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
+        first, second = kernels[a].model, kernels[b].model
+        if (first.outputs, first.inputs) == (second.outputs, second.inputs) and np.array_equal(
+            kernels[a].freq_hz, kernels[b].freq_hz
+        ):
+            order = tuple({a: b, b: a}.get(i, i) for i in range(len(evaluated)))
+            name = f"responses of configurations {first.configuration.name} and {second.configuration.name} exchanged"
+            yield Misreading(name, "exchanged postures", lambda _, values: values, order)
+
+
+def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
+    """Return responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
+    yield Misreading("all phases negated", "phase", lambda _, values: values.conj())
+    yield Misreading("all phases negated", "phase", lambda _, values: -values.conj())
+
+
+def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
+    """Return positions, velocities and accelerations taken for each other."""
+    for power in (1, 2, -1, -2):
+        count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
+        name = f"responses differentiated {count} {direction} in time"
+        yield Misreading(name, "quantity", partial(_differentiated, power))
+
+
+def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    s = 2j * np.pi * evaluated.part.kernel.freq_hz
+    return values * (s**power)[:, None, None]
+
+
+# The family of a misreading, its changes, the error, the fault that shows it, and the advice.
+_CHANNEL_ROWS: tuple[tuple[str, Changes, str, str, str], ...] = (
+    ("sign", signs, "sign of a channel", "sign of torque 2", "check sign, scale and gear ratio of the channel"),
+    ("direction", directions, "direction in which a motor counts torque and motion", "mirrored motor",
+     "check the axis of its joint, the sign of its ratio and the signs of its channels"),
+    ("exchanged channels", exchanged_channels, "channels exchanged", "channels y 1 and 2 exchanged",
+     "check which channel is which"),
+    ("exchanged postures", exchanged_postures, "responses of two configurations exchanged", "exchanged postures",
+     "check which record is of which posture, and the angles of both"),
+    ("phase", conjugates, "sign of all phases", "negated",
+     "take the complex conjugates of the responses: their convention is exp(-j omega t)"),
+    ("quantity", quantities, "position, velocity or acceleration confused", "velocities",
+     "check the quantity (position, velocity, acceleration) of the y channels"),
+)  # fmt: skip
+CHANNEL_HYPOTHESES = tuple(
+    Hypothesis(family, changes=changes, summary=summary, plant=plant, advice=advice)
+    for family, changes, summary, plant, advice in _CHANNEL_ROWS
+)
+
+
+def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:
+    for x in starts:
+        V, words = math.inf, ""
+        for _ in range(LIMITS.scale_rounds):
+            outputs, inputs = _scales(evaluate(fit, x))
+            # The values of a torque are off by 1 / c.
+            factors = {f"y at {p}": c for p, c in outputs.items()} | {f"u at {p}": -c for p, c in inputs.items()}
+            far = {name: c for name, c in factors.items() if abs(c) > math.log(LIMITS.scale)}
+            words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far.items())
+            if not words:
+                break
+            # As channels with these ln c read the response of the model.
+            of_y, of_u = ({place: math.exp(-c) for place, c in side.items()} for side in (outputs, inputs))
+            misreading = Misreading("", SCALE, partial(_times, of_y, of_u))
+            V, x = settle(misreading, fit, x, np.ones(len(x), dtype=bool))
+        if words:
+            yield words, V, x
+
+
+def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:
+    """ln c of outputs and inputs that make the measured elements as large as the model's, by the median of lines."""
+    outputs, inputs = _channels(evaluated)
+    rows, wanted = [], []
+    for e in evaluated:
+        model, used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
+        for (i, output), (j, given) in product(enumerate(model.outputs), enumerate(model.inputs)):
+            lines = used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
+            if lines.any():
+                row = np.zeros(len(outputs) + len(inputs))
+                row[outputs.index(output)] = row[len(outputs) + inputs.index(given)] = 1.0
+                rows.append(row)
+                wanted.append(float(np.median(np.log(G[lines, i, j] / np.abs(e.part.measured[lines, i, j])))))
+    c, n_y = np.linalg.lstsq(np.array(rows), np.array(wanted))[0], len(outputs)
+    # Only sums of output and input are known: as few channels as possible are off, outputs rather than inputs.
+    common = np.where(np.arange(len(c)) < n_y, -1.0, 1.0)
+    shifted = [c - shift * common for shift in (*c[n_y:], *-c[:n_y])]
+    fewest = max(shifted, key=lambda scales: int(np.sum(np.abs(scales) < math.log(LIMITS.scale)))).tolist()
+    return dict(zip(outputs, fewest, strict=False)), dict(zip(inputs, fewest[n_y:], strict=True))

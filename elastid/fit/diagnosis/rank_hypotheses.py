@@ -1,0 +1,372 @@
+r"""Ranking of hypotheses: one score test of all fixed numbers of a fit, and the odds of all causes.
+
+Numbers by one evaluation at the optimum (`score_test`), then what hypotheses search for themselves: forms of lateness,
+misreadings of channels and postures, springs that the robot's file lacks, other robots.  Causes are ranked by their
+odds (below); the likeliest is followed by what explains more with it. Last come undetectable errors of fixed numbers:
+no test of the responses finds them, since free parameters take them up.
+
+The judgement of causes: the odds of each by the drop of V, by what is plausible beforehand, and by what remains.
+
+A cause h has d numbers p with a prior about no change, W = diag(w^2) of the usual sizes w.  Its odds against another,
+Bayes' factor times the prior odds of its family, are to second order (Laplace)
+
+.. math:: 2 \ln O_h = \frac{\Delta V_h}{\tau^2} - \ln \det\Big(1 + \frac{W S_h}{\tau^2}\Big)
+          - \sum_i 2 \ln\Big(1 + \frac{p_i^2}{w_i^2}\Big) + 2 \ln \frac{\pi_h}{n_h}
+
+The determinant is Occam's factor: a cause that can be of any size, or has many numbers, explains any data a little.
+The third term is the prior's, whose tails are those of Cauchy's distribution.  n_h: causes of the family, which share
+its odds pi_h.  One linear step leaves a part of what even the true cause explains, so that residuals by the noise alone
+do not remain: tau^2 is the noise's variance and `linear_error` of the excess of V.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, named
+from elastid.base.errors import Note
+from elastid.base.execution import Execution
+from elastid.fit.covariance import Uncertainty
+from elastid.fit.diagnosis.cause_notes import explanations
+from elastid.fit.diagnosis.confounded_parameters import find_undetectable_errors
+from elastid.fit.diagnosis.delay_hypotheses import as_delay
+from elastid.fit.diagnosis.estimate_notes import (
+    contradictions,
+    estimate_notes,
+    find_disagreement,
+    find_wrong_frequency_unit,
+)
+from elastid.fit.diagnosis.extended_model import ExtendedModel, evaluate_extended
+from elastid.fit.diagnosis.forgotten_load import DISTANCE_M, MASS_KG, find_load
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES
+from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of, hypothesis_of_index
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
+from elastid.fit.diagnosis.refit import spread_out, thinning
+from elastid.fit.diagnosis.response_derivatives import inertial
+from elastid.fit.diagnosis.rigid_base import find_elastic_base, find_rigid_parts
+from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
+from elastid.fit.diagnosis.status import decisive_index, with_status
+from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
+from elastid.fit.problem.frf_residuals import Part, each_at_home
+from elastid.fit.problem.inertia_barrier import find_border_inertias
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex
+from elastid.parameters import Parameters
+from elastid.robot import Robot
+
+RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
+
+
+# J^T J (n, n), J^T r (n,) and r^T r, residuals, and the names of the columns of J after those of x (n_x,).
+_Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
+
+
+def score(evidence: Evidence) -> Scores:
+    """Return the score test at the optimum; parameters at a bound stay there."""
+    assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
+    extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
+    # Each configuration brings some twenty numbers.
+    few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
+    chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
+    sums = partial(_sums, extended, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
+    every_sum = each_at_home(sums, fit.parts, evidence.execution)
+    A, b, V, counted, names = _added((sums for sums in every_sum if sums is not None), len(x))
+    numbers, scale = _fixed_numbers(names, evidence, extended, x)
+    every, lines = np.concatenate([np.ones(len(x)), scale]), counted / max(fit.n_residuals, 1)
+    A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
+    numbers += beyond
+    test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
+    freed = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
+    noise, V = evidence.noise_cost * lines, V + pull - free_drop(A, b, ~evidence.result.at_bound)
+    level = (noise or V) / max(counted - len(x), 1)
+    excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
+    return Scores(extended, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost)
+
+
+def _with_priors(
+    A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
+) -> tuple[FloatArray, FloatArray, list[FixedNumber], float]:
+    """Return A and b with priors and static loads, the values beyond their tolerance, and V.
+
+    Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
+    """
+    distance, slope = evidence.optimum.fit.priors(evidence.optimum.end.x)
+    weight, pull, free = lines * slope**2, lines * slope * distance, evidence.result.parameters.free
+    n_x = len(free)
+    A[range(n_x), range(n_x)] += weight
+    b[:n_x] += pull
+    r, J = evidence.optimum.fit.static(evidence.optimum.end.x)
+    A[:n_x, :n_x] += lines * J.T @ J
+    b[:n_x] += lines * J.T @ r
+    shifted = [i for i, p in enumerate(free) if p.is_nuisance and slope[i] > 0]
+    A, b = np.pad(A, (0, len(shifted))), np.append(b, -pull[shifted])
+    numbers = []
+    for place, i in zip(range(len(b) - len(shifted), len(b)), shifted, strict=True):
+        A[place, place], A[i, place], A[place, i] = weight[i], -weight[i], -weight[i]
+        parameter, prior = free[i], free[i].prior
+        hypothesis = hypothesis_of(parameter.name, evidence.hypotheses)
+        number = hypothesis.number(parameter.name, prior.mean if prior is not None else 0.0, parameter.unit, True)
+        numbers.append(replace(number, log=parameter.log))
+    return A, b, numbers, float(lines * (distance @ distance + r @ r))
+
+
+def _sums(
+    extended: ExtendedModel, fitted: Parameters, x: FloatArray, columns: Sequence[Columns], chosen: Container[str],
+    thin: Callable[[Part], Part], part: Part,
+) -> _Sums | None:  # fmt: skip
+    """The sums of a configuration, some lines of which count; None of one that is not chosen."""
+    if part.configuration not in chosen or not (part := thin(part)).n_residuals:
+        return None
+    # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
+    G = part.kernel.response(part.theta(fitted, x))
+    evaluated = replace(evaluate_extended(extended, fitted, x, columns, part), G=G)
+    J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.fixed.values()))]))
+    r = evaluated.residual
+    return J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.fixed)
+
+
+def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
+    names: dict[str, int] = {}
+    A, b, V, counted = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0, 0
+    for A_q, b_q, V_q, count_q, names_q in every:
+        for name in names_q:
+            names.setdefault(name, len(names))
+        more = n_x + len(names) - len(b)
+        A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
+        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in names_q]]).astype(int)
+        A[np.ix_(places, places)] += A_q
+        b[places] += b_q
+        V, counted = V + V_q, counted + count_q
+    return A, b, V, counted, tuple(names)
+
+
+def _fixed_numbers(
+    names: Sequence[str], evidence: Evidence, extended: ExtendedModel, x: FloatArray
+) -> tuple[list[FixedNumber], FloatArray]:
+    """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
+    assembly, robot = evidence.assembly, extended.linearisation.model.robot
+    theta = extended.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
+    values = named(extended.parameters, theta)
+    units = {name: unit for name, (_, unit) in robot.parameters(extended.linearisation.model.parameters).items()}
+    numbers, scale = [], []
+    turning = (joint for joint in robot.joints if not joint.slides and f"k_{joint.name}" not in extended.rigid)
+    springs = [joint.spring.stiffness for joint in turning if joint.spring is not None]
+    for name in names:
+        stem, is_ratio = name.partition("@")[0], name.startswith("ratio_")
+        value, unit = values.get(stem, 0.0), units.get(stem, "")
+        if name in extended.rigid:
+            name, value, unit = extended.rigid[name], 0.0, ""
+        elif is_ratio:
+            value = abs(robot.ratio(name.removeprefix("ratio_")))
+        number = hypothesis_of(name, evidence.hypotheses).number(name, value, unit)
+        if math.isinf(number.usual) and name in extended.rigid.values() and springs:
+            number = replace(number, usual=1 / float(np.median(springs)))  # rad/(N*m), as of the robot's own springs
+        numbers.append(number)
+        scale.append(number.value if number.log and not is_ratio else 1.0)  # the slope of a ratio is to its logarithm
+    return numbers, np.array(scale)
+
+
+def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return candidates: single values, then common factors of several, then values with a common cause.
+
+    A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
+    payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.
+    """
+    place = {number.name: i for i, number in enumerate(numbers)}
+    parts = {name for name in place for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
+    every = [
+        Candidate(n.name, n.family, np.array([i]), np.eye(1)) for i, n in enumerate(numbers) if n.name not in parts
+    ]
+
+    def add_common(name: str, members: list[int]) -> None:
+        if len(members) > 1 and len({numbers[i].log for i in members}) == 1:
+            every.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
+
+    for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
+        add_common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
+    for body in robot.bodies:
+        moments = [f"I_{body.name}_{axis}" for axis in ("xx", "yy", "zz")]
+        if f"I_{body.name}" not in place:
+            add_common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
+    for name, family, members in _of_one_cause(robot, place):
+        together = [place[member] for member in members if member in place]
+        if len(together) > 1:
+            every.append(Candidate(name, family, np.array(together), np.eye(len(together))))
+    return every
+
+
+def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
+    postures = sorted({name.partition("@")[2] for name in place if "@" in name})
+    for body in robot.bodies:
+        yield f"payload_{body.name}", "payload", inertial(body)
+        for posture in postures:
+            numbers = [f"{name}@{posture}" for name in inertial(body)]  # none but of the last body
+            yield f"payload_{body.name}@{posture}", "payload of one posture", numbers
+    for joint in robot.driven:
+        yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]
+
+
+def temper(scores: Scores) -> float:
+    """Return tau^2 of all causes."""
+    return max(scores.level, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
+
+
+def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: Scores) -> float:
+    """Return 2 ln O of a cause, one of `count` of its family."""
+    hypothesis = hypothesis_of_index(index, evidence.hypotheses)
+    prior = 1.0 if hypothesis is None else hypothesis.plausibility
+    return index.drop * scores.lines / temper(scores) - index.occam + 2 * math.log(max(prior, 1e-300) / count)
+
+
+def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
+    """Return causes that lower V significantly: the most likely with further ones, then each alone."""
+    indices = ranked(scores.test, scores)
+    # What linear steps do not show is looked for where residuals are more than the noise.
+    for search in (h.search for h in evidence.hypotheses if h.search is not None and evidence.is_unexplained):
+        indices = search(indices, evidence, scores)
+    if not indices:
+        return ()
+    counts = Counter(index.group for index in indices)
+    odds = {index.name: log_odds(index, counts[index.group], evidence, scores) for index in indices}
+    alone = sorted(indices, key=lambda index: odds[index.name], reverse=True)
+    best = odds[alone[0].name]
+    alone = [replace(index, odds=odds[index.name] - best) for index in alone]
+    equal = [index.name for index in alone[1:] if index.odds > -LIMITS.equal_odds]
+    names = dict.fromkeys(
+        [*equal, *(name for name in alone[0].alike if odds.get(name, best) > best - 4 * LIMITS.equal_odds)]
+    )
+    first = replace(alone[0], alike=tuple(name for name in names if name != alone[0].name))
+    return (replace(first, place=1), *_further(first, scores), first, *alone[1 : LIMITS.alone])
+
+
+def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
+    by_name = {candidate.name: candidate for candidate in scores.candidates}
+    before, further, test = first, list[ModificationIndex](), scores.test
+    for place in range(2, LIMITS.sequence + 1):
+        linear = as_delay(before.name)
+        # Further resonances, and what a fit of its own has found, are no linear changes.
+        if linear not in by_name or before.group == "compliance" or math.isnan(before.std):
+            break
+        test = test.freed(by_name[linear])
+        best = ranked(test, scores, place, 1)[:1]
+        if not best or best[0].explained_fraction < LIMITS.min_further_fraction:
+            break
+        before = best[0]
+        further.append(before)
+    return further
+
+
+def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:
+    """Return candidates with a significant drop, best first: so many, and every delay, which has several forms."""
+    every, significant, tau2 = scores.candidates, scores.significant, temper(scores)
+    steps = [_step(test, candidate, scores) for candidate in every]
+    drops = np.maximum([drop - scores.worse for _, drop, _ in steps], 0.0)
+    occams = np.array([occam for _, _, occam in steps])
+    counts = [4 if candidate.name.startswith("payload_") else candidate.directions.shape[1] for candidate in every]
+    order = [int(i) for i in np.argsort(occams - drops / tau2) if drops[i] > significant[counts[i]]]
+    correlations = test.correlations(every)
+
+    def index(i: int) -> ModificationIndex:
+        """The modification index of candidate i, with the candidates that it cannot be distinguished from."""
+        candidate, (step, _, occam), drop = every[i], steps[i], float(drops[i])
+        members = [test.numbers[k] for k in candidate.places]
+        is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
+        equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
+        return ModificationIndex(
+            name=candidate.name,
+            group=candidate.family,
+            members=tuple(number.name for number in members),
+            values=np.array([number.value for number in members]),
+            units=tuple(number.unit for number in members),
+            log=tuple(number.log for number in members),
+            steps=step,
+            std=test.std(candidate) * math.sqrt(max(scores.level, 0.0)),
+            drop=drop / scores.lines,
+            explained_fraction=drop / max(scores.excess, drop, 1e-300),
+            effects=test.effects(candidate, step),
+            alike=tuple(every[j].name for j in sorted(equal, key=lambda j: -drops[j])),
+            place=place,
+            occam=float(occam),
+        )
+
+    return [index(i) for k, i in enumerate(order) if k < most or every[i].name.startswith("delay")]
+
+
+def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
+    tau2 = temper(scores)
+    # Less than that is neither significant nor like what is.
+    if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
+        return np.zeros(len(candidate.places)), 0.0, 0.0
+    if candidate.name.startswith("payload_"):
+        load = find_load(
+            test, candidate, scores.level, max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
+        )
+        if load is None:
+            return np.zeros(len(candidate.places)), 0.0, 0.0
+        W = np.array([MASS_KG, *3 * [DISTANCE_M]])
+        sizes = (load.mass / MASS_KG, *load.place / DISTANCE_M)
+        return load.steps, load.drop, occam_factor(load.information / tau2, W, np.array(sizes))
+    steps, drop = test.step(candidate)
+    first = np.argmax(candidate.directions != 0, axis=0)  # number of each direction
+    usual = np.array([min(test.numbers[i].usual, 1e6) for i in candidate.places[first]])
+    return steps, drop, occam_factor(test.along(candidate)[0] / tau2, usual, steps[first] / usual)
+
+
+def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
+    """Return ln det(1 + W S) and the prior's term of sizes (n_d,) relative to the usual ones."""
+    _, log_det = np.linalg.slogdet(np.eye(len(S)) + usual[:, None] * S * usual)
+    return float(log_det + 2 * np.sum(np.log1p(sizes**2)))
+
+
+CONSEQUENCES = ("fit/at-bound", "fit/weakly-identifiable")  # codes of notes
+
+
+def rank_causes(
+    result: Result, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty, execution: Execution,
+    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+) -> Evidence:  # fmt: skip
+    """Return the evidence with a result that has its status, and modification indices where they bear on it."""
+    evidence = Evidence(assembly, optimum, uncertainty, result, hypotheses, execution)
+    # Where no noise is known, only suspect responses are judged.
+    if evidence.noise_cost > 0 or evidence.is_unexplained:
+        scores = score(evidence)
+        indices = modification_indices(evidence, scores)
+        # Where V is that of the noise, only a cause counts that shows the model, or the file, to be wrong.
+        is_decisive = decisive_index(result, uncertainty, indices) is not None
+        if uncertainty.ratios.explains or not (
+            evidence.is_unexplained or is_decisive or contradicted_tolerances(result)
+        ):
+            indices = ()
+        evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
+    if apart := find_disagreement(evidence):
+        # One cause, in status, notes and page: that configurations differ, where nothing common explains as much.
+        indices = tuple(replace(index, place=0) for index in evidence.result.indices if index.place == 0)
+        evidence = replace(evidence, apart=apart, result=replace(evidence.result, indices=indices))
+    return replace(evidence, result=with_status(evidence))
+
+
+def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
+    """Return the result with `notes` of data and search, and notes on causes, estimate and undetectable errors."""
+    result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
+    if scores is not None and result.status in ("converged", "at_bound"):
+        result = replace(
+            result, assumed_rigid=find_rigid_parts(result, scores, scores.extended.linearisation.model.robot)
+        )
+    apart, causes = evidence.apart, explanations(evidence)
+    inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
+    estimate = estimate_notes(evidence)
+    if evidence.is_unexplained and result.has_lone_cause:
+        # A cause that explains all explains bounds and residuals, too; their own advice would be another.
+        estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
+    undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
+    first = find_wrong_frequency_unit(evidence)
+    first = (*first, *scattered_ratios(evidence.uncertainty.ratios, evidence.assembly.responses))
+    return replace(
+        result, notes=(*first, *causes, *apart, *contradictions(result), *notes, *inertias, *estimate, *undetectable)
+    )

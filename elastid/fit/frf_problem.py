@@ -1,0 +1,387 @@
+r"""FRF problem: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
+
+Where a linearisation holds near its point only, the search linearises at every x:
+
+.. math:: x \to \theta \to q_0(\theta) \to M, D, K\,(q_0, \theta) \to G, \qquad dG / dx \text{ along the whole chain}
+
+The tangent stiffness of a nonlinear spring changes by factors between a start and the truth; a model that is affine
+about the nominal parameters would lead all starts into one valley. The same holds for masses identified together with
+their places: M contains m c^2.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError, Note, StudyError, notes_of
+from elastid.base.execution import HERE, Execution
+from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home, linear_model, part_of, part_with
+from elastid.fit.problem.inertia_barrier import moved_inertias
+from elastid.fit.problem.least_squares import (
+    Evaluation,
+    LeastSquares,
+    LocalOptimum,
+    ResidualKind,
+    difference,
+    distance,
+    is_far_from_noise,
+)
+from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
+from elastid.fit.problem.systematic_errors import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
+from elastid.fit.problem.weights import Weights, weigh, with_model_error
+from elastid.fit.solve.solvers import FINE, solve
+from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
+from elastid.frf.distortion import SYSTEMATIC_ERRORS
+from elastid.linear.equilibrium import equilibrium, spring_notes
+from elastid.linear.linear_model import is_load
+from elastid.linear.linearise import Linearisation
+from elastid.linear.motion_bias import estimate_motion_bias
+from elastid.linear.presliding import RelaxingSpring
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.parameters import Parameters
+from elastid.record import Configuration
+from elastid.response import STEP_IMAGES, Response
+from elastid.robot import Robot
+
+# Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
+# with their square.
+OUTLIER_STDS = 2.0
+RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
+# Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
+# near enough at this distance, in standard deviations by the residuals.
+MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
+# Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
+DISTORTED = 4.0
+IMAGE_ERROR = 0.05  # of |G|, of images of a sampled reference that are known to the gains of the controller, 10 to 30 %
+# Of the way back from where the robot does not stand to the start.
+HALVINGS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Shared by all linearisations: the measured responses with their weights, and the differentiated model.
+
+    model: how its equations were formulated.  loads: static load tests that are fitted, too.  home: who evaluates its
+    chunks, this process where it is linearised again at every step.
+    """
+
+    responses: tuple[Response, ...]
+    weights: tuple[Weights, ...]
+    linearisation: Linearisation
+    parameters: Parameters
+    spec: FitSpec
+    model: ModelSpec = EXACT
+    loads: StaticLoads | None = None
+    home: Execution = HERE
+
+    @classmethod
+    def of(
+        cls, responses: Sequence[Response], robot: Robot, spec: FitSpec, parameters: Parameters,
+        model: ModelSpec = EXACT, loads: Sequence[PlacedTest] = (), weights: Sequence[Weights] | None = None,
+        home: Execution = HERE, presliding: tuple[RelaxingSpring, ...] = (),
+    ) -> "Assembly":  # fmt: skip
+        """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
+        weights = tuple(weights or (weigh(response, spec) for response in responses))
+        linearisation = Linearisation.of_robot(robot, model, parameters.names, presliding)
+        static = StaticLoads.of(loads, robot, model, parameters) if loads else None
+        assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
+        if linearisation.is_affine_in(assembly._moved):
+            return assembly if linearisation.follows else replace(assembly, home=home)
+        following = replace(Linearisation.of(linearisation.model, follows=True), presliding=presliding)
+        return replace(assembly, linearisation=following)
+
+    def only(self, of_tool: bool) -> "Assembly":
+        """Return the assembly with the tool responses or the motor responses alone, and without load tests."""
+        pairs = zip(self.responses, self.weights, strict=True)
+        kept = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
+        responses, weights = zip(*kept, strict=True) if kept else ((), ())
+        return replace(self, responses=responses, weights=weights, loads=None)
+
+    def with_model_error(self, floor: float | None) -> "Assembly":
+        """Return the assembly with the weights of a floor."""
+        spec, pairs = with_model_error(self.spec, floor), zip(self.responses, self.weights, strict=True)
+        return replace(self, spec=spec, weights=tuple(each_at_home(partial(_weigh, spec), list(pairs), self.home)))
+
+    @property
+    def _moved(self) -> set[str]:
+        return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Notes on lines that the weights left out."""
+        return notes_of(self.weights)
+
+    def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
+        """Return the fit with every configuration linearised at x."""
+        part = partial(_part, self.linearisation, self.parameters, x, criterion)
+        pairs = list(zip(self.responses, self.weights, strict=True))
+        inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
+        return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
+
+    def as_linearised(self, fit: ElasticFit, of: "Assembly") -> ElasticFit:
+        """Return the fit with every configuration linearised as in the fit of another assembly."""
+        each = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
+        return replace(fit, parts=tuple(each_at_home(_part_again, each, self.home)))
+
+    @cached_property
+    def is_local(self) -> bool:
+        """True if a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
+        return self.linearisation.follows or not self.linearisation.is_affine_in(self._moved)
+
+    def search_problem(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
+        """Return the problem of the search: the fit as linearised, or linearised at every x where it is local."""
+        if not self.is_local:
+            return fit.problem
+        return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion))
+
+    def _relinearised(self, first: ElasticFit, criterion: ResidualKind, x: FloatArray) -> Evaluation:
+        """V, its gradient and 2 J^T J of the fit linearised at x; V is infinite, and no error, where no robot stands.
+
+        Which elements count, and how much, stays as it is in the first fit.
+        """
+        try:
+            return self.at(x, criterion).with_residuals_of(first).evaluate(x)
+        except StudyError:
+            return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
+
+    def at_rest(self, x: FloatArray) -> "Assembly":
+        """Return the assembly without the motion-induced bias of the responses at x (n_x,)."""
+        rested = partial(_at_rest, self.linearisation, self.parameters, x)
+        return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
+
+    def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
+        """Return springs that no one stiffness describes where the robot rests at x."""
+        model = self.linearisation.model
+        groups: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
+        for configuration in (response.configuration for response in self.responses):
+            name = configuration.name
+            groups.setdefault(tuple(self.parameters.expand(x, name)[:-1]), {})[name] = configuration
+        notes: list[Note] = []
+        for numbers, configurations in groups.items():
+            theta = np.array(numbers[: len(model.parameters)])
+            notes += spring_notes(model, theta, (equilibrium(model, theta, c) for c in configurations.values()))
+        return tuple(notes)
+
+    def reweighted(self, x: FloatArray) -> "Assembly":
+        """Return the assembly with the weights of the robust loss at x."""
+        if self.spec.weights.loss == "square":
+            return self
+        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x)
+        weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
+        return replace(self, weights=tuple(weights))
+
+    def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> "Assembly":
+        """Return the assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
+        modelled = (part.kernel.response(part.theta(fit.parameters, x)) for part in fit.parts)
+        return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
+
+    def unbiased(self, c: FloatArray) -> "Assembly":
+        """Return the assembly without the systematic errors of its responses, for their factors c (n_b,)."""
+        if not c.any():
+            return self
+        factors = find_factors(self.responses)
+        corrected = (
+            replace(G, G=G.G - np.tensordot(c @ shares_of(G, factors), errors_of(G), axes=1)) for G in self.responses
+        )
+        return replace(self, responses=tuple(corrected))
+
+
+def _part(
+    linearisation: Linearisation,
+    parameters: Parameters,
+    x: FloatArray,
+    criterion: ResidualKind,
+    pair: tuple[Response, Weights],
+) -> Part:
+    response, weights = pair
+    model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
+    return part_of(response, model, weights, parameters, criterion)
+
+
+def _part_again(each: tuple[Response, Response, Weights, Part]) -> Part:
+    """The part of a response with the model and the images of held torques of the part of another one."""
+    response, other, weights, part = each
+    return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
+
+
+def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> Response:
+    if response.motion is None:
+        return response
+    theta, n = parameters.expand(x, response.configuration.name), len(linearisation.model.parameters)
+    linearisation, theta = replace(linearisation, presliding=()), np.append(theta[:n], theta[-1])
+    linear = linear_model(linearisation, response, theta)
+    effect = estimate_motion_bias(linearisation.model, linear, theta, response)
+    return response if effect is None else replace(response, G=response.G - effect)
+
+
+def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:
+    return weigh(pair[0], spec, pair[1].noise)
+
+
+@dataclass(frozen=True, eq=False)
+class RelinearisedOptimum:
+    """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
+
+    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: those of
+    the posture at rest, their systematic errors as the model has them at the end.
+    """
+
+    end: LocalOptimum
+    fit: ElasticFit
+    responses: tuple[Response, ...]
+    weights: tuple[Weights, ...]
+    notes: tuple[Note, ...] = ()
+    factors: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+
+class NoRestError(FitError):
+    """Best start that ended at parameters without an equilibrium, as with misinterpreted responses."""
+
+    def __init__(self, error: StudyError) -> None:
+        super().__init__(
+            "robot/no-equilibrium",
+            f"the best start ended where the robot cannot stand: {error}; check signs, units and places of the "
+            "channels",
+        )
+
+
+def is_friction_compensated(response: Response) -> bool:
+    """Return True if friction was, which leaves the errors of its levels among the systematic ones."""
+    return response.bias is not None and len(response.bias) - response.image_errors > SYSTEMATIC_ERRORS
+
+
+def is_distorted_by_friction(response: Response) -> bool:
+    """Return True if distortion is significant and friction was not compensated."""
+    noise, total = response.noise, response.total
+    if noise is None or total is None or is_friction_compensated(response):
+        return False
+    known = (noise.variance > 0) & np.isfinite(total.variance)
+    return bool(known.any()) and float(np.median(total.variance[known] / noise.variance[known])) > DISTORTED
+
+
+def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
+    """Return the least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one.
+
+    Where images of a sampled reference were subtracted, at most their usual error.
+    """
+    x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
+    notes = {(note.code, note.severity) for note in notes_of(assembly.responses)}
+    most = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else TYPICAL_MODEL_ERROR
+    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_model_error(most)
+
+    def exceeds(floor: float) -> bool:  # as where a covariance is singular with so small a floor: V is infinite
+        return unbiased.with_model_error(floor).at(x, criterion).evaluate(x).cost > dof
+
+    low, high = most / 100, most
+    if exceeds(high):
+        return high
+    while high > 1.1 * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if exceeds(middle) else (low, middle)
+    return high
+
+
+def relinearise(
+    assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, near: RelinearisedOptimum | None = None
+) -> RelinearisedOptimum:
+    """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
+
+    near: an optimum of the same responses, whose motion-induced bias and factors are those of the start.
+
+    Until it moves by less than 10 FINE, for 10 rounds at most, 30 with a robust loss: each gains a decimal or two, and
+    of a quiet rig whose file is off the first moves by 1e5.
+    """
+    is_square = assembly.spec.weights.loss == "square"
+    rounds = 10 if is_square else 30
+    end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
+    if near is not None:
+        pairs = zip(assembly.responses, near.responses, strict=True)
+        c, rested = near.factors, replace(assembly, responses=tuple(replace(G, G=at_rest.G) for G, at_rest in pairs))
+    moved, is_settled, history = math.inf, False, list[tuple[FloatArray, FloatArray]]()
+    for i in range(rounds):
+        try:
+            # std: most effects of a motion do not move the optimum so far
+            if (i == 1 and near is None) or (i == 1 + (near is None) and moved > 3):
+                rested, history = assembly.at_rest(end.x), []
+            current = rested.reweighted(end.x)
+            fit = current.at(end.x, criterion)
+        except StudyError as error:
+            return _where_it_stands(assembly, end, criterion, error)
+        if len(c):
+            biased = current.with_modelled_bias(fit, end.x)
+            following = next_factors(biased.unbiased(c).as_linearised(fit, current), biased.responses, end.x, c)
+            history = [*history[-1:], (c, following)]
+            c = accelerated(*history) if i > 1 and len(history) == 2 else following
+            current, fit = biased, biased.unbiased(c).as_linearised(fit, current)
+        tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
+        precise = replace(fit.problem, evaluate=fit.evaluate)
+        before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
+        moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
+        rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
+        is_whole = i > 0 or near is not None or all(response.motion is None for response in assembly.responses)
+        is_settled = is_whole and (moved < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
+        if is_settled:
+            break
+    if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):
+        try:
+            assembly.at(end.x, criterion)
+        except StudyError as error:
+            return _where_it_stands(assembly, end, criterion, error)
+    text = (
+        "the operating point under gravity, or the weights of fit.weights.loss, still move: "
+        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
+    )
+    notes = () if is_settled else (Note("fit/posture-mismatch", text),)
+    return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
+
+
+def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, FloatArray]) -> FloatArray:
+    r"""Return the next c of an iteration c -> F(c) by Anderson's method of depth 1, from two pairs c, F(c).
+
+    .. math:: c_{k+1} = F(c_k) - \gamma\, (F(c_k) - F(c_{k-1})), \quad
+              \gamma = \frac{f_k^T (f_k - f_{k-1})}{\|f_k - f_{k-1}\|^2}, \quad f = F(c) - c
+
+    Poorly identifiable parameters make F contract slowly. (Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
+    """
+    f, change = now[1] - now[0], now[1] - now[0] - before[1] + before[0]
+    return np.asarray(now[1] - (f @ change) / max(float(change @ change), 1e-300) * (now[1] - before[1]))
+
+
+def _where_it_stands(
+    assembly: Assembly, end: LocalOptimum, criterion: ResidualKind, error: StudyError
+) -> RelinearisedOptimum:
+    """The nearest point halfway, and halfway again, to the start at which the robot stands; not converged.
+
+    What made springs so soft, such as postures that are not those of the file, is found from there; of a file with
+    tolerances by a fit that holds its numbers, for which NoRestError is raised.
+    """
+    no_rest, start, x = NoRestError(error), assembly.parameters.x, end.x
+    if any(p.is_nuisance for p in assembly.parameters):
+        raise no_rest
+    for _ in range(HALVINGS):
+        x = (x + start) / 2
+        try:
+            fit = assembly.at(x, criterion)
+        except StudyError:
+            continue
+        end = replace(end, x=x, cost=fit.evaluate(x).cost, converged=False, message=str(no_rest))
+        return RelinearisedOptimum(end, fit, assembly.responses, assembly.weights)
+    raise no_rest
+
+
+def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -> tuple[FloatArray, ...]:
+    """Return weights (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 for a discarded element."""
+    distances = []
+    for part, weight in zip(fit.parts, weights, strict=True):
+        e = difference(part.criterion, part.measured, part.kernel.response(part.theta(fit.parameters, x)))
+        used = part.gain > 0
+        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
+        distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
+    every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
+    reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
+    return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)

@@ -1,0 +1,329 @@
+r"""Selection of the parameters of a fit: numbers of the robot under `fit.parameters` of a study, and nuisance
+parameters.
+
+Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
+geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
+does not name keeps the robot's number.
+
+Groups of configurations may have parameters of their own: each robot of a type, a temperature, each configuration.
+fm_1@warm stands in for fm_1 in the configurations of the group warm.
+
+Numbers of the robot's file within their tolerances are unknowns with a prior, next to those that a study asks for.
+
+.. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
+
+The starts are searched with the file's numbers held; the best of them is then released.
+"""
+
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import SEPARATOR, matching, posture_of
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
+from elastid.linear.linear_model import DELAY
+from elastid.parameters import Parameter, Parameters, Prior, Tie
+from elastid.response import Response
+from elastid.robot import BASE, CHANNEL_NUMBERS, MAX_DELAY_S, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
+from elastid.robot.placement import Path
+from elastid.robot.tolerances import RATIO, kind_of
+
+# Behind the name of a configuration, of its responses by forces at the tool.
+AT_TOOL = " at the tool"
+
+
+def groups_of(
+    name: str, spec: ParameterSpec, robots: Mapping[str, Sequence[str]], configurations: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """Group to its configurations, of the groups of which any is fitted.
+
+    Those of a group that are not fitted are in it, too: what was found for the group predicts them.
+    StudyError for `per: robot` without robots.
+    """
+    per = spec.per
+    tapped = [name for name in configurations if name.endswith(AT_TOOL)]
+    if per == "robot":
+        if not robots:
+            text = "no robots are named; say which configurations are of which: fit.robots: {A: [c1, c2], B: [c3]}"
+            raise StudyError("fit/parameters", text, f"fit.parameters.{name}.per")
+        per = {robot: tuple(members) for robot, members in robots.items()}
+    if per is None or not configurations:
+        return {}
+    if isinstance(per, str):
+        per = {posture: (posture,) for posture in configurations if posture not in tapped}
+    return {
+        group: (*members, *(posture for posture in tapped if posture.removesuffix(AT_TOOL) in members))
+        for group, members in per.items()
+        if set(members) & set(configurations)
+    }
+
+
+def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return groups with parameters of their own, each with its configurations among the given ones.
+
+    Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
+    no group names are `others`; one group of all, called "", where no parameter has groups.
+    """
+    groups: dict[str, list[str]] = {}
+    for configuration in configurations:
+        local = parameters.configuration_of_stand_in(configuration)
+        mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if local in p.only)
+        groups.setdefault("-".join(mine), []).append(configuration)
+    if list(groups) == [""]:
+        return {"": tuple(groups[""])}
+    return {label or "others": tuple(members) for label, members in groups.items()}
+
+
+MOST_STD = 10.0  # of the logarithm of a parameter; a prior as wide as that says nothing
+BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
+
+
+def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_references: bool = False) -> Parameters:
+    """Return all numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
+
+    A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
+    Coordinates and lengths of the geometry, and numbers of channels, are among the parameters as far as the study names
+    them (`named_on_demand`).
+    Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
+    are fitted, for parameters of their own; without any, such a parameter is one for all.  has_references: the delay
+    of the references is free unless the study states it.
+    Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
+    of configurations that overlap, and where nothing is free.
+    """
+    try:
+        parameters = _chosen(spec, robot, configurations, has_references)
+    except ValueError as error:
+        raise StudyError("fit/parameters", str(error), "fit.parameters") from None
+    if not parameters.free:
+        text = "nothing is left to identify, every parameter is fixed or tied"
+        raise StudyError("fit/parameters", text, "fit.parameters")
+    return parameters
+
+
+def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
+    """Parameters of `choose`; raise ValueError for an impossible set."""
+    configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
+    late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
+    table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
+    wanted = late | wanted
+    grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
+    linear, motors = _linear_names(robot), {j.name: j.motor for j in robot.driven if j.motor is not None}
+    # Of motor friction of which the file has none, that which stops the rotor within 1 s.
+    coasting = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
+    chosen: list[Parameter] = []
+    further = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
+    for name, (value, unit) in table.items():
+        log, groups = name not in linear, grouped.get(name, {})
+        if name not in wanted:
+            chosen.append(Parameter(name, value, unit, log=log, free=False))
+            continue
+        asked = wanted[name]
+        if name in coasting and asked.start is None and not asked.fixed:
+            asked = replace(asked, start=coasting[name])
+        parameter = _parameter(name, value, unit, asked, log)
+        everywhere = bool(groups) and {c for only in groups.values() for c in only} >= set(configurations)
+        chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
+        further += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items())
+    return Parameters((*chosen, *further))
+
+
+def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+    """Return names of robot.geometry in fit.parameters, as a key or as the target of a tie.
+
+    A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
+    """
+    keys = [key for key in given if key[:1].isalpha()]
+    keys += [asked.tie.to for asked in given.values() if asked.tie is not None and asked.tie.to in robot.geometry]
+    every = tuple(robot.numbers) + tuple(robot.geometry)
+    chosen = {name for key in keys for name in matching(key, every)}
+    return tuple(name for name in robot.geometry if name in chosen)
+
+
+def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+    """Return names of robot.on_demand in fit.parameters: geometry, and values of channels (gain_kp_*)."""
+    keys = [key for key in given if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
+    keys += [asked.tie.to for asked in given.values() if asked.tie is not None]
+    chosen = {name for key in keys for name in matching(key, robot.channel_numbers)}
+    return (*named_geometry(given, robot), *(name for name in robot.channel_numbers if name in chosen))
+
+
+def _match(
+    given: Mapping[str, ParameterSpec], table: Mapping[str, object], on_demand: Iterable[str]
+) -> dict[str, ParameterSpec]:
+    matched: dict[str, ParameterSpec] = {}
+    for key, asked in given.items():
+        names = matching(key, table)
+        if not names:
+            near = did_you_mean(key, table, on_demand)
+            raise StudyError("fit/parameters", f"the robot has no parameter {key}; {near}", "fit.parameters")
+        matched |= {name: _starred(key, name, asked, table) for name in names}
+    return matched | {key: asked for key, asked in given.items() if key in table}
+
+
+def _starred(key: str, name: str, asked: ParameterSpec, table: Collection[str]) -> ParameterSpec:
+    """Key for one name of a pattern; the * of its tie is the match of the key's *."""
+    if asked.tie is None or "*" not in asked.tie.to or asked.tie.to in table:
+        return asked
+    if key.count("*") != 1:
+        raise StudyError(
+            "fit/parameters", f"a tie to {asked.tie.to} needs exactly one * in the key", f"fit.parameters.{key}"
+        )
+    before, after = key.split("*")
+    star = name[len(before) : len(name) - len(after)]
+    return replace(asked, tie=replace(asked.tie, to=asked.tie.to.replace("*", star)))
+
+
+def _ratio(name: str, ratio: RatioSpec) -> Parameter:
+    start = float(ratio.start)
+    lower, upper = map(float, ratio.bounds or (start / BOUND_FACTOR, start * BOUND_FACTOR))
+    return Parameter(name, start, "1", lower, upper, log=True, prior=_prior(ratio.prior, start), ratio=True)
+
+
+def _default(robot: Robot) -> dict[str, ParameterSpec]:
+    """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
+    springs: list[tuple[str, str, Spring | Rod | None]] = [("", joint.name, joint.spring) for joint in robot.joints]
+    springs += [("m", joint.name, joint.motor.spring) for joint in robot.joints if joint.motor is not None]
+    springs += [("", loop.name, loop.rod) for loop in robot.loops if loop.rod is not None and loop.rod.is_elastic]
+    names = [f"fm_{joint.name}" for joint in robot.joints if joint.motor is not None and joint.motor.viscous > 0]
+    for of_motor, name, spring in springs:
+        if spring is not None:
+            names += [f"k{of_motor}_{name}"] + [f"d{of_motor}_{name}"] * (spring.damping > 0)
+    return {name: ParameterSpec() for name in names}
+
+
+def _linear_names(robot: Robot) -> set[str]:
+    bodies = robot.all_bodies
+    names = {DELAY, *(f"c_{body.name}_{axis}" for body in bodies for axis in "xyz")}
+    products = {"_xy", "_xz", "_yz"}
+    names |= {f"I_{body.name}{entry}" for body in bodies for entry in products.intersection(body.inertia_entries)}
+    names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
+    names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
+    names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
+    names |= robot.geometry.keys() - {f"l_{loop.name}" for loop in robot.loops}
+    return names | {name for name in robot.channel_numbers if not name.startswith("gain_")}
+
+
+def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bool) -> Parameter:
+    where = f"fit.parameters.{name}"
+    if asked.tie is not None:
+        return Parameter(name, value, unit, log=log, tie=asked.tie)
+    if isinstance(asked.start, str):  # a study's text has become a number when it was read
+        raise StudyError("fit/parameters", f"start is '{asked.start}'; give a number in {unit}", where)
+    start = value if asked.start is None else asked.start
+    if asked.fixed:
+        return Parameter(name, start, unit, log=log, free=False)
+    prior = _prior(asked.prior, value)
+    if prior is not None and log and not prior.mean > 0:
+        raise StudyError("fit/parameters", f"the mean {prior.mean:g} {unit} must be positive", f"{where}.prior")
+    if prior is not None and log and prior.std > MOST_STD:
+        raise StudyError(
+            "fit/parameters",
+            f"the std of a positive parameter is relative, so {prior.std:g} is {100 * prior.std:.4g} %. For "
+            f"{prior.std:g} {unit}, write {prior.std / prior.mean:.3g}",
+            f"{where}.prior.std",
+        )
+    return Parameter(name, start, unit, *_bounds(name, start, asked, log), log, prior=prior)
+
+
+def _prior(prior: PriorSpec | None, known: float) -> Prior | None:
+    return None if prior is None else Prior(known if prior.mean is None else float(prior.mean), prior.std)
+
+
+def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[float, float]:
+    if asked.bounds is not None:
+        return float(asked.bounds[0]), float(asked.bounds[1])
+    if log:
+        # Friction may end higher: Coulomb friction looks viscous to a multisine, the more the slower it slides.
+        return start / BOUND_FACTOR, start * (1e4 if name.startswith(("f_", "fm_")) else BOUND_FACTOR)
+    return MAX_TIME if name.startswith((DELAY, "low_pass_")) else (-math.inf, math.inf)
+
+
+MAX_TIME = (-MAX_DELAY_S, MAX_DELAY_S)  # of a delay or a low pass of a channel
+MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
+
+
+def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
+    """Return parameters with held numbers free within robot.tolerances; unchanged where all are exact.
+
+    What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
+    an offset of an axis acts in second order.
+    """
+    has_references = channel_name(DELAY, "r") in parameters.names
+    unused = ("gain_u_",) if has_references else ("gain_kp_", "gain_kd_")
+    tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
+    known = {parameter.name: parameter for parameter in parameters}
+    asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
+    asked |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
+    numbers: list[Parameter] = []
+    factors: dict[str, Parameter] = {}
+    for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
+        number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
+        given = tolerances.get(name)
+        if given is None or name in asked or (number.value == 0 and given.kind not in ("center_of_mass", "angle")):
+            numbers += [number] * (name in known)
+        elif given.factor:
+            factors[given.factor] = replace(_within(Parameter(given.factor, 1.0, log=True), given.std), ratio=True)
+            numbers.append(replace(number, tie=Tie(given.factor, number.value)))
+        else:
+            numbers.append(_within(number, given.std))
+    written = {number.name for number in numbers}
+    return Parameters((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
+
+
+def _within(fixed: Parameter, std: float) -> Parameter:
+    """A held number free within its tolerance, which is relative for a positive one."""
+    if not fixed.log:
+        return replace(fixed, free=True, prior=Prior(fixed.value, std), is_nuisance=True)
+    lower, upper = fixed.value / MAX_FACTOR, fixed.value * MAX_FACTOR
+    relative = std / fixed.value if fixed.unit == "m" else std
+    return replace(fixed, free=True, lower=lower, upper=upper, prior=Prior(fixed.value, relative), is_nuisance=True)
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Tolerance of a number: body, loop or payload that owns it, kind, std; factor of an inertia's entries."""
+
+    name: str
+    owner: str
+    kind: str
+    std: float
+    factor: str = ""
+
+
+def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
+    """Return tolerances of every number of the robot's file that is not exact."""
+    if not isinstance(robot.tolerances, Tolerances):
+        return
+    values = robot.parameters()
+    for name, (_, path) in (robot.numbers | robot.geometry).items():
+        owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
+        factor = f"I_{owner}" if path[-2] == "inertia" else ""
+        is_without_mass = kind_of(path) == "center_of_mass" and values[f"m_{owner}"][0] == 0
+        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass and not _turns_all(robot, path):
+            yield Tolerance(name, owner, kind_of(path), std, factor)
+    of_constants = robot.tolerances.torque_constant
+    if isinstance(of_constants, float) and of_constants > 0:
+        gains = [name for name in robot.channel_numbers if name.startswith(("gain_u_", "gain_kp_", "gain_kd_"))]
+        for name in gains:  # a torque constant scales both gains of its joint controller
+            factor = "" if name.startswith("gain_u_") else f"torque_constant_{name[8:]}"
+            yield Tolerance(name, "", "torque_constant", of_constants, factor)
+
+
+def _turns_all(robot: Robot, path: Path) -> bool:
+    """True of a zero with which the whole robot turns about gravity, so that no response shows it."""
+    if path[-1] != "zero" or robot.loops or robot.compensators:
+        return False
+    body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]
+    axis = body.placement.rotation @ unit_axis(joint.axis)
+    return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
+
+
+def ratio_within(response: Response, robot: Robot) -> Response:
+    """Return the response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
+    within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
+    return replace(response, ratio_std=within * response.ratio_std)

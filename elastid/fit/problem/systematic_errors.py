@@ -1,0 +1,163 @@
+r"""Systematic errors of measured responses with known size only, such as uncompensated friction.
+
+.. math:: \hat G_q = G_q(x) + \sum_b (c_b\, \delta G_{bq} + c_{bq}\, \delta G'_{bq}) + noise, \qquad
+          c_b, c_{bq} + \bar c_b \sim N(0, 1)
+
+for motor b in configuration q: factors that all configurations share, and the difference of one of each by itself
+from their mean, which belongs to the parameters that all share. The factors are further unknowns with a prior,
+estimated together with x: generalised least squares with the covariance that such errors have. delta G, delta G':
+`Response.bias`, with the model's response at the end of the fit in place of the measured one: delta G =
+G e_j z e_j^T G of a noisy G would be correlated with its noise, and the factors with it, a bias many times the noise of
+a few realisations.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home, mixed
+from elastid.fit.problem.least_squares import as_real
+from elastid.linear.linear_model import LinearModel
+from elastid.record import MOTION_ORDER
+from elastid.response import Response
+
+Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" for all configurations
+
+
+def find_factors(responses: Sequence[Response]) -> tuple[Factor, ...]:
+    """Return bias factors of all responses: per biased motor, one shared factor and one per configuration."""
+    factors: dict[Factor, None] = {}
+    for response in responses:
+        for i, errors in enumerate(() if response.bias is None else response.bias):
+            of_all = response.bias is not None and i < len(response.bias) - 1
+            key = (i, "") if of_all else (-1, response.configuration.name)
+            names = (name for name, error in zip(response.inputs, errors, strict=True) if np.any(error))
+            factors |= {(name, *key): None for name in names}
+    return tuple(factors)
+
+
+def ratio_errors(
+    part: Part, response: Response, theta: FloatArray, mixing: ComplexArray | None
+) -> dict[str, ComplexArray]:
+    r"""Whitened errors (F, n_y, n_u) of a response by the ratio of each gear, by its input, of one standard deviation.
+
+    .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T - 2\, G\, e_j\, s^{-o} (J_j s^2 + f_j s)\, e_j^T G)
+
+    J_j, f_j: of the motor at theta (n_theta,), which the ratio of the file refers to the link side as the angles; o: of
+    the derivative of the motion.  They widen intervals and are not estimated (`fit.gear_ratios`).
+    """
+    errors, s = dict[str, ComplexArray](), np.asarray(2j * np.pi * response.freq_hz)
+    late = np.exp(s * sum(of_name(part.kernel.model, theta, name) for name in ("delay", "delay_u")))
+    for j, std in enumerate(response.ratio_std.tolist()):
+        if std > 0 and response.inputs[j] in response.outputs:
+            i, error = response.outputs.index(response.inputs[j]), np.zeros_like(response.G)
+            error[:, i] += std * response.G[:, i]
+            error[:, :, j] += std * response.G[:, :, j]
+            impedance = _of_motor(part.kernel.model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
+            error -= 2 * std * impedance[:, None, None] * response.G[:, :, j, None] * response.G[:, i, None, :]
+            errors[response.inputs[j]] = mixed(mixing, error * part.error_gain)
+    return errors
+
+
+def of_name(model: LinearModel, theta: FloatArray, name: str) -> float:
+    """Return the value of a parameter of a model at theta (n_theta,), 0 without it."""
+    return float(theta[model.parameters.index(name)]) if name in model.parameters else 0.0
+
+
+def _of_motor(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) -> ComplexArray:
+    """Return torque over angle (F,) of a motor with its viscous friction and the inertia of its coordinate."""
+    joint, b = model.inputs[j].removeprefix("motor "), model.B[:, j]
+    inertia, friction = (model.slopes.get(f"{name}_{joint}") for name in ("Jm", "fm"))
+    at = int(np.argmax(np.abs(b)))
+    J = 0.0 if np.any(np.delete(model.M[at], at)) else float(b @ model.M @ b)
+    if inertia is not None and inertia.M is not None:
+        J = of_name(model, theta, f"Jm_{joint}") * float(b @ inertia.M @ b)
+    is_free = friction is not None and friction.D is not None
+    f = of_name(model, theta, f"fm_{joint}") * float(b @ friction.D @ b) if is_free else 0.0  # type: ignore[union-attr,operator]
+    return J * s**2 + f * s
+
+
+def errors_of(response: Response) -> ComplexArray:
+    """Return the errors delta G, delta G' (n_e, F, n_y, n_u) of one response, of which factors are shares."""
+    if response.bias is None:
+        return np.zeros((0, *response.G.shape), complex)
+    return np.reshape(response.bias, (-1, *response.G.shape))
+
+
+def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
+    """Return C (n_b, n_e) of the errors of one response: d Ghat / d c = C errors, zero where a factor is not of it."""
+    n, n_u = (0, 0) if response.bias is None else response.bias.shape[:2]
+    shares, counts = np.zeros((len(factors), n, n_u)), Counter(name for name, _, known in factors if known)
+    for b, (name, i, configuration) in enumerate(factors):
+        if name not in response.inputs or i >= n - 1:
+            continue
+        share = (configuration == response.configuration.name) - 1 / counts[name] if configuration else 1.0
+        shares[b, i, response.inputs.index(name)] = share
+    return shares.reshape(len(factors), n * n_u)
+
+
+def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
+    """Return the response with the systematic errors that the response G (F, n_y, n_u) of a model would have.
+
+    Measured with fewer outputs than inputs it keeps those that it has.
+    """
+    _, n_y, n_u = G.shape
+    if response.bias is None or n_y < n_u:
+        return response
+    inverse = np.linalg.pinv(response.G)
+    return replace(response, bias=G @ (inverse @ response.bias) @ (inverse @ G))
+
+
+def bias_slopes(part: Part, response: Response, mixing: ComplexArray | None) -> ComplexArray:
+    """-dr (n_e, F, n_y, n_u) of whitened residuals r with respect to the errors of a response, subtracted from Ghat.
+
+    mixing: that of the part.
+    """
+    return -mixed(mixing, errors_of(response) * part.error_gain)
+
+
+def with_factors(
+    slopes: ComplexArray, part: Part, response: Response, factors: Sequence[Factor], mixing: ComplexArray | None
+) -> tuple[ComplexArray, FloatArray]:
+    """Slopes J (n, F, n_y, n_u) and T (n_x + n_b, n) of residuals with respect to x and c, dr / d(x, c) = T J. slopes:
+    with respect to x.
+
+    Most factors are of other configurations, and count here by their mean alone: n is far below n_x + n_b.
+    """
+    C = shares_of(response, factors)
+    J = np.concatenate([slopes, bias_slopes(part, response, mixing)]) if len(factors) else slopes
+    return J, block_diag(np.eye(len(slopes)), C[:, : len(J) - len(slopes)])
+
+
+def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:
+    """Return c (n_b,) after one joint Gauss-Newton step in x and c. fit: responses corrected for c."""
+    factors = find_factors(responses)
+    distance, slope = fit.priors(x)
+    A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([slope * distance, c])
+    r_static, J_static = fit.static(x)
+    A[: len(x), : len(x)] += J_static.T @ J_static
+    g[: len(x)] += J_static.T @ r_static
+    sums = partial(_sums, replace(fit, parts=(), loads=None), x, factors)
+    for A_q, g_q, T in each_at_home(sums, list(zip(fit.parts, responses, strict=True)), fit.home):
+        A, g = A + T @ A_q @ T.T, g + T @ g_q
+    length = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    step = np.linalg.lstsq(A / np.outer(length, length), -g / length, rcond=1e-12)[0] / length
+    return np.asarray(c + step[len(x) :])
+
+
+def _sums(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[Part, Response]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """J^T J, J^T r and T (`with_factors`) of one configuration; fit: whose parameters count."""
+    part, response = pair
+    mixing = part.mixing
+    r, J = fit.block(part, x, mixing)
+    J, T = with_factors(J, part, response, factors, mixing)
+    rows = as_real(J).reshape(len(J), -1)
+    return rows @ rows.T, rows @ as_real(r).ravel(), T

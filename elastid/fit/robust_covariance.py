@@ -1,0 +1,290 @@
+r"""Robust covariance: sums over the lines of one configuration, and variances by their scatter (blocks, jackknife).
+
+Blocks are as many bands of equal numbers of lines as are twice as long as the correlation length tau of the
+configuration's residuals (`correlation_length`), at least 4 and at most 24: errors of a model are equal on neighbouring
+lines, so that single lines do not count as independent; blocks do, where they are longer than residuals are correlated.
+
+.. math:: x_{(i)} - x = (A - A_i)^{-1} g_i, \qquad
+          \mathrm{var}\, x = t^2 \frac{Q - 1}{Q} \sum_i (x_{(i)} - \bar x)^2, \qquad A_i = J_i^T J_i,\; g_i = J_i^T r_i
+
+with configuration i left out, and with g_b the pull of the lines of a block, S_b its covariance under the measured
+noise, n the sum of the ranks of S_b:
+
+.. math:: \mathrm{var}\, x_i = t^2 \frac{B}{B - 1} \sum_b (A^{-1} g_b)_i^2, \qquad
+          T = \frac{1}{n - n_x} \sum_b g_b^T S_b^{+} g_b
+
+A model error that parameters absorb does not show in the residuals of one configuration, but it is absorbed by
+different values in each. T is 1 where the model is true, since noise alone then parts the blocks.  t >= 1 accounts for
+few configurations or blocks: the 97.5 % point of Student's distribution over that of the normal one.
+(Efron & Stein 1981, The jackknife estimate of variance; White 1980, Econometrica 48; blocks as clusters, and t, Cameron
+& Miller 2015, section VI; T as Cochran 1954, Biometrics 10.)
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.statistics import small_sample_factors
+from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.least_squares import as_real
+from elastid.fit.problem.systematic_errors import Factor, ratio_errors, with_factors
+from elastid.fit.problem.weights import Weights, vec
+from elastid.response import Response
+
+
+@dataclass(frozen=True)
+class RatioSums:
+    """Whitened errors V of one configuration by the ratio of each gear j, one standard deviation each.
+
+    joints (n_j,): input and angle of each.  pull (n_j, n_x): V^T J.  power (n_j, n_j): V^T V.  moved (n_j,): V^T r.
+    """
+
+    joints: tuple[tuple[str, float], ...]
+    pull: FloatArray
+    power: FloatArray
+    moved: FloatArray
+
+
+@dataclass(frozen=True)
+class LineSums:
+    """Sums of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
+
+    rows (n, n_x): rows with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
+    variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
+    its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
+    blocks (B, n_x): the pulls summed over bands.  noise (n_x, n_x): the covariance of their sum under the measured
+    noise, None where none was.  disagreement: of the bands, and its rank (`sum_blocks`).  noise_power: E|r|^2 under it,
+    noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
+    no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
+    exactly or not at all.  model_error_power: sum |r|^2 if every element were off by the floor.  model_error_pull:
+    (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
+    factor.  ratios: the errors by the ratios of its gears.
+    """
+
+    freq_hz: FloatArray
+    rows: FloatArray
+    power: FloatArray
+    autocovariance: FloatArray
+    n_residuals: int
+    pull: FloatArray
+    blocks: FloatArray
+    noise: FloatArray | None
+    disagreement: tuple[float, int]
+    noise_power: float
+    noise_spread: float
+    noise_dof: float
+    model_error_power: float
+    model_error_pull: dict[tuple[str, str, int], ComplexArray]
+    ratios: RatioSums
+
+    @property
+    def cost(self) -> float:
+        """sum |r|^2, this configuration's share of V."""
+        return float(self.autocovariance[0])
+
+
+def triangle(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[Part, Response, Weights]]
+) -> FloatArray:
+    """Return R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
+    blocks = (_block(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
+    return _triangle(np.vstack([_triangle(_rows(J)) @ T.T for J, T in blocks]))
+
+
+def sum_lines(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], half: FloatArray,
+    configuration: tuple[Part, Response, Weights],
+) -> LineSums:  # fmt: skip
+    """Return the sums of one configuration at x (n_p,); fit: whose parameters count.
+
+    factors: of systematic errors, which are further columns of J.  half (n_x, n_p): H with A^-1 = H^T H.  The variables
+    of the sums are z, with x = H^T z, in which A = 1: of variances that differ by 1e8 and more, as those of a scale
+    that only the file has and those of ratios, the small ones are lost where sums are formed in x.
+    """
+    part, response, weights = configuration
+    mixing = part.mixing
+    r, J, chain = _block(fit, x, factors, part, response, mixing)
+    # Of z those combinations U^T z that move the residuals of this configuration.
+    U, combined = np.linalg.qr(half @ chain)
+    J = np.tensordot(combined, J, axes=1)
+    T = _whitening(part, mixing)
+    floor = vec(weights.floor * response.G)
+    # A sum over lines whose errors are correlated has so many times the variance.
+    together, S, power, spread, dof = response.correlated_lines, None, math.nan, math.nan, math.inf
+    noise = weights.noise_covariance()
+    if noise is not None and weights.noise is not None:
+        S = T @ noise @ T.mT.conj()
+        power = float(np.einsum("faa->", S).real)
+        # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
+        is_exact = weights.noise.smooth is weights.noise.measured
+        smooth = S if is_exact else T @ weights.noise.covariance @ T.mT.conj()
+        dof = weights.noise.measured.dof
+        together_in_power = max(together, weights.noise.measured.averaging_lines)
+        spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
+    pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
+    rows = _rows(J)
+    power_of_lines = ((rows @ (U.T @ half)) ** 2).reshape(len(r), -1, half.shape[1]).sum(axis=1)
+    residual, n_residuals = r.reshape(len(r), -1), 2 * int(np.count_nonzero(r))
+    pull = np.einsum("pfab,fab->pf", J.conj(), r).real
+    S = None if S is None else together * S
+    lags = autocovariance(residual)
+    blocks, scatter, parted = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
+    model_error_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
+    model_error_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
+    of_ratios = _of_ratios(part, response, part.theta(fit.parameters, x), r, J, U)
+    noise_sums, error_sums = (power, spread, dof), (model_error_power, model_error_pull, of_ratios)
+    by_line = response.freq_hz, _triangle(rows) @ U.T, power_of_lines
+    of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
+    return LineSums(*by_line, lags, n_residuals, *of_z, parted, *noise_sums, *error_sums)
+
+
+def _of_ratios(
+    part: Part, response: Response, theta: FloatArray, r: ComplexArray, J: ComplexArray, U: FloatArray
+) -> RatioSums:
+    errors, angles = ratio_errors(part, response, theta, part.mixing), response.configuration.angles
+    V, of_all = as_real(np.reshape([*errors.values()], (-1, *r.shape))), len(angles) == len(response.inputs)
+    joints = tuple((name, angles[response.inputs.index(name)] if of_all else math.nan) for name in errors)
+    rows = V.reshape(len(errors), 2 * r.size)
+    return RatioSums(joints, rows @ _rows(J) @ U.T, rows @ rows.T, rows @ as_real(r).ravel())
+
+
+def _block(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], part: Part, response: Response,
+    mixing: ComplexArray | None,
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:  # fmt: skip
+    """Whitened r (F, n_y, n_u), and J and T of `with_factors`."""
+    r, J = fit.block(part, x, mixing)
+    return r, *with_factors(J, part, response, factors, mixing)
+
+
+def _rows(J: ComplexArray) -> FloatArray:
+    """J (n_x, F, n_y, n_u) as real rows (2 N, n_x)."""
+    return as_real(J).reshape(len(J), -1).T
+
+
+def _triangle(rows: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def autocovariance(residual: ComplexArray) -> FloatArray:
+    """Return Re sum_k r_k^* r_{k+l} (F,) of residuals (F, n), l = 0 ... F - 1."""
+    F = len(residual)
+    spectrum = np.sum(np.abs(np.fft.fft(residual, 2 * F, axis=0)) ** 2, axis=1)
+    return np.fft.ifft(spectrum)[:F].real
+
+
+def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) -> float:
+    r"""Return correlation time tau of the whitened residuals, pooled over configurations with n_residuals real non-zero
+    values; 1 if white.
+
+    .. math:: \tau = 1 + 2 \sum_{l=1}^{L} \rho(l), \qquad \rho(l) = \mathrm{Re} \sum_k r_k^* r_{k+l} / \sum_k |r_k|^2
+
+    L is the last lag before rho falls to what chance explains, at most a quarter of the lines.
+    """
+    power = sum(float(rho_q[0]) for rho_q in autocovariances if len(rho_q))
+    longest = max((len(rho_q) for rho_q in autocovariances), default=0) // 4
+    tau = 1.0
+    for lag in range(1, longest + 1):
+        rho = sum(float(rho_q[lag]) for rho_q in autocovariances if lag < len(rho_q)) / max(power, 1e-300)
+        if rho < np.sqrt(4 / max(n_residuals, 1)):  # two standard deviations of rho for white residuals
+            break
+        tau += 2 * rho
+    return tau
+
+
+def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
+    """T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
+    t = vec(part.error_gain)
+    if mixing is None:
+        return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
+    n_y, n_u = part.measured.shape[1:]
+    column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
+    return np.asarray(mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
+
+
+def _coherent(response: Response, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
+    """Pulls (n_x, F, m) of relative errors, vec column-major, summed over the lines of each octave."""
+    lowest = response.freq_hz[response.freq_hz > 0].min()
+    octave = np.floor(np.log2(np.maximum(response.freq_hz, lowest) / lowest)).astype(int)
+    return {
+        (output, given, int(o)): pulls[:, octave == o, i + j * len(response.outputs)].sum(axis=1)
+        for o in np.unique(octave)
+        for i, output in enumerate(response.outputs)
+        for j, given in enumerate(response.inputs)
+    }
+
+
+MIN_BANDS, MAX_BANDS = 4, 24
+
+
+def bands(n_lines: int, length: float) -> tuple[slice, ...]:
+    """Return bands of equal numbers of lines by the correlation length of the residuals, in lines.
+
+    >>> bands(60, 7.0)
+    (slice(0, 15, None), slice(15, 30, None), slice(30, 45, None), slice(45, 60, None))
+    """
+    wanted = int(np.clip(n_lines / (2 * length), MIN_BANDS, MAX_BANDS))
+    edges = np.unique(np.linspace(0, n_lines, wanted + 1).round().astype(int))
+    return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
+
+
+def sum_blocks(
+    pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length: float
+) -> tuple[FloatArray, FloatArray | None, tuple[float, int]]:
+    """Return sums of one configuration: pulls g_b (B, n_x), the S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
+
+    pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
+    residuals.  length: their correlation length, in lines.
+    """
+    slices = bands(len(J), length)
+    pulls, every, total, rank = np.array([pull[:, band].sum(axis=1) for band in slices]), np.zeros(()), 0.0, 0
+    if S is None:
+        return pulls, None, (total, rank)
+    for band, g in zip(slices, pulls, strict=True):
+        noise = 0.5 * np.sum(J[band].conj().transpose(0, 2, 1) @ S[band] @ J[band], axis=0).real
+        values, vectors = np.linalg.eigh(noise)
+        known = values > 1e-9 * max(float(values[-1]), 1e-300)
+        total += float(np.sum((vectors[:, known].T @ g) ** 2 / values[known]))
+        every, rank = every + noise, rank + int(np.count_nonzero(known))
+    return pulls, every, (total, rank)
+
+
+def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
+    """Return variances (n_p,) of x = H^T z, zero for fewer than three configurations.
+
+    half (n_x, n_p): H, with which J^T J of all, priors included, is 1 in the variables z of the sums.
+    """
+    Q = len(parts)
+    if Q < 3:
+        return np.zeros(half.shape[1])
+    moved = np.array([_moved_without(part) for part in parts]) @ half
+    t = small_sample_factors(Q - 1)
+    return np.asarray(t**2 * (Q - 1) / Q * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
+
+
+def _moved_without(part: LineSums) -> FloatArray:
+    """The change of z (n_x,) without a configuration, in the directions that the others determine."""
+    values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
+    known = values > 1e-10  # less is known from this configuration alone
+    return np.asarray(vectors[:, known] @ ((vectors[:, known].T @ part.pull.sum(axis=1)) / values[known]))
+
+
+def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:
+    """Return variances (n_p,) of x = H^T z by the scatter of the pulls of all blocks; zero for fewer than two."""
+    moved = np.concatenate(blocks) @ half
+    n = int(np.count_nonzero(np.any(moved != 0, axis=1)))
+    if n < 2:
+        return np.zeros(half.shape[1])
+    t = small_sample_factors(n - 1)
+    return np.asarray(t**2 * n / (n - 1) * np.sum(moved**2, axis=0))
+
+
+def disagreement(of_each: Iterable[tuple[float, int]], n_x: int) -> float:
+    """Return T from the disagreement of each configuration (`sum_blocks`); NaN with at most n_x blocks."""
+    totals, ranks = zip(*of_each, strict=True)
+    rank = sum(ranks) - n_x
+    return sum(totals) / rank if rank > 0 else math.nan

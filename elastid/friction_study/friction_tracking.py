@@ -1,0 +1,226 @@
+"""Friction tracking of joints over their motions: initial state, measurements and noise of the filter.
+
+A joint is elastic where the robot's file has a spring, else rigid with the inertia that was identified.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.execution import Progress, silent
+from elastid.base.statistics import QUANTILE_95
+from elastid.friction.robot_friction import PlacedLaw, frictions
+from elastid.friction_study.extended_kalman_filter import (
+    FilterNoise,
+    FollowedJoint,
+    JointSamples,
+    KalmanFilter,
+    estimate_noise,
+)
+from elastid.friction_study.filter_consistency import LAGS, Consistency, consistency, filter_notes, unknown
+from elastid.friction_study.result import JointFriction, joint_spring
+from elastid.friction_study.spec import FilterSpec
+from elastid.record import FrictionRecord
+from elastid.robot import Robot
+from elastid.robot.friction_numbers import with_laws
+
+
+@frozen_value
+class FollowedFriction:
+    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
+
+    unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
+    since the one before.  torque_std: of white noise, found or given.
+    """
+
+    joint: str
+    slides: bool
+    names: tuple[str, ...]
+    time_s: FloatArray
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+    unknown: BoolArray
+    nis: FloatArray
+    consistency: Consistency
+    noise: FilterNoise
+    filtered: FollowedJoint
+    rate_hz: float
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Verdict on the reliability of the confidence intervals."""
+        if self.consistency.divergence:
+            return f"diverged {self.consistency.divergence}"
+        if self.consistency.doubts:
+            return "intervals too narrow (see warnings)"
+        return "innovations consistent with the intervals"
+
+
+def follow(
+    name: str,
+    slides: bool,
+    joints: Sequence[FollowedJoint],
+    motions: Sequence[JointSamples],
+    rate_hz: float,
+    guess: FilterNoise,
+    settle_s: float,
+    find_noise: bool,
+) -> FollowedFriction:
+    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones.
+
+    joints: one, or several with other bristles, one of which the innovations choose where no experiment identified it.
+    """
+    duration_s = sum(len(motion.angle) for motion in motions) / rate_hz
+    if duration_s <= settle_s + LAGS / rate_hz:
+        raise DataError(
+            "filter/record",
+            f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): log longer, or give filter.settle",
+            f"joint {name}",
+        )
+    # At most half a minute of the longest motion shows the noise.
+    longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
+    stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
+    # Some sixty runs find it.
+    filters = [KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise) for joint in joints]
+    kalman, noise = filters[0], guess
+    if find_noise:
+        estimates = [(each, *estimate_noise(each, stretch, guess, min(settle_s, 1.0))) for each in filters]
+        kalman, noise, _ = min(estimates, key=lambda estimate: estimate[-1])
+    joint, track = kalman.joint, kalman.run(motions, noise)
+    judged = consistency(track, settle_s)
+    step = max(1, (n := len(track.innovation)) // 2000)  # a result keeps so many points
+    ends = np.arange(n % step + step - 1, n, step)
+    mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
+    values, low, high = (
+        np.stack([track.values(name, stds)[ends] for name in joint.followed], axis=1)
+        for stds in (0.0, -QUANTILE_95, QUANTILE_95)
+    )
+    notes = tuple(filter_notes(f"joint {name}", track, judged))
+    return FollowedFriction(
+        name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
+        judged, noise, joint, rate_hz, notes,
+    )  # fmt: skip
+
+
+def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
+    """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
+    known, shared = dict(joint.tolerances), identified.shared
+    if "inertia" in shared and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
+        known["inertia"] = shared["inertia"][1] / shared["inertia"][0]
+    if gravity := [shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared]:
+        size, std = np.linalg.norm(gravity, axis=0).tolist()
+        known["gravity"] = std / max(size, 1e-300)
+    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
+
+
+def follow_joints(
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    records: Sequence[FrictionRecord],
+    spec: FilterSpec,
+    progress: Progress = silent,
+) -> tuple[tuple[FollowedFriction, ...], tuple[Note, ...]]:
+    """The friction of joints over the records in which each moves alone; notes on those that cannot be followed.
+
+    StudyError where none can.
+    """
+    followed, notes, together = [], list[Note](), [record.name for record in records]
+    moved = [record for record in records if record.purpose in ("constant_velocity", "motion")]
+    alone = [record for record in moved if together.count(record.name) == 1]
+    for done, joint in enumerate(joints):
+        progress(done, len(joints))
+        of_joint = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
+        try:
+            followed.append(_followed(robot, joint, of_joint, spec))
+        except StudyError as error:
+            notes.append(Note("filter/record", str(error)))
+    if not followed:
+        raise StudyError("filter/start", "; ".join(note.text for note in notes))
+    return tuple(followed), tuple(notes)
+
+
+def _followed(
+    robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
+) -> FollowedFriction:
+    """The friction of a joint over its motions; StudyError where no filter can start or nothing can be followed."""
+    name = identified.joint
+    if not records:
+        raise StudyError(
+            "filter/start",
+            f"joint {name} has no motion in which it moves alone, with the torque of gravity known; record one",
+        )
+    if identified.friction is None or identified.viscous is None:
+        raise StudyError("filter/start", "no friction was identified from which a filter could start", f"joint {name}")
+    laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
+    law = next(law for law in laws if law.place == f"motor {name}")
+    joints = _joints(robot, identified, records, spec, law, identified.viscous)
+    parts = ("gravity.cos", "gravity.sin", "offset")
+    cos, sin, constant = (identified.shared.get(part, (0.0, 0.0))[0] for part in parts)
+    motions = tuple(
+        # A filter reads a torque that is held from one sample to the next, at whose end the angle is.
+        JointSamples(r.torque[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)
+        for r, q, first_s in ((record, record.position, records[0].start_s) for record in records)
+    )
+    angle = max(_count(record) for record in records) / np.sqrt(12)
+    # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
+    rate = spec.drift / 1200.0**0.5
+    coulomb = joints[0].coulomb
+    drift: dict[str, float] = {name: rate * (coulomb if name == "offset" else 1.0) for name in spec.states}
+    torque = spec.torque_std or 0.05 * coulomb  # where it was not identified
+    noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
+    return follow(
+        name, identified.slides, joints, motions, records[0].rate_hz, noise, spec.settle,
+        find_noise=spec.torque_std is None,
+    )  # fmt: skip
+
+
+SLIPS_OVER_PATH = 1e-4, 2e-5  # presliding distances, where no experiment identified one
+
+
+def _joints(
+    robot: Robot,
+    identified: JointFriction,
+    records: Sequence[FrictionRecord],
+    spec: FilterSpec,
+    law: PlacedLaw,
+    viscous: float,
+) -> tuple[FollowedJoint, ...]:
+    """The joint to follow, with each presliding distance that it may have."""
+    F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
+    bristles = [law.at_rest()]
+    if law.law.n_states == 0:
+        path = max(float(np.ptp(record.position)) for record in records)
+        counts = max(20 * record.resolution for record in records)
+        bristles = [(sigma, 0.0) for sigma in dict.fromkeys(F_c / max(s * path, counts) for s in SLIPS_OVER_PATH)]
+    viscous, known = max(viscous, 1e-6 * F_c), {"stiction_ratio": F_s / F_c}
+    known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
+    known["correlation_s"] = spec.correlation_time
+    elastic = joint_spring(robot, records[0])
+    if elastic is not None:
+        inertia = elastic.motor_inertia
+        known |= {"link_inertia": elastic.link_inertia, "stiffness": elastic.stiffness, "damping": elastic.damping}
+    elif "inertia" in identified.shared:
+        inertia = identified.shared["inertia"][0]
+    else:
+        raise StudyError(
+            "filter/start",
+            f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is "
+            "known: a filter needs the inertia; record a motion that accelerates, or give the joint's spring",
+        )
+    joint = with_tolerances(FollowedJoint(inertia, F_c, viscous, 1.0, spec.states, **known), identified)
+    return tuple(replace(joint, bristle_stiffness=sigma_0, bristle_damping=sigma_1) for sigma_0, sigma_1 in bristles)
+
+
+def _count(record: FrictionRecord) -> float:
+    """The step of the position, or the smallest difference of two of its values; below 1e-7 of the path is rounding."""
+    if record.resolution > 0:
+        return record.resolution
+    gaps = np.diff(np.unique(record.position))
+    min_gap = 1e-7 * float(np.ptp(record.position))
+    larger = gaps[gaps > min_gap]
+    return float(np.min(larger)) if larger.size else min_gap

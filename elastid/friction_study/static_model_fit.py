@@ -1,0 +1,431 @@
+r"""StaticLaw: sliding friction of one place as a robot's file has it, its parts added where levels show them.
+
+The law through levels, by variable projection: its linear numbers are eliminated, the others searched for.
+
+.. math:: \min_\eta \| P^\perp(\eta)\, W y \|^2, \quad c = (W \Phi)^+ W y
+
+(Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.) W = 1 / std of each level.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from scipy.special import chdtrc, ndtri, stdtrit
+
+from elastid.base.arrays import FloatArray, named
+from elastid.base.errors import FitError
+from elastid.friction.static import FALLING, Conditions, columns, slopes
+from elastid.friction_study.constant_velocity import MAX_RELATIVE_STD, FrictionCurve
+from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
+from elastid.friction_study.spec import LawSpec, Part
+from elastid.robot.friction import (
+    EXPONENT_RANGE,
+    Directions,
+    Friction,
+    LoadDependence,
+    MeasuredRange,
+    TemperatureDependence,
+)
+
+# Decay of viscous friction over temperature from which a search starts, and the range of the search.
+START_DECAY_K = 20.0
+DECAY_RANGE_K = (1.0, 500.0)
+# Of the largest speed, within which speeds are one: a line through them has its end anywhere.
+SAME_SPEED_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Parameters of a friction model: linear, nonlinear (by search), and fixed with their value."""
+
+    linear: tuple[str, ...]
+    searched: tuple[str, ...]
+    fixed: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class StaticLaw:
+    """The law through levels, and the parts that could not be identified from them.
+
+    values: linear numbers and eta by name, SI, at the reference temperature T_0; covariance: in the order linear +
+    searched.  cost: in units of the levels' variance.  Where levels show a Stribeck effect and no speed is slow enough
+    for its numbers, it is in the law, so that the other numbers are right and the law holds at the speeds measured, and
+    among `held`: its own numbers are extrapolations.
+    """
+
+    curve: FrictionCurve
+    terms: Terms
+    T_0: float
+    values: Mapping[str, float]
+    covariance: FloatArray
+    cost: float
+    dof: int
+    unidentified: "tuple[UnidentifiedTerm, ...]" = ()
+
+    @staticmethod
+    def of(levels: FrictionCurve, spec: LawSpec) -> "StaticLaw":
+        """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
+        # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
+        names = (
+            ("coulomb", "viscous") if np.ptp(levels.speed) > SAME_SPEED_TOLERANCE * levels.speed.max() else ("coulomb",)
+        )
+        fit, parts = fit_curve(levels, Terms(names, (), {})), _parts(levels)
+        held, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
+        # A part may show only after a later one: what was refused by its numbers is tried once more.
+        for _ in range(2):
+            held = dict(extrapolated)
+            for part in tuple(waiting):
+                wider, reason = _tried(levels, fit, part, getattr(spec, part.name))
+                if wider is None:
+                    held.setdefault(part.name, reason)  # a later number of the part has the same reason, or a lesser
+                    continue
+                fit = wider
+                waiting.remove(part)
+                held.pop(part.name, None)
+                if reason:
+                    held[part.name] = extrapolated[part.name] = reason
+        # Of a part that is there, a further number that does not show is no refusal.
+        taken = {part.name for part in parts if part not in waiting}
+        shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
+        for name, reason in shown.items():
+            if getattr(spec, name) == "yes":
+                text = f"law.{name} cannot be identified: {reason}"
+                raise FitError("friction/law", text, f"friction of {levels.place}")
+        fit = _add_curve_uncertainty(levels, fit, parts[0], spec)
+        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
+
+    @property
+    def quantile_95(self) -> float:
+        """Half of a 95 % interval in stds: Student's t where the scatter of the levels gave these, else normal."""
+        return float(stdtrit(self.dof, 0.975) if excess(self.cost, self.dof) > 1 else ndtri(0.975))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the numbers in the order of the covariance."""
+        return (*self.terms.linear, *self.terms.searched)
+
+    def value_and_std(self, name: str) -> tuple[float, float]:
+        """A number, of stiction its excess over Coulomb friction, and its std."""
+        places = [i for i, key in enumerate(self.names) if key in (name, FALLING.get(name))]
+        a = np.array([1.0 if self.names[i] == name else -1.0 for i in places])
+        value = float(a @ [self.values[self.names[i]] for i in places])
+        return value, float(np.sqrt(a @ self.covariance[np.ix_(places, places)] @ a))
+
+    def torque(self, conditions: Conditions) -> FloatArray:
+        """s tau_f (n,) at conditions."""
+        linear = np.array([self.values[name] for name in self.terms.linear])
+        return np.asarray(columns(conditions, self.terms.linear, self.values, self.T_0) @ linear)
+
+    def torque_std(self, conditions: Conditions) -> FloatArray:
+        """Std (n,) of the torque, to first order."""
+        J = derivative(conditions, self.terms, self.values, self.T_0)
+        return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float, float, float]]:
+        """Value, std and ends of the 95 % interval by name; without numbers that are extrapolated."""
+        reach, stds = self.quantile_95, np.sqrt(np.diag(self.covariance)).tolist()
+        unseen = STRIBECK_NUMBERS if any(part.term == "stribeck" for part in self.unidentified) else ()
+        return {
+            name: (x := self.values[name], std, x - reach * std, x + reach * std)
+            for name, std in zip(self.names, stds, strict=True)
+            if not name.endswith(unseen)
+        }
+
+    @property
+    def measured(self) -> MeasuredRange:
+        """The ranges of the conditions."""
+        levels, known = self.curve, self.curve.measured_temperatures
+        load = _range(levels.load) if levels.load.any() else None
+        return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
+
+    @property
+    def has_one_speed(self) -> bool:
+        """True if the levels are of one speed: Coulomb friction is then the whole torque there, and no law follows."""
+        return "viscous" not in self.values
+
+    @property
+    def viscous(self) -> float:
+        """The viscous friction that a robot's file has next to the law."""
+        return max(0.0, self.values.get("viscous", 0.0))
+
+    def to_friction(self) -> Friction:
+        """The law as a robot's file has it; its presliding is another's."""
+        return friction_of(self.values, self.T_0, self.measured)
+
+
+def fit_curve(levels: FrictionCurve, terms: Terms) -> StaticLaw:
+    """The law nearest to the levels in units of their std; FitError for too few levels, or searches without an end."""
+    n_numbers = len(terms.linear) + len(terms.searched)
+    if levels.n_conditions <= n_numbers:
+        numbers = ", ".join((*terms.linear, *terms.searched))
+        text = (
+            f"{levels.n_conditions} levels for {n_numbers} parameters of its law ({numbers}). Measure more speeds, or "
+        )
+        raise FitError("friction/law", f"{text}switch terms of the law off", f"friction of {levels.place}")
+    known = levels.measured_temperatures
+    T_0 = float(known.mean()) if len(known) else 0.0
+    search = _Search(levels, terms, T_0)
+    starts, ranges = list(search.starts()), {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
+    x, slow, fast = starts[0], 0.05 * float(levels.speed.min()), 3.0 * float(levels.speed.max())
+    if terms.searched:
+        low, high = np.log([ranges.get(name, (slow, fast)) for name in terms.searched]).T
+        optima = minimise(
+            lambda x: search.project(search.eta(x))[1], starts,
+            jac="3-point", bounds=(low, high), x_scale=1.0, ftol=1e-12, xtol=1e-10,
+        )  # fmt: skip
+        if not optima:
+            text = "no start of its Stribeck curve leads to an optimum; check its levels"
+            raise FitError("friction/law", text, f"friction of {levels.place}")
+        x = min(optima, key=lambda end: end.cost).x
+    eta = search.eta(x)
+    linear, left = search.project(eta)
+    cost, dof = float(left @ left), levels.n_conditions - n_numbers
+    values = named(terms.linear, linear) | eta
+    J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
+    covariance = inverse_normal(J) * excess(cost, dof)
+    return StaticLaw(levels, terms, T_0, values, covariance, cost, dof)
+
+
+def excess(cost: float, dof: int) -> float:
+    """Factor of the variance of levels by which they scatter more than stated; 1 where chance explains it."""
+    return cost / dof if chdtrc(dof, cost) < FALSE_ALARM else 1.0
+
+
+def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
+    """d s tau_f / d numbers (n, n_linear + n_searched)."""
+    linear = {name: values[name] for name in terms.linear}
+    searched = slopes(conditions, linear, terms.searched, values, T_0)
+    return np.hstack([columns(conditions, terms.linear, values, T_0), searched])
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The variables x: ln of each searched number; the Stribeck velocity over temperature by its ln at both ends."""
+
+    levels: FrictionCurve
+    terms: Terms
+    T_0: float
+
+    def eta(self, x: FloatArray) -> dict[str, float]:
+        """The nonlinear numbers at x, held ones included."""
+        eta = dict(self.terms.fixed) | named(self.terms.searched, np.exp(x))
+        if "temperature.stribeck_velocity" in self.terms.searched:
+            cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
+            known = self.levels.measured_temperatures - self.T_0
+            low, high = float(known.min()), float(known.max())
+            eta["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
+            eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
+        return eta
+
+    def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        """The best linear numbers at eta, and the residual."""
+        W = 1 / self.levels.std
+        Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
+        y = W * self.levels.torque
+        share = Q.T @ y
+        return np.linalg.lstsq(R, share, rcond=None)[0], y - Q @ share
+
+    def starts(self) -> Iterator[FloatArray]:
+        """Stribeck velocities over the speeds, exponents, one decay."""
+        speeds = np.log(self.levels.speed)
+        velocities = speeds.min() + np.array((0.15, 0.35, 0.6)) * np.ptp(speeds)
+        choices: dict[str, tuple[float, ...]] = {
+            "stribeck_velocity": tuple(velocities),
+            "exponent": tuple(np.log((1.0, 2.0))),
+            "load.stribeck_velocity": tuple(velocities[1:]),
+            "temperature.decay": (float(np.log(START_DECAY_K)),),
+        }
+        names = [name for name in self.terms.searched if name != "temperature.stribeck_velocity"]
+        for values in product(*(choices[name] for name in names)):
+            start = dict(zip(names, values, strict=True))
+            start["temperature.stribeck_velocity"] = start.get("stribeck_velocity", 0.0)
+            yield np.array([start[name] for name in self.terms.searched])
+
+
+def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:
+    """Friction model from parameters by name, temperature terms about a reference in degC, as in a robot model."""
+    of_part = {
+        part: {name.removeprefix(part): x for name, x in value.items() if name.startswith(part)}
+        for part in ("load.", "temperature.", "directions.")
+    }
+    load, heat, apart = of_part.values()
+    heat |= {"viscous": max(0.0, heat["viscous"])} if "viscous" in heat else {}  # no law grows with heat
+    return Friction(
+        value["coulomb"], value.get("stiction"), value.get("stribeck_velocity"),
+        max(0.0, value.get("quadratic", 0.0)), value.get("exponent", 2.0),
+        load=LoadDependence(max(0.0, load.pop("coulomb", 0.0)), **load) if load else None,
+        temperature=TemperatureDependence(reference, **heat) if set(heat) - {"decay"} else None,
+        directions=Directions(**apart) if apart else None, measured=measured,
+    )  # fmt: skip
+
+
+def _range(values: FloatArray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+# Reasons of parts that are not missing: they were not asked for, or the data show that they are absent.
+NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
+# Temperatures closer than this are the same condition.
+TEMPERATURE_STEP_K = 2.0
+# Numbers of temperature that are positive: viscous friction falls with heat.
+COOLING = ("temperature.viscous", "temperature.decay")
+# Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
+MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
+# Exponents of Stribeck curves, the last one where it is held, and the cost by which levels exclude another one.
+EXPONENTS: tuple[float, ...] = (1.0, 1.4, 2.0)
+MAX_COST = 4.0
+# Ends of the names of numbers that change friction below some speed alone.
+STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
+
+
+@dataclass(frozen=True)
+class UnidentifiedTerm:
+    """Term of the friction model that is not identified: the reason, and the required data."""
+
+    term: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Numbers that come together, if the terms have `after`, and the reason why the conditions cannot identify them.
+
+    name: key of the part in a study's law.  refusal: that reason, "" without one.  fixed: until they are searched for.
+    is_tested: by F.  Not so a number that would otherwise be held at one that was not measured: it is free where it can
+    be identified at all, since the intervals of the others would not hold the truth.
+    """
+
+    name: str
+    refusal: str
+    linear: tuple[str, ...] = ()
+    searched: tuple[str, ...] = ()
+    after: str = ""
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    is_tested: bool = True
+
+    def added(self, terms: Terms) -> Terms:
+        if self.after and self.after not in (*terms.linear, *terms.searched):
+            return terms
+        held = {name: value for name, value in {**terms.fixed, **self.fixed}.items() if name not in self.searched}
+        return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), held)
+
+
+def _tried(levels: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
+    """The law with a part, or the reason why not; both where it is there and its own numbers are extrapolations."""
+    if key == "no":
+        return None, NOT_ASKED
+    if part.refusal:
+        return None, part.refusal
+    terms = part.added(fit.terms)
+    if terms == fit.terms:
+        return None, "it needs a Stribeck curve, which the levels do not show"
+    try:
+        wider = fit_curve(levels, terms)
+    except FitError as error:
+        return None, str(error)
+    new = [name for name in wider.names if name not in fit.names]
+    chance = chance_of_terms(fit.cost, wider.cost, len(new), wider.dof)
+    if part.is_tested and chance > FALSE_ALARM and key == "auto":
+        return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
+    wide, lowest = _widest(wider, new), float(levels.speed.min())
+    nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
+    if lowest <= LOWEST_SPEED * nu_s:
+        return (wider, "") if wide is None else (None, wide)
+    text, (coulomb, std) = above_stribeck(lowest, nu_s), wider.value_and_std("coulomb")
+    is_known = std < MAX_RELATIVE_STD * coulomb and wider.value_and_std("stiction")[0] > 0
+    return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
+
+
+def above_stribeck(lowest: float, nu_s: float) -> str:
+    """The reason why speeds show no stiction."""
+    return (
+        f"the lowest speed of {lowest:.3g} is above a third of the Stribeck velocity (about {nu_s:.3g}); "
+        f"measure at {LOWEST_SPEED * nu_s:.2g} and below"
+    )
+
+
+def _add_curve_uncertainty(levels: FrictionCurve, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
+    """Fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
+
+    These are of another exponent where it is held, and, where there is none, below the lowest speed.
+    """
+    has_curve, changes = "stribeck_velocity" in fit.names, [np.zeros(len(fit.names))]
+    is_free = "exponent" in fit.names or (has_curve and spec.exponent == "no")
+    if is_free or spec.stribeck == "no" or stribeck.refusal:
+        return fit
+    terms = fit.terms if has_curve else stribeck.added(fit.terms)
+    held = terms.fixed["exponent"]
+    allowed = [a for a in EXPONENTS if a == held or spec.exponent != "no"]
+    for exponent in (a for a in allowed if a != held or not has_curve):
+        try:
+            trial = fit_curve(levels, replace(terms, fixed={**terms.fixed, "exponent": exponent}))
+        except FitError:
+            continue
+        would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * trial.values["stribeck_velocity"]
+        if trial.cost < fit.cost + MAX_COST and trial.value_and_std("stiction")[0] > 0 and not would_show:
+            changes.append(np.array([trial.values[name] - fit.values[name] for name in fit.names]))
+    change = max(changes, key=lambda shift: float(abs(shift[fit.names.index("coulomb")])))
+    return replace(fit, covariance=fit.covariance + np.outer(change, change))
+
+
+def extrapolates(lowest: float) -> str:
+    """The end of a reason why a law has no Stribeck effect; lowest: speed that was measured."""
+    return f"F_c is extrapolated to zero from speeds of {lowest:.2g} and above, and friction below may be larger"
+
+
+def _widest(fit: StaticLaw, names: list[str]) -> str | None:
+    """The reason why a number of the new part is not known; a slope over temperature or direction may be zero."""
+    for name in names:
+        if name.startswith("directions") or (name.startswith("temperature") and name not in COOLING):
+            continue
+        value, std = fit.value_and_std(name)
+        if not std < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
+            return f"{name} would be {value:.3g} +- {std:.2g}, which says nothing; more speeds around it would"
+    return None
+
+
+def _parts(levels: FrictionCurve) -> tuple[_Part, ...]:
+    speeds, temperatures, loads = (
+        _distinct(np.log(levels.speed), 0.05),
+        _distinct(levels.measured_temperatures, TEMPERATURE_STEP_K),
+        _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05),
+    )
+
+    def few(count: int, needed: int, what: str, advice: str) -> str:
+        return "" if count >= needed else f"{needed} {what} are needed, and these levels have {count}; {advice}"
+
+    curve = few(speeds, MIN_SPEEDS, "speeds", extrapolates(float(levels.speed.min())))
+    uneven = (
+        "the difference between the directions does not change with speed beyond chance, and a constant one cannot be "
+        "distinguished from an offset of the torque"
+    )
+    uneven = few(speeds, 4, "speeds", "record them both ways") or uneven  # four show a difference of slopes
+    uneven = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else uneven
+    one_load, two_loads = (few(loads, n, "loads", "measure in more postures or with payloads") for n in (2, 3))
+    one_T, two_T = (few(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
+    by_speed = few(speeds, 2, "speeds", "at one speed the whole torque changes")
+    return (
+        _Part("stribeck", curve, ("stiction",), ("stribeck_velocity",), fixed={"exponent": EXPONENTS[-1]}),
+        _Part("directions", uneven, ("directions.coulomb", "directions.viscous")),
+        _Part("load", one_load, ("load.coulomb",)),
+        _Part("load", one_load, ("load.stiction",), after="stribeck_velocity"),
+        _Part("load", two_loads, (), ("load.stribeck_velocity",), "load.stiction"),
+        _Part("temperature", one_T or by_speed, ("temperature.viscous",), fixed={"temperature.decay": START_DECAY_K}),
+        _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
+        _Part("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
+        _Part("exponent", curve, (), ("exponent",), "stribeck_velocity", is_tested=False),
+        _Part("temperature", one_T, ("temperature.coulomb",)),
+        _Part("quadratic", curve, ("quadratic",)),
+    )
+
+
+def _distinct(values: FloatArray, step: float) -> int:
+    """Number of values that are apart by more than the step, counted upwards."""
+    count, last = 0, -np.inf
+    for value in np.sort(values).tolist():
+        if value > last + step:
+            count, last = count + 1, value
+    return count

@@ -1,0 +1,336 @@
+r"""Motion-induced bias of the best linear approximation: the measurement moves the robot out of its posture.
+
+With the equations R(z) = B u of z = (q, lambda, q', q''), phi(q) = 0 and outputs among them, a nearly
+Gaussian motion z_0 + e_1 + e_2 about the operating point, e_1 in proportion to the torque, and R', R'' at that point,
+
+.. math:: L\, \delta X = - \big( \mathrm{E}[R'(z_0 + e_1)] - R' \big) X
+          - \sum_{\pm k} R''\big[ e_2(\omega \pm \omega_k),\, e_1(\mp \omega_k) \big] - R''[\bar e_2, X], \qquad
+          L\, e_2 = - \tfrac12 R''[e_1, e_1]
+
+is the change of X = L^-1 B, the best linear approximation to second order in the motion. The first term is the
+statistical linearisation: the mean mass matrix, gravity that a swing makes softer, loops that turn, and the moving
+posture times the acceleration that goes with it. The others are of the same size: e_2, the motion at sums and
+differences of lines, meets e_1 again. The first alone depends on the coordinates, and has the stretch of a loop to
+second order not at all; together they are the same for each formulation. e_2 passes through the controller: with its
+feedback where that is known, with motors that stand still at these frequencies where it is not. The mean of the motors
+is measured: a controller without integral gives way to that of e_2.
+
+Without motion, and in a model whose equations are linear, the change is zero. It falls off with the square of the
+motion; what is left out, of fourth order, is smaller by that square in rad^2.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.statistics import interpolated
+from elastid.linear.equilibrium import equilibrium, free_coordinates
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.response.transfer import change_of_angles
+from elastid.model.elastic import ElasticModel
+from elastid.model.loop_closure import RANK_TOLERANCE
+from elastid.response import MotorMotion, Response
+from elastid.robot.robot import split_place
+
+# Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
+MOST_LINES, _FEW = 48, 8
+# Standard deviations that the effect may have, of all elements together, before it is worked out.
+NEGLIGIBLE = 0.1
+# An effect on m lines is off by about this over m^2 of itself. As many are taken as make that negligible, since their
+# work grows with m^2.
+_LINES_ERROR = 30.0
+# A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
+# the encoder, or a posture that was given in round numbers.
+_LARGEST_SHIFT = 30.0
+
+
+def estimate_motion_bias(
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response
+) -> ComplexArray | None:
+    """Return dG (F, n_y, n_u) that the motion adds to the response of a model about its static posture.
+
+    linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
+    measured count as standing still.  StudyError as `equilibrium`.
+    None where no motion is known, where it cannot matter, and for a motion to where the equations have no number (a gas
+    spring at its end).
+    No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
+    """
+    motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
+    if motion is None or not motion.power.any():
+        return None
+    expansion, most = _expand(model, linear, theta), MOST_LINES
+    measured = np.flatnonzero(np.isin(model.inputs, motion.motors))
+    at = [motion.motors.index(model.inputs[i]) for i in measured]
+    mean = _mean(expansion, motion, linear.configuration.angles, measured, at)
+    inputs = [model.inputs.index(place) for place in linear.driven]
+    if linear.controller is not None:
+        inputs = [model.inputs.index(place) for place in linear.controller.motors]
+
+    def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
+        """dG of a motion of at most so many lines."""
+        omega = 2 * np.pi * lines_hz
+        moved = _MotionBias.of(expansion, motion, measured, at, mean, most)
+        nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
+        changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
+        dG = expansion.response_change(omega, changes)[:, :, inputs]
+        return change_of_angles(linear, theta, lines_hz, dG)
+
+    if known is not None:
+        few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
+        rough = of_motion(freq_hz[few], _FEW)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(known.variance[few] > 0, np.abs(rough) ** 2 / known.variance[few], np.inf)
+        size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(few))
+        if size < NEGLIGIBLE:
+            return None
+        most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / NEGLIGIBLE))))
+    effect = of_motion(freq_hz, max(most, _FEW))
+    return effect if np.isfinite(effect).all() else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Expansion:
+    """R about an operating point, of n = n_q + (independent constraints) unknowns x: all q, then lambda.
+
+    J (n + n_y, n_z), curvature (n_z, n + n_y, n_z): slope and second derivative of the equations, then of the outputs
+    w.  jacobian(z (K, n_z)): J (K, n + n_y, n_z) elsewhere.  B (n, n_u).  free: the unknowns but for the motors'
+    coordinates.  orders (n_y,): 1 of outputs that are rates, 2 of accelerations.
+    """
+
+    n_q: int
+    n: int
+    J: FloatArray
+    curvature: FloatArray
+    jacobian: Callable[[FloatArray], FloatArray]
+    B: FloatArray
+    free: IntArray
+    orders: IntArray
+
+    def z(self, omega: float) -> ComplexArray:
+        """Return (n_z, n): z of the unknowns x at a frequency."""
+        rates = np.eye(self.n_q, self.n)
+        return np.asarray(np.vstack([np.eye(self.n), 1j * omega * rates, -(omega**2) * rates]), np.complex128)
+
+    def L(self, omega: Any) -> ComplexArray:
+        """Return the dynamic stiffness (n, n) with its constraints; (K, n, n) at K frequencies."""
+        return self._in_front_of_x(self.J[: self.n], omega)
+
+    def _in_front_of_x(self, J: FloatArray, omega: Any) -> ComplexArray:
+        """J z (..., n_r, n) of rows J (n_r, n_z), z of the unknowns x at frequencies."""
+        n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
+        of_x = J[:, :n] + 0 * s
+        of_x[..., :n_q] += s * J[:, n : n + n_q] + s**2 * J[:, n + n_q :]
+        return np.asarray(of_x)
+
+    def X(self, omega: Any) -> ComplexArray:
+        """Return L^-1 B (..., n, n_u)."""
+        return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
+
+    def response_change(self, omega: FloatArray, change: ComplexArray) -> ComplexArray:
+        """Return the change of outputs (F, n_y, n_u), as positions, by one of equations and outputs (F, n + n_y, n)."""
+        X, of_equations, of_outputs = self.X(omega), change[:, : self.n], change[:, self.n :]
+        dX = -np.linalg.solve(self.L(omega) + of_equations, of_equations @ X)
+        moved = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
+        return moved / (1j * omega[:, None, None]) ** self.orders[:, None]
+
+    def locked_inverse(self, omega: Any) -> ComplexArray:
+        """Return L^-1 (..., n, n) with motors that stand still."""
+        L = self.L(omega)
+        inverse, free = np.zeros_like(L), (..., self.free[:, None], self.free)
+        try:
+            inverse[free] = np.linalg.inv(L[free])
+        except np.linalg.LinAlgError:  # at rest, of a joint that nothing holds
+            inverse[free] = np.linalg.pinv(L[free])
+        return inverse
+
+
+@dataclass(frozen=True, eq=False)
+class _MotionBias:
+    """An expansion and the motion about it.
+
+    omega (2 K,), of both signs; curved (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each.
+    mean (n + n_y, n_z): E[R'] - R' and R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
+    """
+
+    expansion: _Expansion
+    omega: FloatArray
+    curved: ComplexArray
+    mean: FloatArray
+    feedback: FloatArray | None
+
+    @classmethod
+    def of(
+        cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
+    ) -> "_MotionBias":
+        """measured: indices of the model's motors in the motion signals. most: most lines of the motion."""
+        few = motion.grouped(most)
+        sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
+        W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
+        both = np.concatenate([W, W.conj()])
+        feedback = None
+        if motion.feedback is not None and len(measured) == expansion.B.shape[1]:
+            feedback = motion.feedback[:, at][:, :, at]
+        curved = np.tensordot(both, expansion.curvature, axes=1)
+        return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
+
+    def change(self, omega: float) -> ComplexArray:
+        """Return (n + n_y, n): change of the coefficients of x in equations and outputs at a frequency."""
+        e, both, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curved_parts
+        (_, K, n_r, m, n_k), s = met.shape, 1j * both[:, None]
+        # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
+        torque = -np.tensordot([1.0, 1j * omega, -(omega**2)], met, axes=1).reshape(K, n_r, m * n_k)
+        x = self._inverse(both, rows[rows < e.n])[:, unknowns] @ torque
+        weighted = (s ** np.arange(3))[:, None] @ partners
+        total = (self.mean @ e.z(omega)).astype(np.complex128)
+        total[np.ix_(rows, unknowns)] += np.sum(
+            weighted.reshape(K, len(rows), n_k * m) @ x.reshape(K, n_k * m, n_k), axis=0
+        )
+        return np.asarray(total)
+
+    @cached_property
+    def _curved_parts(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:
+        """Rows with curvature, and the unknowns (n_k,) whose entries in z have curvature; motors mostly have zero
+        curvature.
+
+        R''[., e_1] there by the order of the place: of the equations (3, 2 K, n_rows, m, n_k), and of outputs, too, at
+        the frequencies of opposite sign (2 K, 3, n_rows n_k m).
+        """
+        e, curvature = self.expansion, self.expansion.curvature != 0
+        rows, curved = np.flatnonzero(curvature.any(axis=(0, 2))), curvature.any(axis=(1, 2))
+        of_order = [np.arange(e.n), e.n + np.arange(e.n_q), e.n + e.n_q + np.arange(e.n_q)]
+        unknowns = np.flatnonzero(np.any([np.pad(curved[z], (0, e.n - len(z))) for z in of_order], axis=0))
+        K, m = self.curved.shape[:2]
+        parts = np.zeros((3, K, m, len(rows), len(unknowns)), complex)
+        for part, columns in zip(parts, of_order, strict=True):
+            known = unknowns < len(columns)
+            part[..., known] = self.curved[:, :, rows][..., columns[unknowns[known]]]
+        met = np.ascontiguousarray(parts[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
+        partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
+        return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
+
+    @cached_property
+    def _controlled_stiffness(self) -> FloatArray:
+        """The dynamic stiffness with the feedback, before 1 / s, 1, s and s^2 (4, n n)."""
+        e, parts = self.expansion, np.zeros((4, self.expansion.n, self.expansion.n))
+        if self.feedback is not None:
+            parts[:3] = e.B @ self.feedback @ e.B.T
+        for part, J in zip(parts[1:], np.split(e.J[: e.n], [e.n, e.n + e.n_q], axis=1), strict=True):
+            part[:, : J.shape[1]] += J
+        return parts.reshape(4, -1)
+
+    def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
+        """Inverse from torques on some of the unknowns to e_2 (2 K, n, n_r)."""
+        e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
+        if self.feedback is None:
+            return e.locked_inverse(omega)[:, :, rows]
+        s = 1j * np.where(rest, 1.0, omega)[:, None]
+        L = np.hstack([1 / s, np.ones_like(s), s, s**2]) @ self._controlled_stiffness
+        inverse = np.linalg.solve(L.reshape(-1, e.n, e.n), np.eye(e.n)[:, rows])
+        inverse[rest] = e.locked_inverse(0.0)[:, rows]
+        return np.asarray(inverse)
+
+
+def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
+    """W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; the other motors stand still."""
+    values, vectors = np.linalg.eigh(power)
+    X, s = expansion.X(omega), 1j * omega[:, None, None]
+    per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, :, measured]
+    x = per_angle @ (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+    v = s * x[:, : expansion.n_q]
+    return np.concatenate([x, v, s * v], axis=1).swapaxes(1, 2)
+
+
+def _mean(
+    expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
+) -> FloatArray:
+    every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
+    covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
+    shift = np.zeros_like(angles)
+    shift[measured] = motion.mean[at] - angles[measured]
+    shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
+    return _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
+
+
+def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
+    """E[R'(z_0 + e)] - R' (n + n_y, n_z) of Gaussian e: second differences along its principal axes."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > 1e-18 * values[-1]
+    e = (vectors[:, kept] * np.sqrt(values[kept])).T
+    return np.asarray(np.sum(expansion.jacobian(np.vstack([e, -e])) - expansion.J, axis=0) / 2)
+
+
+def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
+    """R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
+    n, moved = expansion.n, expansion.B @ shift
+    torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ moved
+    mean = moved - expansion.locked_inverse(0.0).real @ torque
+    return np.tensordot(mean, expansion.curvature[:n], axes=1)
+
+
+def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
+    """R of a model about its equilibrium in the configuration of `linear`, with its outputs and controlled motors."""
+    point = equilibrium(model, theta[:-1], linear.configuration)
+    numbers = model.carried(theta[:-1], linear.configuration.has_payload)
+    outputs = linear.outputs if linear.controller is None else (*linear.outputs, *linear.controller.motors)
+    n_q, n_c, n_y = model.n_q, model.n_c, len(outputs)
+    # Of redundant constraints those combinations that bind; their multipliers alone are unknown.
+    U = np.zeros((n_c, 0))
+    if n_c:
+        left, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())
+        U = left[:, : int(np.sum(size > RANK_TOLERANCE * size.max()))]
+    r, n = U.shape[1], n_q + U.shape[1]
+    kept = np.zeros((3 * n_q + n_c, 2 * n_q + n))
+    kept[:n_q, :n_q], kept[n_q : n_q + n_c, n_q:n], kept[n_q + n_c :, n:] = np.eye(n_q), U, np.eye(2 * n_q)
+    rows = np.zeros((n + n_y, n_q + n_c + n_y))
+    rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
+    z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
+    slope = _jacobian_of(model, outputs)
+
+    def jacobian(distances: FloatArray) -> FloatArray:
+        slopes = slope(z[:, None] + kept @ distances.T, numbers).full()  # side by side
+        return np.asarray(rows @ slopes.reshape(len(slopes), len(distances), -1).swapaxes(0, 1) @ kept)
+
+    # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
+    steps = np.diag(np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0))
+    ahead, behind = np.split(jacobian(np.vstack([steps, -steps])), 2)
+    curvature = (ahead - behind) / (2 * np.diag(steps)[:, None, None])
+    B = np.vstack([model.B, np.zeros((r, model.n_u))])
+    free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
+    orders = np.array([2 if is_point(place) else 1 for place in outputs])
+    return _Expansion(n_q, n, jacobian(np.zeros((1, 2 * n_q + n)))[0], curvature, jacobian, B, free, orders)
+
+
+@lru_cache(maxsize=8)
+def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
+    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs."""
+    q, v, a, lambda_, theta = model.symbols("q", "v", "a", "lambda", "theta")
+    forces = model.mass(q, theta) @ a + model.force(q, v, theta) + model.constraint_jacobian(q, theta).T @ lambda_
+    rates = model.readout(q, theta, outputs)[0] @ v
+    read = [
+        _acceleration(model, place, q, v, a, theta) if is_point(place) else rates[i] for i, place in enumerate(outputs)
+    ]
+    z = ca.vertcat(q, lambda_, v, a)
+    R = ca.vertcat(forces, model.constraint(q, theta), *read)
+    return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
+
+
+def is_point(place: str) -> bool:
+    """Return True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
+    kind, _, axis = split_place(place)
+    return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
+
+
+def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
+    """Acceleration of a point along its turning axis, v' + omega x v in the axes of the frame; less gravity."""
+    kind, name, axis = split_place(place)
+    f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
+    J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
+    velocity, turning = J[:3, :] @ v, J[3:, :] @ v
+    along = J[:3, :] @ a + ca.jtimes(velocity, q, v) + ca.cross(turning, velocity)
+    gravity = model.frame_gravity(q, theta)[3 * f + i] if kind == "accelerometer" else 0
+    return along[i] - gravity

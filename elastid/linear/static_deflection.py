@@ -1,0 +1,180 @@
+r"""Static deflection of frames under constant forces and torques.
+
+.. math:: \partial V / \partial q_f + \Phi_f^T \lambda = J_f^T F, \qquad \varphi = 0, \qquad
+          y = p(q_{loaded}) - p(q_{unloaded}), \qquad
+          \frac{dz}{d\theta} = -\begin{bmatrix} K & \Phi_f^T \\ \Phi_f & 0 \end{bmatrix}^{-1}
+          \frac{\partial}{\partial \theta} \begin{bmatrix} \partial V / \partial q_f + \Phi_f^T \lambda - J_f^T F \\
+          \varphi \end{bmatrix}, \quad z = (q_f, \lambda)
+
+Solved by Newton's method for all postures and loads at once: gravity, nonlinear springs and closed loops are exact. To
+first order y = J K^-1 J^T F, K the tangent stiffness under the load. Forces and torques keep their directions, in the
+axes of the base.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.linear.equilibrium import MAX_STEP, MAX_STEPS, ROUNDING_GAP, equilibrium, free_coordinates
+from elastid.model.elastic import ElasticModel
+from elastid.model.frame_tree import position, rotation, tree, turns
+from elastid.record import Configuration
+
+_SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Force and torque (3,) at the origin of a frame, in N and N m, and the measured frame.
+
+    directions (n, 3): of the readings at the frame `read_at`.  All in the axes of the base.
+    """
+
+    configuration: Configuration
+    frame: str
+    force: FloatArray
+    torque: FloatArray
+    read_at: str
+    directions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRobot:
+    """The loads of a robot, and where it rests without them to begin with.
+
+    z (2 L, n_z): coordinates that are free, and multipliers, of L postures twice, unloaded and to be loaded.
+    locked (2 L, n_q): coordinates with the motors at their angles.  wrench (2 L, 6 n_f): zero without load.
+    moved (n_p,): parameters to which there are derivatives.  statics(z, locked, theta, wrench) -> forces that remain
+    (n_z,) and their slopes to z; slopes(...) -> to the moved parameters, and position of all frames (3 n_f,) with its
+    slopes to both.
+    """
+
+    model: ElasticModel
+    loads: tuple[Load, ...]
+    frames: tuple[str, ...]
+    moved: IntArray
+    z: FloatArray
+    locked: FloatArray
+    wrench: FloatArray
+    statics: ca.Function
+    slopes: ca.Function
+
+    @classmethod
+    def of(
+        cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], moved: Sequence[str]
+    ) -> "LoadedRobot":
+        """Return the robot under loads, with theta (n_theta,) of each posture; StudyError without an equilibrium."""
+        known = [frame.name for frame in model.robot.frames]
+        frames = tuple(dict.fromkeys(name for load in loads for name in (load.frame, load.read_at)))
+        for name in frames:
+            if name not in known:
+                raise StudyError(
+                    "robot/unknown-name", f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, known)}"
+                )
+        free = free_coordinates(model)
+        places = np.array([i for i, name in enumerate(model.parameters) if name in moved], np.int64)
+        points = [equilibrium(model, t, load.configuration) for t, load in zip(theta, loads, strict=True)]
+        z = np.array([np.append(point.q[free], point.lambda_) for point in points])
+        locked = np.array([point.q for point in points])
+        wrench = np.zeros((len(loads), len(frames), 6))
+        for i, load in enumerate(loads):
+            wrench[i, frames.index(load.frame)] = np.append(load.force, load.torque)
+        both = np.concatenate([np.zeros_like(wrench), wrench]).reshape(2 * len(loads), -1)
+        functions = _functions(model, frames, tuple(places.tolist()))
+        return cls(model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(locked, (2, 1)), both, *functions)
+
+    def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Readings (n,) of each load and their slopes (n, n_p) to the moved parameters; theta (n_theta,) of each.
+
+        LinAlgError where the robot finds no rest.
+        """
+        pairs = zip(theta, self.loads, strict=True)
+        carried = [self.model.carried(t, load.configuration.has_payload) for t, load in pairs]
+        both = np.tile(np.array(carried), (2, 1))
+        z, K = self._rest(both)
+        by_theta, p, p_z, p_theta = self._at(self.slopes, z, both)
+        slopes = p_theta - p_z @ self._solved(K, by_theta)
+        L, places = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
+        readings, of_theta = [], []
+        for i, (load, at) in enumerate(zip(self.loads, places, strict=True)):
+            rows = slice(at, at + 3)
+            readings.append(load.directions @ (p[L + i, rows, 0] - p[i, rows, 0]))
+            of_theta.append(load.directions @ (slopes[L + i, rows] - slopes[i, rows]))
+        return readings, of_theta
+
+    def _rest(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """z (2 L, n_z) at rest and the slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
+        z = self.z.copy()
+        r, K = self._at(self.statics, z, theta)
+        for _ in range(MAX_STEPS):
+            step = -self._solved(K, r)[:, :, 0]
+            free = step[:, : step.shape[1] - self.model.n_c]
+            largest = np.abs(free).max(axis=1, initial=0.0)
+            if not np.isfinite(step).all():
+                break
+            if largest.max() < ROUNDING_GAP:  # convergence is quadratic
+                return z + step, K
+            share = np.minimum(1.0, MAX_STEP / np.maximum(largest, 1e-300))
+            size = _size(r, K)
+            while True:
+                tried = z + share[:, None] * step
+                r, K = self._at(self.statics, tried, theta)
+                worse = (_size(r, K) > (1 - share / 10) * size) & (size > 1e-9) & (share > _SHORTEST)
+                if not worse.any():
+                    break
+                share = np.where(worse, share / 2, share)
+            z = tried
+        raise np.linalg.LinAlgError("a robot finds no rest under its loads")
+
+    def _at(self, function: ca.Function, z: FloatArray, theta: FloatArray) -> tuple[FloatArray, ...]:
+        """The outputs of a function for all rows of z, each (2 L, m, n)."""
+        parts = function.map(len(z))(z.T, self.locked.T, theta.T, self.wrench.T)
+        shapes = (function.size_out(i) for i in range(function.n_out()))
+        return tuple(
+            part.full().T.reshape(len(z), n, m).transpose(0, 2, 1) for part, (m, n) in zip(parts, shapes, strict=True)
+        )
+
+    def _solved(self, K: FloatArray, right: FloatArray) -> FloatArray:
+        """K^-1 right; for redundant constraints, with the smallest multipliers."""
+        if not self.model.n_c:
+            return np.asarray(np.linalg.solve(K, right), dtype=float)
+        return np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right
+
+
+def _size(r: FloatArray, K: FloatArray) -> FloatArray:
+    """Remaining forces (L,), each over the stiffness of its row: about a deflection."""
+    return np.asarray(np.abs(r[:, :, 0] / np.maximum(np.abs(K).max(axis=2), 1e-300)).max(axis=1, initial=0.0))
+
+
+@lru_cache(maxsize=8)
+def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+    """`LoadedRobot.statics` and `LoadedRobot.slopes`."""
+    free = free_coordinates(model).tolist()
+    z, locked = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
+    (theta,), wrench = model.symbols("theta"), ca.SX.sym("wrench", 6 * len(frames))
+    q, lambda_ = ca.SX(locked), z[len(free) :]
+    q[free] = z[: len(free)]
+    named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
+    layout = tree(model.robot, {name: symbol for name, symbol in named.items() if name in model.robot.geometry})
+    turned, names = turns(layout, q[: len(model.robot.joints)]), [frame.name for frame in model.robot.frames]
+    Phi = model.constraint_jacobian(q, theta)
+    forces = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
+    rates = model.frame_velocity(q, theta)
+    points = []
+    for i, name in enumerate(frames):
+        place = names.index(name)
+        seat = layout.named[place]
+        points.append(position(layout, turned, seat))
+        R = rotation(layout, turned, seat)
+        J = rates[6 * place : 6 * place + 6, :]
+        forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
+    left, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
+    slopes = [ca.jacobian(left, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]
+    given, options = [z, locked, theta, wrench], {"cse": True}
+    statics = ca.Function("statics", given, [ca.densify(term) for term in (left, ca.jacobian(left, z))], options)
+    return statics, ca.Function("slopes", given, [ca.densify(term) for term in slopes], options)

@@ -1,0 +1,266 @@
+"""Channels of a study that contradict their names, or each other as the motions and the torque of one joint.
+
+Only a certain contradiction is a doubt: relations that agree to a few per cent, off by a known factor.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.units import dimension_and_size, of_translation, units_of, usual_spelling
+from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
+from elastid.logs.channel_guess import DRIVES
+from elastid.logs.channel_names import guess_by_name
+from elastid.logs.motion_relations import (
+    MAX_EFFICIENCY,
+    MIN_CORRELATION,
+    MIN_GAIN_OVER_STD,
+    TorqueRelation,
+    motion_relations,
+    sensor_gain,
+    torque_relation,
+    travel,
+)
+from elastid.logs.repair import bridged
+from elastid.logs.units_and_sides import link_side_factor, to_joints, value_refusals
+from elastid.robot import Joint, Robot
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault.
+
+    is_weak: from the torque of a joint while other joints moved; a second log must confirm it.
+    """
+
+    channel: int | None
+    key: str
+    text: str
+    is_weak: bool = False
+
+
+def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+    """One signal as torque and motion, torques and motions that are exchanged, joints that are, units unlike all."""
+    guesses = [guess_by_name(c.channel, c.column) for c in channels]
+    torques = [g.name for g, c in zip(guesses, channels, strict=True) if c.role == "y" and g.quantity in DRIVES]
+    families: dict[tuple[str, str, str], list[int]] = {}
+    for i, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
+        for earlier in channels[:i]:
+            is_one = (channel.channel, channel.column, channel.file) == (earlier.channel, earlier.column, earlier.file)
+            if is_one and "t" not in (channel.role, earlier.role):
+                text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at} (role {earlier.role}), and"
+                key = "channel" if channel.channel else "column"
+                yield Doubt(
+                    i, key, f"{text} cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
+                )
+        words = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
+        if channel.role == "u" and guess.quantity in MOTIONS and words[:1] == [guess.name] and words[1:]:
+            text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
+            yield Doubt(i, "channel", f"{text}: exchange them")
+        unit = channel.unit or QUANTITY_UNIT[channel.quantity]
+        in_brackets = re.search(r"[\[(][^\])]+[\])]\s*$", channel.channel) is not None
+        is_same_kind = (guess.quantity in MOTIONS and channel.role == "y") or guess.quantity == channel.quantity
+        is_other = dimension_and_size(unit) != dimension_and_size(guess.unit or unit) and guess.scale == 1
+        if in_brackets and channel.scale == 1 and is_same_kind and is_other:
+            key = "unit" if guess.quantity == channel.quantity else "quantity"
+            text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
+            yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}")
+        if re.search(r"\d", channel.channel) and not re.fullmatch(r"column \d+", channel.channel):
+            families.setdefault((guess.parts[0], channel.quantity, channel.role), []).append(i)
+    for members in families.values():
+        yield from _of_a_family(members, [guesses[i].parts[1] for i in members], channels)
+
+
+def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+    """Warnings on signals whose names differ by a number: one with a different unit, two exchanged ones."""
+    units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
+    sizes = [dimension_and_size(unit) for unit in units]
+    usual, count = Counter(sizes).most_common(1)[0]
+    digits = [re.sub(r"\D", "", channels[i].at) for i in members]
+    are_numbered = sorted(digits) == sorted(labels) and len({*digits}) == len(digits)
+    for i, unit, size, label, number in zip(members, units, sizes, labels, digits, strict=True):
+        name = channels[i].name_in_file
+        if size != usual and size[0] == usual[0] and count == len(members) - 1 > 1:
+            text = f"{name} has unit {unit}, {channels[members[sizes.index(usual)]].name_in_file} and the others"
+            yield Doubt(i, "unit", f"{text} {units[sizes.index(usual)]}; use one unit for all joints of a log")
+        if are_numbered and label != number:
+            text = f"{name} has number {label} in its name and is assigned to {channels[i].at}"
+            yield Doubt(i, "at", f"{text}; check the order of the channels")
+
+
+# Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
+MAX_QUANTITY_CORRELATION = 0.5  # of one motion with another as the quantity that is stated
+# |log| of a gain that is as stated, and of its distance from a known factor.
+MAX_GAIN, MAX_FACTOR = 0.3, 0.1
+MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
+MAX_TURNS = 4.0  # that no joint behind a gear makes
+MIN_SAMPLES = 200
+_UNUSUAL = ("arcmin", "arcsec", "mrad", "rev", "rev/s")  # that no log has, unless it says so
+
+
+@dataclass(frozen=True)
+class JointSignals:
+    """Torque and motions of one joint in SI, link side, as a study reads them; places of channels in its list."""
+
+    joint: Joint
+    ratio: float
+    rate_hz: float
+    torque: int | None
+    sensor: int | None
+    motions: tuple[int, ...]
+    channels: Sequence[ChannelSpec]
+    signals: FloatArray
+
+    def order(self, i: int) -> int:
+        """The derivative of the position that a motion is, as stated."""
+        return MOTIONS.index(self.channels[i].quantity)
+
+    def named(self, i: int) -> str:
+        """Quantity and name of a motion."""
+        return f"{self.channels[i].quantity} {self.channels[i].name_in_file}"
+
+    def factors(self, i: int) -> list[tuple[float, str]]:
+        """Factors by which the signal is too large where its unit or side is another one, with the keys to give."""
+        channel, unit = self.channels[i], QUANTITY_UNIT[self.channels[i].quantity]
+        dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
+        stated = dimension_and_size(channel.unit or dimension)[1]
+        is_named = channel.unit and usual_spelling(channel.unit) == guess_by_name(channel.channel, channel.column).unit
+        others = () if is_named else (unit for unit in units_of(dimension) if unit not in _UNUSUAL)
+        factors = [(stated / dimension_and_size(unit)[1], f"unit: {unit}") for unit in others]
+        units = [pair for pair in factors if pair[0] != 1]
+        # A motor turns further than its joint, with less torque.
+        ratio = abs(self.ratio) ** (1 if (channel.side == "link") == channel.is_motion else -1)
+        side = "side: motor" if channel.side == "link" else "side: link"
+        return [(ratio, side), *units] if abs(np.log(ratio)) > MAX_GAIN else units
+
+
+def channel_doubts(
+    channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
+) -> Iterator[Doubt]:
+    """Warnings about channels of one rate from the raw values (n, c) of a log."""
+    constant = dict(value_refusals(channels, list(values.T)))
+    yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
+    by_names = list(doubts_by_names(channels))
+    yield from by_names
+    if by_names or constant or len(values) < MIN_SAMPLES or not isinstance(robot, Robot):
+        return
+    si = [bridged(x) * link_side_factor(c, robot) for x, c in zip(values.T, channels, strict=True)]
+    signals, joints = np.stack(si, axis=1) @ to_joints(channels, robot).T, []
+    for joint in robot.driven:
+        ours = [i for i, c in enumerate(channels) if c.at in (f"motor {joint.name}", f"joint {joint.name}")]
+        torque, sensor = (next((i for i in ours if channels[i].role == role), None) for role in ("u", "d"))
+        motions = tuple(i for i in ours if channels[i].role == "y")
+        joints.append(JointSignals(joint, robot.ratio(joint.name), rate_hz, torque, sensor, motions, channels, signals))
+    doubts = [doubt for joint in joints for doubt in _travels(joint)]
+    doubts = doubts or [doubt for joint in joints for doubt in _motions(joint)]
+    yield from doubts or (doubt for joint in joints for doubt in _of_sensor(joint))
+
+
+def _travels(joint: JointSignals) -> Iterator[Doubt]:
+    """Positions that no joint has: far beyond its limits, or so many turns behind a gear."""
+    limits = joint.joint.limits.angle
+    for i in [i for i in joint.motions if joint.order(i) == 0]:
+        moved, most = travel(joint.signals[:, i]), limits[1] - limits[0]
+        if not np.isfinite(most):
+            most = np.inf if joint.joint.slides or abs(joint.ratio) < MAX_TURNS else 2 * np.pi * MAX_TURNS
+        if moved > 1.2 * most:
+            fitting = [text for factor, text in joint.factors(i) if factor > 1 and moved / factor < most]
+            text = (
+                f"joint {joint.joint.name} would move over {moved:.4g} {joint.joint.unit}; its range is {most:.4g}. "
+                f"The unit of its sensor is probably {' or '.join(fitting) or 'a different one'}"
+            )
+            yield Doubt(i, "side" if fitting == ["side: motor"] else "unit", text)
+
+
+def _motions(joint: JointSignals) -> Iterator[Doubt]:
+    """Motions of one joint that contradict each other in quantity, unit or sign; else its torque and its motion."""
+    is_consistent = False
+    for a, b in combinations(sorted(joint.motions, key=joint.order), 2):
+        relations = motion_relations(joint.signals[:, a], joint.signals[:, b], joint.rate_hz)
+        stated_order = joint.order(b) - joint.order(a)
+        stated, best = relations[stated_order], max(relations, key=lambda k: abs(relations[k].correlation))
+        gain, order = abs(stated.gain), joint.order(a) + best
+        if abs(stated.correlation) < MAX_QUANTITY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
+            i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best)
+            text = f"{joint.named(b)} is proportional to the derivative of order {best} of {joint.named(a)}"
+            yield Doubt(
+                i, "quantity", f"{text}; {joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
+            )
+            return
+        if abs(stated.correlation) < MIN_CORRELATION:
+            continue
+        if abs(np.log(gain)) > MAX_GAIN:
+            yield from _of_gain(joint, a, b, gain, stated_order)
+            return
+        if stated.gain < 0:
+            i = next((i for i in (a, b) if _by_torque(joint, i).is_against_motion), b)
+            names = f"{joint.named(a)} and {joint.named(b)} of joint {joint.joint.name}"
+            yield Doubt(i, "sign", f"{names} have opposite signs; give one of them sign: -1")
+            return
+        is_consistent = True
+    for i in joint.motions[:1]:
+        relation = _by_torque(joint, i)
+        names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
+        if relation.is_against_motion:
+            text = f"{names} give a negative inertia or friction. Give one of them sign: -1"
+            yield Doubt(joint.torque if is_consistent else i, "sign", text, relation.is_shared)
+        elif relation.is_before_gear(joint.joint, joint.ratio):
+            text = f"{names} give an inertia below the rotor's own. If they are logged before the gear, set side: motor"
+            yield Doubt(joint.torque, "side", text, relation.is_shared)
+
+
+def _of_sensor(joint: JointSignals) -> Iterator[Doubt]:
+    """Sign or unit of a torque sensor behind the gear that its joint's torque contradicts: u = J_m a + friction + s."""
+    if joint.sensor is None or joint.torque is None or not joint.motions:
+        return
+    i, u, s = joint.sensor, joint.signals[:, joint.torque], -joint.signals[:, joint.sensor]
+    motion = joint.motions[0]
+    y, order = joint.signals[:, motion], joint.order(motion)
+    gain, std = sensor_gain(u, s, y, order, joint.rate_hz)
+    relations = [torque_relation(x, y, order, joint.rate_hz, not joint.joint.slides) for x in (u, s)]
+    names = f"{joint.channels[joint.torque].name_in_file} and {joint.channels[i].name_in_file}"
+    is_certain = np.isfinite(std)
+    if MIN_GAIN_OVER_STD * std < -gain or (not is_certain and relations[1].is_against_motion):
+        text = f"motor torque and torque sensor ({names}) have opposite signs"
+        yield Doubt(i, "sign", f"{text}; change the sign of the sensor channel (role d)")
+        return
+    if not is_certain:  # the sensor measures an inertia, which is a part of the motor's
+        inertias = [relation.inertia for relation in relations]
+        gain, std = inertias[0] / max(inertias[1], 1e-300), 0.0 if min(inertias) > 0 else np.inf
+    is_other = abs(np.log(gain)) > MAX_EFFICIENCY if is_certain else gain < np.exp(-MAX_EFFICIENCY)
+    if MIN_GAIN_OVER_STD * std < gain and is_other and joint.channels[joint.torque].quantity != "current":
+        far = [(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)]
+        for distance, keys in sorted(far)[:1]:
+            text = f"the motor torque is {gain:.3g} times the sensor's ({names})"
+            if distance < MAX_EFFICIENCY or not is_certain:
+                yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")
+
+
+def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
+    if joint.torque is None:
+        return TorqueRelation()
+    u, y = joint.signals[:, joint.torque], joint.signals[:, i]
+    places = {c.at: k for k, c in reversed(list(enumerate(joint.channels))) if c.role == "y"}
+    others = [(joint.signals[:, k], joint.order(k)) for k in places.values() if k not in joint.motions]
+    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides, others)
+
+
+def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:
+    """Another unit or side of one of two motions; another gear, or another rate."""
+    text = f"{joint.named(b)} is {gain:.4g} times the value computed from {joint.named(a)}"
+    factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
+    fitting = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_FACTOR]
+    for i, keys in sorted(fitting, key=lambda pair: not pair[1].startswith("side"))[:1]:
+        yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} both are consistent")
+    if not fitting and order == 0 and abs(np.log(gain)) > MAX_PLAY:
+        what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
+        yield Doubt(b, "scale", f"{text}. Check {what}, and unit and scale of both")
+    elif not fitting and order > 0:
+        yield Doubt(
+            None, "rate_hz", (f"{text}; the sampling rate is probably {gain ** (1 / order) * joint.rate_hz:.4g} Hz")
+        )

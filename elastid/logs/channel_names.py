@@ -1,0 +1,106 @@
+"""Channels of a log by their names: quantity, unit, joint, and whether the signal is measured."""
+
+import re
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from elastid.base.units import dimension_and_size
+from elastid.logs.headings import unit_of_heading
+
+_WORDS = {
+    "temperature": r"temp(erat\w*)?", "torque":
+    r"\w*torques?|tau|\w*trq|tq|\w*moment|\w*efforts?|couple|coppia|koppel",
+    "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|(ma)?curr?|\w*strom|is?q|i",
+    "voltage": r"volt.*|vir|vdc",
+    "acceleration": r"\w*acc(el\w*)?|qdd|ddq|\w*beschl.*", "velocity":
+    r"\w*vel(oc\w*)?|\w*speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl|vitesse",
+    "position": r"\w*pos(i\w*)?|\w*angles?|ang|theta|phi|\w*winkel|enc.*|q|qm|qg|\w*lage|axis|joints?|"
+    "ak|[ar]korr",
+}  # fmt: skip
+_MEASURED = r"act.*|aipos|meas.*|mea|ist.*|adx?|fb|fdb|mot|motor|qm"
+_UNIT_WORDS = r"nm|rad|deg|mm|rpm|hz"
+_NOT_MEASURED = (
+    r"ref.*|cmd.*|command.*|aspos|ak|[ar]korr|d|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
+    "model|init|kin|dyn|traj|qg|simple|follow.*"
+)
+
+ChannelKey: TypeAlias = tuple[str, int | None, int]
+
+
+@dataclass(frozen=True)
+class ChannelGuess:
+    """One signal, its quantity and its unit (empty where unknown), and the reasons.
+
+    rank: how much its name speaks for a measured signal.  sign: against its torque.  scale: of its numbers to the unit.
+    ratio: of the gear on whose motor's side it is, 1 on the link's.  rate_hz: None for the rate of the log.
+    file: 2 for the second of the two files of a measurement.
+    """
+
+    name: str
+    column: int | None
+    quantity: str
+    unit: str
+    rank: int
+    why: str
+    sign: int = 1
+    scale: float = 1.0
+    ratio: float = 1.0
+    rate_hz: float | None = None
+    file: int = 1
+
+    @property
+    def to_si(self) -> float:
+        """Factor from the numbers of a motion, or of a drive on the link side, to SI on the link side."""
+        return self.sign * self.scale * dimension_and_size(self.unit)[1] / self.ratio
+
+    @property
+    def key(self) -> ChannelKey:
+        """Name, column and file, which no two signals of a measurement share."""
+        return self.name, self.column, self.file
+
+    @property
+    def parts(self) -> tuple[str, str]:
+        """Split a name into the common part and the joint's identifier: numbers, else the last other word."""
+        bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
+        bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
+        numbers = [*re.findall(r"\d+", bare), *([str(self.column)] if self.column else [])]
+        if numbers:
+            return re.sub(r"\d+", "#", bare), " ".join(numbers)
+        words = re.findall(r"[^\W\d_]+", _split(bare))
+        of_quantity = [word for word in words if re.fullmatch(_WORDS.get(self.quantity, ""), word.lower())]
+        rest = f"{_MEASURED}|{_NOT_MEASURED}|{_UNIT_WORDS}"
+        words = [w for w in words if w not in of_quantity[:1] and not re.fullmatch(rest, w.lower())]
+        if not words:
+            return bare, ""
+        return re.sub(rf"(?<![A-Za-z]){words[-1]}(?![a-z])|(?<=[a-z]){words[-1]}(?![a-z])", "#", bare), words[-1]
+
+    @property
+    def is_torque_sensor(self) -> bool:
+        """True for a torque that may be measured behind the gear, by its name."""
+        words = set(re.split(r"[^a-z]+", _split(self.name).lower()))
+        return self.quantity == "torque" and bool(words & {"sensor", "jts", "link"} or {"tau", "j"} <= words)
+
+    @property
+    def place(self) -> str:
+        """The name of a place in a study without a robot, without the unit behind it."""
+        name = re.sub(r"(?<=\w)\s*[\[(][^\])]*[\])]\s*$", "", self.name) if self.unit else self.name
+        name = re.sub(r"^(\d+r?[xyz]) \d+$", r"\1", name)  # another function of a node of a universal file
+        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", name).strip(), str(self.column or ""))))
+
+
+def _split(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+
+
+def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess:
+    """The guess of a channel by its name and the unit that its file states."""
+    words = [w for w in re.split(r"[^a-z°]+", _split(name).lower()) if w]
+    rank = sum(bool(re.fullmatch(_MEASURED, w)) - bool(re.fullmatch(_NOT_MEASURED, w)) for w in words)
+    stated = unit_of_heading(name, unit)
+    fitting = (quantity for quantity, pattern in _WORDS.items() if any(re.fullmatch(pattern, word) for word in words))
+    quantity = stated.quantity or next(fitting, "")
+    why = f"the unit {stated.unit} is stated" if stated.unit else "by its name" if quantity else "nothing in its name"
+    why = f"? {stated.question}" if stated.unknown else why
+    if stated.unit == "g":  # of gravity
+        return ChannelGuess(name, column, quantity, "m/s^2", rank, why, scale=9.80665)
+    return ChannelGuess(name, column, quantity, stated.unit, rank, why)

@@ -1,0 +1,376 @@
+"""The channels of one experiment, from one log or several, in SI on the link side and on one grid of samples.
+
+Logs that started at different times are aligned by the excitation that each of them holds; channels of different rates
+are brought to the lowest. A start that all channels share does not matter: Y / U cancels it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeAlias, cast
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.channels import ChannelSpec, Places
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
+from elastid.logs.clocks import TIME_UNITS, corrected_stamps, stamp_unit
+from elastid.logs.files.formats import contents, read_channels
+from elastid.logs.repair import Findings, Log
+from elastid.logs.repair.masks import samples_before_motion
+from elastid.logs.repair.missing import bridged_gaps, filled
+from elastid.logs.repair.periodicity import period_samples, rounded_samples
+from elastid.logs.repair.time_stamps import (
+    MAX_CLOCK_ERROR,
+    MAX_GRID_DEVIATION,
+    MAX_REMAINING_FRACTION,
+    MIN_DELAY_CORRELATION,
+    PASSBAND,
+    at_times,
+    clock_drift,
+    delay,
+    delay_by_torque,
+    on_grid,
+    rising,
+)
+from elastid.logs.units_and_sides import check_values, link_side, without_placeholders
+from elastid.record import MOTION_ORDER, Motion
+
+Signals: TypeAlias = dict[tuple[str, str, str], FloatArray]
+
+
+@dataclass(frozen=True)
+class GatheredChannels:
+    """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown); known disturbances stand last.
+
+    period: in samples, not always whole; None without one.  log: names, numbers in the first file, and findings.
+    """
+
+    signals: FloatArray
+    channels: tuple[ChannelSpec, ...]
+    rate_hz: float
+    period: float | None
+    log: Log
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The channels of one file with one rate: their places in the study's list, signals (n, c), and rows.
+
+    first_s: the first time stamp, None where none was logged.
+    """
+
+    file: int
+    rate_hz: float
+    members: tuple[int, ...]
+    signals: FloatArray
+    rows: IntArray | None = None
+    first_s: float | None = None
+
+
+@dataclass(frozen=True)
+class _Experiment:
+    recorded: RecordedSpec
+    file: FileSpec
+    paths: tuple[Path, ...]
+    findings: Findings = field(default_factory=Findings)
+
+    def log(self, number: int, names: Sequence[str] = (), rate_hz: float | None = None) -> Log:
+        """Names of a file, counted from 1, in messages."""
+        first = 0 if self.file.samples is None or number > 1 else self.file.samples[0]
+        return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, findings=self.findings)
+
+    def key(self, channel: ChannelSpec) -> tuple[int, float]:
+        """File and rate of a channel."""
+        return channel.file, float(channel.rate_hz or self.recorded.known_rate_hz)
+
+
+def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Places) -> GatheredChannels:
+    """Read the logs of one experiment.
+
+    Raises StudyError for rates without a whole number of samples in a period, DataError for channels that cannot be
+    read, never change, or belong to logs without a common excitation, and for a period that is not found.
+    """
+    channels, rate_hz = recorded.channels, recorded.known_rate_hz
+    experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
+    keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
+    parts = [_read(experiment, key) for key in keys]
+    columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
+    may_rest = ("u",) if file.purpose == "coast_down" else ()
+    check_values(channels, [columns[i] for i in range(len(columns))], experiment.log(1), may_rest)
+    converted = []
+    for part in parts:
+        signals = [link_side(channels[i], columns[i], robot, experiment.log(part.file)) for i in part.members]
+        converted.append(replace(part, signals=np.stack(signals).T))
+    lowest = min(part.rate_hz for part in parts)
+    period_s = _period_s(converted, experiment)
+    at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
+    period = None if period_s is None else period_samples_of_channel(period_s, lowest, recorded, file)
+    known_hz = None if recorded.rate_hz == "unknown" else lowest
+    if period is not None and recorded.period_of(file) == "find":
+        seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
+        text = f"the torques repeat every {period:.8g} samples{seconds}, which is used as the period"
+        experiment.log(1).report("periods found", 1, text)
+    aligned = _aligned(at_rate, period, experiment)
+    n = min(len(part.signals) for part in aligned)
+    columns = {i: x[:n] for part in aligned for i, x in zip(part.members, part.signals.T, strict=True)}
+    firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
+    for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
+        firsts.setdefault((channels[i].role, channels[i].at), i)
+    keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
+    rows = parts[0].rows if len(parts) == 1 else None
+    by_role = {role: [i for i in keep if channels[i].role == role] for role in ("r", "u", "reference")}
+    drivers = by_role["r"] or by_role["u"] or by_role["reference"]
+    log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
+    begin = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
+    return GatheredChannels(
+        signals=np.stack([columns[i][begin:] for i in keep]).T,
+        channels=tuple(channels[i] for i in keep),
+        rate_hz=lowest,
+        period=period,
+        log=log.after(begin),
+    )
+
+
+def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Sequence[int] = ()) -> None:
+    """Report references that are not among the used channels."""
+    names = [c.name_in_file for i, c in enumerate(channels) if c.role == "reference" and i not in used]
+    text = (
+        f"{', '.join(names)}: reference not used. Give experiment.recorded.controller in a friction study, else one "
+        "reference per input and no r"
+    )
+    if names:
+        log.note("records/unused-reference", text, "information")
+
+
+def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
+    """The sample with which the first period begins that is not all rest before the excitation (n, d)."""
+    rest = 0 if period is None else samples_before_motion(drivers)
+    count = int(rest / period) if period else 0
+    if count == 0:
+        return 0
+    periods = "period" if count == 1 else f"{count} periods"
+    text = f"the excitation starts at {log.time_of(rest)}; {periods} before it, at zero velocity, are discarded"
+    log.report("rest left out", count, text)
+    return math.ceil(count * (period or 0))
+
+
+def period_samples_of_channel(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
+    """Samples of a period at a channel's own rate; raise StudyError if only the study's rate gives a whole number."""
+    samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
+    if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
+        raise StudyError(
+            "study/recorded",
+            f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with "
+            f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels",
+        )
+    return samples
+
+
+def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
+    """The period in s (in samples where the rate is unknown), stated or found in the torques; None without one."""
+    for role in ("r", "u", "reference"):
+        for part in parts:
+            drivers = [j for j, i in enumerate(part.members) if experiment.recorded.channels[i].role == role]
+            if part.file == 1 and drivers:
+                signals = part.signals[:, drivers]
+                signals = signals[samples_before_motion(signals) :]
+                samples = period_samples(experiment.recorded, experiment.file, part.rate_hz, signals)
+                return None if samples is None else samples / part.rate_hz
+    raise AssertionError("the first file of an experiment has an acting torque")
+
+
+def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
+    number, file_rate_hz = key
+    recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.recorded.known_rate_hz
+    members = tuple(i for i, c in enumerate(recorded.channels) if experiment.key(c) == key)
+    channels, path = [recorded.channels[i] for i in members], experiment.paths[number - 1]
+    has_time = bool(recorded.time) and file_rate_hz == rate_hz
+    if has_time and number > 1:  # each logger has its own clock, and not all of them stamps
+        has_time = recorded.time in contents(path, recorded.text)
+    if has_time:
+        channels = [*channels, ChannelSpec("y", "time", recorded.time, quantity="position")]
+    if number > 1 or file.samples is None:
+        values = read_channels(path, channels, recorded.text)
+    else:
+        first, last = (round(sample * file_rate_hz / rate_hz) for sample in file.samples)
+        values = read_channels(path, channels, recorded.text, slice(first, last))
+        if not 0 <= first < last or len(values) < last - first:
+            n = len(read_channels(path, channels, recorded.text))
+            raise DataError(
+                "records/range",
+                f"samples [{first}, {last}] exceed the file; it has {n} samples, counted from 0, and last is "
+                "exclusive. Correct samples",
+                path,
+            )
+    log, gridded, rows = experiment.log(number, (), rate_hz), values, None
+    if has_time:
+        time_s = _stamps_s(values[:, -1], recorded.time, rate_hz, log)
+        time_s, signals = rising(time_s, values[:, :-1], log)
+        gridded = on_grid(time_s, signals, rate_hz, log)
+        instants_s = (np.arange(len(gridded)) - 0.5) / rate_hz
+        rows = log.first + np.searchsorted(time_s - time_s[0], instants_s)
+    signals = without_placeholders(np.where(np.isfinite(gridded), gridded, np.nan))
+    first_s = float(time_s[0]) if has_time else None
+    return _Part(number, file_rate_hz, members, signals, rows, first_s)
+
+
+def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:
+    """Stamps (n,) in s, wrong ones interpolated."""
+    stamps, wrong = corrected_stamps(t) if len(t) > 2 else (t, np.zeros(0, np.int64))
+    if len(wrong):
+        text = f"wrong values of {name}: {len(wrong)}, the first at {log.time_of(wrong[0])}; interpolated"
+        log.report("time stamps corrected", len(wrong), text)
+    t = stamps if len(stamps) else t
+    return t * TIME_UNITS[stamp_unit(t, rate_hz)]
+
+
+def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:
+    if part.rate_hz == rate_hz:
+        return part
+    names = [experiment.recorded.channels[i].full_name for i in part.members]
+    ratio, signals, log = part.rate_hz / rate_hz, part.signals, experiment.log(part.file, names, part.rate_hz)
+    # Without a period each end is continued by the other one, moved so that there is no jump.
+    period = float(len(signals))
+    if period_s is not None:
+        period = period_samples_of_channel(period_s, part.rate_hz, experiment.recorded, experiment.file)
+    if not np.isfinite(signals).all():
+        signals = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
+    times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
+    text = (
+        f"{', '.join(names)} resampled from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
+    )
+    log.report("channels brought to another rate", len(names), text)
+    at_rate = at_times(signals, times, period, 1 / ratio)
+    return replace(part, rate_hz=rate_hz, signals=at_rate, rows=None)
+
+
+def _aligned(parts: Sequence[_Part], period: float | None, experiment: _Experiment) -> list[_Part]:
+    """All parts in step with the first file, the start of which is cut where another log started later."""
+    paths, channels = experiment.paths, experiment.recorded.channels
+    base = [part for part in parts if part.file == 1]
+    n = min(len(part.signals) for part in base)
+    N = None if period is None else round(period)
+    shifts, moved, log = {}, [], experiment.log(1)
+    for number in sorted({part.file for part in parts} - {1}):
+        name, own = paths[number - 1].name, [part for part in parts if part.file == number]
+        ratio = _clock_of(base, own, N, channels)
+        if ratio != 1:
+            for i, part in enumerate(own):
+                times = np.arange(int((len(part.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
+                whole = (period or float(len(part.signals))) * ratio
+                own[i] = replace(part, signals=at_times(part.signals, times, whole))
+            text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
+            log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
+        shift, by = _delay_of(base, own, N, channels, paths[number - 1])
+        shifts[number] = shift
+        moved += own
+        up_to = "" if N is None else " (up to whole periods)"
+        log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {by}")
+    start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
+    result = [replace(part, signals=part.signals[start:]) for part in base]
+    for part in moved:
+        shift, signals = shifts[part.file], part.signals
+        if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in part.members):
+            # One period of the excitation alone is repeated.
+            signals = np.tile(signals[:N], (n // N + 3, 1))
+        times = np.arange(start, n, dtype=np.float64) + shift
+        inside = times[(times >= 0) & (times <= len(signals) - 1)]
+        if np.allclose(inside, np.round(inside), atol=1e-3):
+            # A shift of whole samples needs no interpolation.
+            signals = signals[np.round(inside).astype(int)]
+        else:
+            signals = at_times(signals, inside, period or float(len(signals)))
+        result.append(replace(part, signals=signals))
+    return result
+
+
+def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:
+    """Samples of another file for one of the first, by signals that repeat in both; 1 if these show no difference."""
+    ours, theirs = (None if N is None else _periodic(_by_place(parts, N, channels), N) for parts in (base, further))
+    if N is None or ours is None or theirs is None:
+        return 1.0
+    first, second = clock_drift(ours, N), clock_drift(theirs, N)
+    excess, periods = second.excess - first.excess, len(theirs) / N
+    of_both = [drift.corrected_unexplained <= MAX_REMAINING_FRACTION * drift.unexplained for drift in (first, second)]
+    is_clock = abs(excess) * periods >= MAX_GRID_DEVIATION and abs(excess) <= MAX_CLOCK_ERROR * N and any(of_both)
+    return (N + second.excess) / (N + first.excess) if is_clock else 1.0
+
+
+def _periodic(signals: Signals, N: int) -> FloatArray | None:
+    """Whole periods (n, c) of the least noisy role that has two; None without."""
+    for role in ("r", "reference", "u", "y"):
+        if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
+            return _stacked(x)[: min(map(len, x)) // N * N]
+    return None
+
+
+def _stacked(signals: Sequence[FloatArray]) -> FloatArray:
+    """Signals (n, c) of one file, some of which may be a sample longer."""
+    return np.stack([x[: min(map(len, signals))] for x in signals], axis=1)
+
+
+def _delay_of(
+    base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
+) -> tuple[float, str]:
+    """Samples by which a file lags the first one, and the evidence in words.
+
+    A signal in both files shows the lag. So do r and u, to whole samples, since the phase of the loop is part of it.
+    Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
+    """
+    ours, theirs = (_by_place(parts, N, channels) for parts in (base, further))
+    sent = {place: x for place, x in theirs.items() if place[0] == "r"}
+    acting = {("r", motor, what): x for (role, motor, what), x in ours.items() if role == "u"}
+    correlation = 0.0
+    for known, candidates, is_exact in ((ours, theirs, True), (acting, sent, False)):
+        delays = {place: delay(known[place], x, N) for place, x in candidates.items() if place in known}
+        best = max(delays, key=lambda place: delays[place][1], default=None)
+        correlation = 0.0 if best is None else delays[best][1]
+        if best is not None and correlation >= MIN_DELAY_CORRELATION:
+            whole = "" if is_exact else ", to whole samples: log r in both files, or name delay in fit.parameters"
+            lag = delays[best][0]
+            return lag if is_exact else float(round(lag)), f"{best[0]} at {best[1]}{whole}"
+    has_excitation = any(place[0] == "r" for place in ours)
+    shift = None if sent else _clock_shift(base[0], further[0], has_excitation)
+    motions = {place: x for place, x in theirs.items() if place[0] == "y" and ("u", place[1], "") in ours}
+    if motions and not sent:
+        u, y = _stacked([ours["u", at, ""] for _, at, _ in motions]), _stacked([*motions.values()])
+        orders = np.array([2 - MOTION_ORDER[cast(Motion, what)] for *_, what in motions])
+        lag, agreement, stated = delay_by_torque(u, y, orders, N, shift or 0.0)
+        if agreement > max(MIN_DELAY_CORRELATION, 0.0 if shift is None else 2 * abs(stated)):
+            return lag, "torques and accelerations, to about a millisecond: add delay to fit.parameters"
+    if shift is None:
+        raise DataError(
+            "records/period-mismatch",
+            f"its start time is not identifiable: the two clocks have nothing in common (best correlation "
+            f"{correlation:.2f}). Log r, reference or a motor position in both files, or give recorded.time if one "
+            "clock stamps both",
+            path,
+        )
+    if further[0].first_s is None:
+        return shift, "row number, since no signal is in both"
+    return shift, "time stamps, since no signal is in both"
+
+
+def _clock_shift(first: _Part, further: _Part, has_excitation: bool) -> float | None:
+    """Samples by which a log without an excitation lags the first one by the clock that stamps both, or by their rows.
+
+    None where their times do not overlap, or there are none and not as many samples, or where the first one has an
+    excitation: what two loggers record of it has its own start in each, and every sample between them is phase.
+    """
+    if first.first_s is None or further.first_s is None:
+        return 0.0 if not has_excitation and len(first.signals) == len(further.signals) else None
+    shift = (first.first_s - further.first_s) * first.rate_hz
+    return shift if -len(first.signals) < shift < len(further.signals) else None
+
+
+def _by_place(parts: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> Signals:
+    """Complete signals of at least a period, if there is one, by role, location and, for motions, quantity."""
+    signals = {
+        (channels[i].role, channels[i].at, channels[i].quantity if channels[i].is_motion else ""): column
+        for part in parts
+        for i, column in zip(part.members, part.signals.T, strict=True)
+    }
+    return {place: x for place, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}

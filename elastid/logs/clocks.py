@@ -1,0 +1,154 @@
+"""Clock of a log: the channel of its times by name or by steps, with wrong stamps, unit and rate."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError, ElastidError
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.logs.channel_names import guess_by_name
+from elastid.logs.files.log import Log
+from elastid.logs.files.text import TextLog
+from elastid.logs.headings import TIMES, in_brackets
+from elastid.logs.repair.time_stamps import MAX_FALLING_FRACTION, MAX_RATE_RATIO, MIN_GAP, even_grid
+
+# Samples that are read of a log.
+MAX_SAMPLES = 1 << 17
+_IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
+_RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
+_PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
+BACKWARDS = "runs backwards: it falls from sample to sample"
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
+_MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
+MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
+# Single wrong cells, and distance of one from the median of its neighbours, in steps of the clock.
+_MAX_WRONG_FRACTION, _MAX_WRONG_DISTANCE = 0.01, 5.0
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Rate of a log in Hz, None if unknown, and the name of its time channel.
+
+    is_even: its samples need not be brought to the rate.
+    """
+
+    rate_hz: float | None
+    why: str
+    name: str = ""
+    is_even: bool = True
+
+
+def is_time(name: str) -> bool:
+    """True for the name of a channel that is a time by its name, or by a unit in brackets."""
+    return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
+
+
+def is_clock(x: FloatArray) -> bool:
+    """True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
+    steps = np.diff(x)
+    if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
+        return False
+    is_uneven = np.abs(steps / float(np.median(steps)) - 1) > _MAX_STEP
+    return even_grid(x) is not None or float(np.mean(is_uneven)) < _MAX_UNEVEN_FRACTION
+
+
+def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
+    """The stamps (n,) of a time channel, wrong ones interpolated, empty for another channel; the wrong samples.
+
+    Wrong stamps are missing, or off the median of their neighbours.
+    """
+    none = np.zeros(0), np.zeros(0, np.int64)
+    alike = log.numbers_of(name) if isinstance(log, TextLog) else []
+    column = alike[0] if len(alike) > 1 else None
+    try:
+        t = log.values([ChannelSpec("y", "time", name, column, quantity="position")], slice(0, MAX_SAMPLES))[:, 0]
+    except ElastidError:
+        return none
+    return corrected_stamps(t) if len(t) > 2 else none
+
+
+def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
+    """The stamps (n,) with wrong ones interpolated, and the numbers of these; no stamps if too many are wrong."""
+    from scipy.ndimage import median_filter
+
+    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
+    is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
+    none = np.zeros(0, np.int64)
+    if is_wrong.mean() > _MAX_WRONG_FRACTION:
+        return (t, none) if np.isfinite(t).all() else (t[:0], none)
+    rows = np.arange(len(t))
+    return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
+
+
+def stamp_unit(t: FloatArray, rate_hz: float) -> str:
+    """Unit of stamps (n,): s, or another one of TIME_UNITS if only that fits the rate."""
+    steps = np.diff(t)
+    if not np.any(steps > 0):
+        return "s"
+    far = {unit: abs(np.log(np.median(steps[steps > 0]) * size * rate_hz)) for unit, size in TIME_UNITS.items()}
+    nearest = min(far, key=far.__getitem__)
+    return nearest if far[nearest] < MAX_RATE_LOG and far["s"] > np.log(MAX_RATE_RATIO) else "s"
+
+
+def channel_rates(log: Log) -> list[tuple[str, str, float]]:
+    """Name, unit and sample time in ms of each channel of a log that states several sample times; empty for others."""
+    if isinstance(log, TextLog):
+        units = log.units or [""] * log.n_columns
+        return list(zip(log.headings, units, log.sample_ms, strict=True)) if log.sample_ms else []
+    stated = [(n, a.units, 1e3 / a.rate_hz) for n, a in log.arrays.items() if a.rate_hz and a.is_signal]
+    return stated if len({ms for *_, ms in stated}) > 1 else []
+
+
+def slowest_ms(channels: Sequence[tuple[str, str, float]]) -> float:
+    """Longest sample time of the channels whose names or units show a quantity, temperatures aside."""
+    times = [ms for name, unit, ms in channels if guess_by_name(name, None, unit).quantity not in ("", "temperature")]
+    return max(times, default=max(ms for *_, ms in channels))
+
+
+def clock_of(log: Log) -> Clock:
+    """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name.
+
+    Raises DataError for a time that runs backwards.
+    """
+    if channels := channel_rates(log):
+        return Clock(
+            float(f"{1e3 / slowest_ms(channels):.6g}"), "sample time of the slowest channel with a known quantity"
+        )
+    shapes = log.shapes()
+    unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
+    for name in (*filter(is_time, shapes), *unnamed):
+        t, wrong = stamps_of(log, name)
+        steps = np.diff(t)
+        falls, rises = np.flatnonzero(steps <= 0), steps[steps > 0]
+        falling = falling or (name if is_time(name) and is_clock(-t) else "")
+        is_set_back = 0 < len(falls) <= MAX_FALLING_FRACTION * len(t) and is_clock(np.cumsum(rises))
+        is_named = is_time(name) and (np.all(steps > 0) or is_set_back)
+        if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
+            # Gaps left out, their mean is that of a clock that jitters or is rounded.
+            typical_hz = 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)]))
+            low, high = 20.0, 200e3  # of logs of machines
+            unit = next((u for u, s in TIME_UNITS.items() if low <= typical_hz / s <= high), "s")
+            grid = even_grid(t)
+            rate_hz = (typical_hz if grid is None else grid[1]) / TIME_UNITS[unit]
+            is_even = grid is not None and len(grid[0]) > grid[0][-1]
+            why = f"steps of {name}, which seems to be in {unit}"
+            why += f"; the time does not rise after sample {falls[0]}" if len(falls) else ""
+            why += (
+                f"; {len(wrong)} wrong stamps were interpolated, the first at sample {wrong[0]}" if len(wrong) else ""
+            )
+            return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
+    for name, array in log.arrays.items():
+        if array.rate_hz:
+            return Clock(array.rate_hz, "stated by the file")
+        last = name.lower().rpartition(".")[2]
+        is_number = array.dtype.kind in "fiu" and not array.is_signal and 0 not in array.shape
+        number = float(np.squeeze(np.asarray(array))) if last in (*_RATES, *_PERIODS) and is_number else 0.0
+        if number > 0:
+            return Clock(number if last in _RATES else float(f"{1 / number:.6g}"), f"{name} in the file")
+    if falling:
+        raise DataError("records/clock", f"{falling} {BACKWARDS}. Sort its rows by time", getattr(log, "path", ""))
+    return Clock(None, "no time is in the log")

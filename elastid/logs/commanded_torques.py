@@ -1,0 +1,212 @@
+r"""Torques that the controller of a study commands for logged references and positions, beside the logged torques.
+
+.. math:: U = K e^{-s \tau} \Big[ C_{ff} F_r e^{-s \tau_r} R - C_{fb} Q \Big] + images(\tau + \tau_r)
+
+gives the delay tau of the torques, tau_r of the references, the feedforward and the scale K of each motor. Where this
+explains the torques, the parts of U by position and by velocity gain show which gain of the study is wrong.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.logs import CascadeSpec
+from elastid.logs.repair import Log
+from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR
+from elastid.robot import Robot, low_pass_response
+from elastid.simulation.controller import loop_of, sampled_responses
+from elastid.simulation.spec import ReferencePathSpec
+
+_SMALLEST = 0.03  # of the largest reference: DFT lines with smaller ones are not compared
+# Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
+# before it.
+TORQUE_LAG_S = 3e-4
+# From this part of the power of a torque on, which the controller explains, its gains are known to _MAX_GAIN_ERROR.
+_MIN_CERTAIN, _MAX_GAIN_ERROR = 0.98, 0.1
+_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # from the log of a reference to the path that it takes
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """Controller of a robot, with the path of its references, and the channels of the torques in a log."""
+
+    controller: CascadeSpec
+    robot: Robot
+    torques: Sequence[ChannelSpec]
+    rate_hz: float
+
+    @classmethod
+    def of(cls, controller: CascadeSpec, robot: Robot, torques: Sequence[ChannelSpec], rate_hz: float) -> "Drives":
+        """Drives of a study; without a path each reference acts from its sample to the next."""
+        path = controller.reference or ReferencePathSpec(1 / rate_hz, "hold")
+        ticks = controller.ticks if controller.reference is not None else 1
+        usual = controller.velocity_feedforward or path.velocity_feedforward
+        drives = cls(replace(controller, reference=path, ticks=ticks), robot, torques, rate_hz)
+        return drives.with_feedforward(usual)
+
+    def with_feedforward(self, alpha: float) -> "Drives":
+        """Drives with another velocity feedforward."""
+        assert self.controller.reference is not None
+        reference = replace(self.controller.reference, velocity_feedforward=alpha)
+        return replace(self, controller=replace(self.controller, reference=reference))
+
+    def controlled(self, f: FloatArray, has_position: bool = True) -> tuple[ComplexArray, ComplexArray]:
+        """Compute C_fb and C_ff F_r (F, n_u) with the lag of the torque loop, or the part of the velocity gain."""
+        controller, loop = self.controller, loop_of(self.controller, len(self.torques))
+        loop = loop if has_position else replace(loop, kp=0 * loop.kp)
+        joints, tick_hz = self.robot.driven_names, controller.tick_hz
+        C_fb, C_ff = sampled_responses(joints, loop, controller.spec, f, tick_hz, "position")
+        T = TORQUE_LAG_S / 2 if controller.low_pass_hz else TORQUE_LAG_S
+        lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
+        return C_fb * lag, C_ff * lag
+
+    def low_passes(self, f: FloatArray) -> ComplexArray:
+        """Filters (F, n_u) of the channels."""
+        s = (2j * np.pi * f).astype(np.complex128)
+        times = [sum(error.low_pass for error in channel.errors) for channel in self.torques]
+        return np.stack([low_pass_response(s, T) for T in times], axis=1)
+
+    def logged(self, f: FloatArray) -> Iterator[tuple[int, ComplexArray]]:
+        """Yield m and the logged torques (F, n_u) of a reference at f + m times the rate of the log, 0 its line."""
+        locations = self.robot.motor_locations
+        motors = [self.robot.driven[locations.index(channel.at)].motor for channel in self.torques]
+        J = np.array([0.0 if motor is None else motor.inertia * motor.ratio**2 for motor in motors])
+        half, filters = round(self.controller.tick_hz / self.rate_hz) // 2, self.low_passes(f)
+        for m in range(-half, half + 1):
+            f_m = f + m * self.rate_hz
+            C_fb, C_ff = self.controlled(f_m)
+            S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
+            yield m, np.asarray(S * C_ff * self.low_passes(f_m) / filters)
+
+    @property
+    def is_subtracted(self) -> bool:
+        """True if images of references that are not logged can be subtracted: else the unknown lag dominates them."""
+        cycle = self.controller.cycle
+        return abs(self.rate_hz * cycle - 1) <= MAX_CLOCK_ERROR and cycle > 2 * np.pi * TORQUE_LAG_S
+
+    def per_reference(self, freq_hz: FloatArray, tau: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
+        """Compute the torques (F, n_u) of all images in a log late by tau, and of the lines."""
+        f = positive(freq_hz)
+        images = line = np.zeros((len(f), len(self.torques)), complex)
+        for m, torques in self.logged(f):
+            late = torques * np.exp(-2j * np.pi * (f[:, None] + m * self.rate_hz) * tau)
+            images, line = (images + late, line) if m else (images, late)
+        return images, line
+
+
+def positive(freq_hz: FloatArray) -> FloatArray:
+    """Frequencies with half a line in place of 0, where an inertia has no response."""
+    return np.where(freq_hz > 0, freq_hz, freq_hz[:2].max() / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Commanded torques of drives (F, n_u) that fit logged ones U best, with their scale (n_u,) and delay.
+
+    commanded, by_velocity (F, n_u): without scale and images, and their part by the velocity gain.  explained: part of
+    the power of U.
+    """
+
+    drives: Drives
+    U: ComplexArray
+    commanded: ComplexArray
+    by_velocity: ComplexArray
+    images: ComplexArray
+    scale: FloatArray
+    delay_s: float
+    explained: float
+
+    def gains(self, motor: int) -> tuple[FloatArray, float]:
+        """Factors (2,) of the parts by position and velocity gain of a motor; the part of its power they explain."""
+        parts = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
+        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in parts)
+        A = np.stack(columns, axis=1)
+        factors = np.linalg.lstsq(A, u)[0]
+        return factors, 1 - float(np.sum((u - A @ factors) ** 2)) / max(float(u @ u), 1e-300)
+
+
+def match_torques(
+    drives: Drives, freq_hz: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None, lowest_hz: float
+) -> Match | None:
+    """Match the commanded torques to U (F, n_u) above a frequency, with the best feedforward of the study's, 0 and 1.
+
+    None without lines that have references.
+    """
+    stated = drives.controller.velocity_feedforward
+    above = freq_hz > lowest_hz
+    largest = np.abs(R[above]).max(initial=0.0)
+    lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * largest))
+    if not lines.size:
+        return None
+    of_lines = freq_hz[lines], U[lines], R[lines], None if Q is None else Q[lines]
+    candidates = [drives.with_feedforward(alpha) for alpha in dict.fromkeys((stated, 0.0, 1.0))]
+    return max((_match(each, *of_lines) for each in candidates), key=lambda match: match.explained)
+
+
+def report_controller(match: Match, log: Log) -> None:
+    """Report motors whose logged torques need other gains than the controller of the study."""
+    names = "position_gain", "velocity_gain"
+    for motor, channel in enumerate(match.drives.torques):
+        (of_position, of_velocity), explained = match.gains(motor)
+        if explained < _MIN_CERTAIN:  # of a motor at rest, or with another controller
+            continue
+        factors = of_position / max(of_velocity, 1e-300), of_velocity
+        wrong = [f"{n} = {f:.3g} times" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
+        if wrong:
+            text = (
+                f"{channel.at}: the logged torques indicate {' and '.join(wrong)} the stated value (limit "
+                f"{100 * _MAX_GAIN_ERROR:.0f} % deviation). Correct experiment.recorded.controller, or the torque "
+                "constant if only velocity_gain deviates"
+            )
+            log.note("records/controller", text)
+
+
+def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None) -> Match:
+    """Fit delays and scales of the commanded torques to the logged ones U (F, n_u).
+
+    tau_r is the time from the log of a reference to its path. Without positions Q, the commanded torque is that of an
+    inertia, and tau_r is 0.
+    """
+    from scipy.optimize import minimize  # 0.05 s, which a study without references need not load
+
+    cycle = drives.controller.cycle
+    numbers, each = zip(*drives.logged(f), strict=True)
+    torques, omega = np.stack(each) * R, 2 * np.pi * (f + np.array(numbers)[:, None] * drives.rate_hz)
+    line = numbers.index(0)
+    C_fb, C_ff = drives.controlled(f)
+    forward = torques[line] if Q is None else C_ff * R
+    feedback = 0 * forward if Q is None else C_fb * Q
+
+    def late(tau: float, tau_r: float, forward: ComplexArray, feedback: ComplexArray) -> ComplexArray:
+        of_reference, of_log = (np.exp(-1j * omega[line] * t)[..., None] for t in (tau_r, tau))
+        return np.asarray((forward * of_reference - feedback) * of_log)
+
+    def images(tau: float, tau_r: float) -> ComplexArray:
+        shifted = np.exp(-1j * omega * (tau + tau_r))[..., None]
+        shifted[line] = 0.0
+        return np.asarray(np.sum(torques * shifted, axis=0))
+
+    def scaled(tau: float, tau_r: float) -> tuple[ComplexArray, FloatArray]:
+        M = images(tau, tau_r) + late(tau, tau_r, forward, feedback)
+        K = np.sum((M.conj() * U).real, axis=0) / np.maximum(np.sum(np.abs(M) ** 2, axis=0), 1e-300)
+        return M, np.maximum(K, 0.0)
+
+    def unexplained(delays: Sequence[float]) -> float:
+        M, K = scaled(delays[0], 0.0 if Q is None else delays[1])
+        return float(np.sum(np.abs(U - M * K) ** 2) / np.maximum(np.sum(np.abs(U) ** 2), 1e-300))
+
+    cycles = (0,) if Q is None else _REFERENCE_CYCLES
+    starts = [(tau, k * cycle) for k in cycles for tau in np.arange(-2, 4, 0.1) * cycle]
+    start = np.array(min(starts, key=unexplained))
+    simplex = start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])
+    end = minimize(
+        unexplained, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3 * cycle}
+    )
+    delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
+    of_velocity_fb, of_velocity_ff = drives.controlled(f, has_position=False)
+    by_velocity = late(*delays, of_velocity_ff * R, 0 * feedback if Q is None else of_velocity_fb * Q)
+    parts = late(*delays, forward, feedback), by_velocity, images(*delays)
+    return Match(drives, U, *parts, scaled(*delays)[1], sum(delays), 1 - float(end.fun))

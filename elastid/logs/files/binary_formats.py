@@ -1,0 +1,227 @@
+"""Logs in formats of which libraries know the layout: HDF5, MATLAB, NumPy, Parquet, and TDMS."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastid.base.errors import installed
+from elastid.base.files import check_self_contained
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.files.log import ArrayLog, StoredArray, seconds
+
+
+@contextmanager
+def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """MATLAB up to version 7, by SciPy: all variables, members of structs behind a dot, elements of cells in braces.
+
+    Objects of classes are left out.
+    """
+    from scipy.io import loadmat
+
+    variables = loadmat(path)
+    named = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
+    arrays = dict(leaf for name, value in named.items() for leaf in _leaves_of_matlab(name, value))
+    yield _in_memory(path, arrays)
+
+
+def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:
+    return ArrayLog(path, {n: StoredArray(tuple(x.shape), x.dtype, partial(np.asarray, x)) for n, x in arrays.items()})
+
+
+@contextmanager
+def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
+
+    Pickled objects are left out; dates and times are s from the first.
+    """
+    loaded, named = np.load(path), dict[str, NDArray[Any]]()
+    for name in [path.stem] if isinstance(loaded, np.ndarray) else loaded.files:
+        with suppress(ValueError):
+            array = loaded if isinstance(loaded, np.ndarray) else loaded[name]
+            fields = array.dtype.names
+            named |= {f"{name}.{field}": array[field] for field in fields} if fields else {name: array}
+    is_time = {name: x.dtype.kind in "mM" and x.size > 0 for name, x in named.items()}
+    yield _in_memory(path, {name: seconds(x, x.flat[0]) if is_time[name] else x for name, x in named.items()})
+
+
+def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    from scipy.io.matlab import MatlabOpaque
+
+    if isinstance(value, MatlabOpaque) or not isinstance(value, np.ndarray):
+        return
+    if value.dtype == object:
+        for index, cell in enumerate(value.ravel(order="F"), start=1):
+            yield from _leaves_of_matlab(f"{name}{{{index}}}", cell)
+        return
+    if value.dtype.names is None:
+        yield name, value
+        return
+    for index, element in enumerate(value.ravel(order="F"), start=1):
+        prefix = name if value.size == 1 else f"{name}({index})"
+        for member in value.dtype.names:
+            yield from _leaves_of_matlab(f"{prefix}.{member}", element[member])
+
+
+@contextmanager
+def opened_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
+
+    Missing values are NaN, time stamps s from the first.
+    """
+    parquet = installed("pyarrow.parquet", "parquet", path)
+    with parquet.ParquetFile(path) as file:
+        n = file.metadata.num_rows
+        leaves = [leaf for field in file.schema_arrow for leaf in _leaves_of_parquet(field.name, field)]
+        yield ArrayLog(path, {name: _column(file, name, field, n) for name, field in leaves})
+
+
+def _leaves_of_parquet(name: str, field: Any) -> Iterator[tuple[str, Any]]:
+    from pyarrow import types
+
+    if not types.is_struct(field.type):
+        yield name, field
+        return
+    for member in field.type:
+        yield from _leaves_of_parquet(f"{name}.{member.name}", member)
+
+
+def _column(file: Any, name: str, field: Any, n: int) -> StoredArray:
+    from pyarrow import types
+
+    is_time = types.is_timestamp(field.type) or types.is_duration(field.type)
+    is_number = types.is_integer(field.type) or types.is_floating(field.type) or types.is_boolean(field.type)
+    # A column with missing values is read as float64, whatever its type.
+    dtype = field.type.to_pandas_dtype() if types.is_floating(field.type) else np.float64
+    unit = (field.metadata or {}).get(b"unit", b"") if is_number else b"s" if is_time else b""
+    kind = np.dtype(dtype if is_number or is_time else object)
+    return StoredArray((n,), kind, partial(_read_column, file, name), unit.decode("utf-8", "replace"))
+
+
+def _read_column(file: Any, name: str) -> NDArray[Any]:
+    parts = [_values(file.read_row_group(i, columns=[name]), name) for i in range(file.num_row_groups)]
+    values = np.concatenate(parts) if parts else np.zeros(0)
+    return seconds(values, values[0]) if values.dtype.kind in "mM" else values
+
+
+def _values(table: Any, name: str) -> NDArray[Any]:
+    column = table.column(0).combine_chunks()
+    for member in name.removeprefix(table.column_names[0]).strip(".").split("."):
+        column = column.field(member) if member else column
+    return np.asarray(column.to_numpy(zero_copy_only=False))
+
+
+@contextmanager
+def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
+
+    Waveforms whose start times differ are cut to the time that all of them have.
+    """
+    nptdms = installed("nptdms", "tdms", path)
+    with nptdms.TdmsFile.open(path) as file:
+        channels = [c for group in file.groups() for c in group.channels() if len(c) > 0]
+        common = _common_samples([(c.properties, len(c)) for c in channels])
+        yield ArrayLog(
+            path, {f"{c.group_name}/{c.name}": _channel(c, part) for c, part in zip(channels, common, strict=True)}
+        )
+
+
+def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[slice]:
+    """Samples of each waveform, by its properties and length, from the latest start to the first end of all.
+
+    All samples of waveforms without a time, and if those with a time have no time in common.
+    """
+    steps = [float(properties.get("wf_increment", 0.0)) for properties, _ in waveforms]
+    starts = [
+        _start_s(properties) if step > 0 else None for (properties, _), step in zip(waveforms, steps, strict=True)
+    ]
+    timed = [(s, s + n * step) for (_, n), step, s in zip(waveforms, steps, starts, strict=True) if s is not None]
+    latest, end = max((s for s, _ in timed), default=0.0), min((e for _, e in timed), default=0.0)
+    parts = []
+    for (_, n), step, start in zip(waveforms, steps, starts, strict=True):
+        is_whole = start is None or end <= latest or len({s for s, _ in timed}) == 1
+        first = 0 if start is None or is_whole else round((latest - start) / step)
+        parts.append(slice(first, n if is_whole else min(n, first + round((end - latest) / step))))
+    return parts
+
+
+def _start_s(properties: Mapping[str, Any]) -> float | None:
+    """Return the time of the first sample of a waveform in s, None if unknown."""
+    start = properties.get("wf_start_time")
+    if start is None:
+        return None
+    return float((np.datetime64(start) - _EPOCH) / np.timedelta64(1, "us")) * 1e-6 + float(
+        properties.get("wf_start_offset", 0.0)
+    )
+
+
+_EPOCH = np.datetime64("2000-01-01T00:00:00", "us")
+
+
+def _channel(channel: Any, part: slice) -> StoredArray:
+    step = channel.properties.get("wf_increment", 0.0)
+    is_time = channel.dtype.kind == "M"
+    dtype = np.dtype(np.float64) if is_time else channel.dtype
+    units = "s" if is_time else str(channel.properties.get("unit_string", ""))
+    read = partial(_read_channel, channel, part)
+    return StoredArray((part.stop - part.start,), dtype, read, units, 1 / step if step > 0 else None, rows=read)
+
+
+def _read_channel(channel: Any, whole: slice, part: slice = slice(None)) -> NDArray[Any]:
+    first, end, step = part.indices(whole.stop - whole.start)
+    values = np.asarray(channel[whole.start + first : whole.start + end : step])
+    return seconds(values, channel[0]) if values.dtype.kind == "M" else values
+
+
+@contextmanager
+def opened_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> Iterator[ArrayLog]:
+    """All datasets of another program's file, read when they are used; it holds its own data.
+
+    MATLAB stores column-major, so that axes arrive reversed; members of structs are behind a dot.
+    """
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        check_self_contained(file)
+        yield ArrayLog(path, dict(_datasets(file, "." if is_matlab else "/", is_matlab)))
+
+
+def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:
+    """Name and array of every dataset, or field of a compound one, below a group; cells of MATLAB by number."""
+    import h5py
+
+    for key, item in group.items():
+        name = f"{prefix}{key}"
+        if isinstance(item, h5py.Group) and not key.startswith("#"):
+            yield from _datasets(item, separator, is_transposed, f"{name}{separator}")
+        elif isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:
+            continue  # an object of a class: the numbers refer to its members elsewhere
+        elif isinstance(item, h5py.Dataset) and is_transposed and item.attrs.get("MATLAB_class") == b"cell":
+            cells = [item.file[reference] for reference in np.ravel(item[()])]
+            whole = [(i, cell) for i, cell in enumerate(cells, start=1) if isinstance(cell, h5py.Dataset)]
+            yield from ((f"{name}{{{i}}}", _dataset(cell, "", True)) for i, cell in whole if cell.dtype.kind in "fiu")
+        elif isinstance(item, h5py.Dataset) and item.dtype.names is not None:
+            yield from ((f"{name}.{field}", _dataset(item, field, is_transposed)) for field in item.dtype.names)
+        elif isinstance(item, h5py.Dataset):
+            yield name, _dataset(item, "", is_transposed)
+
+
+def _dataset(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
+    units = dataset.attrs.get("units", "")
+    shape = tuple(dataset.shape or ())  # an empty dataset has none
+    # MATLAB stores texts as numbers.
+    is_text = dataset.attrs.get("MATLAB_class") == b"char"
+    dtype = np.dtype(str) if is_text else dataset.dtype[field] if field else dataset.dtype
+    read = partial(_read_dataset, dataset, field, is_transposed)
+    units = units.decode() if isinstance(units, bytes) else str(units)
+    return StoredArray(shape[::-1] if is_transposed else shape, dtype, read, units, rows=read)
+
+
+def _read_dataset(dataset: Any, field: str, is_transposed: bool, part: slice | None = None) -> NDArray[Any]:
+    index = () if part is None else (..., part) if is_transposed else part
+    values = np.asarray((dataset.fields(field) if field else dataset)[index])
+    return values.T if is_transposed else values

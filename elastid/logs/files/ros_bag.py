@@ -1,0 +1,132 @@
+"""ROS bags by rosbags: a ROS 2 folder with metadata.yaml, an MCAP or db3 file, or a ROS 1 .bag file.
+
+Signals are named by topic and field, `imu.angular_velocity.x`; those of a `sensor_msgs/JointState` by joint as well,
+`joint_states.position.elbow`, in whatever order its messages list the joints.  Sequences of numbers are matrices, of
+which a channel gives the column.  Each topic has its own time, `joint_states.time`, in s from its first message: the
+stamp of its messages, or where they have none the time at which the bag received them.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastid.base.errors import installed
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.files.log import ArrayLog, StoredArray
+
+_JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
+
+
+@contextmanager
+def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """All numeric topics; the messages of a topic are read once, when its first signal is used."""
+    reading = installed("rosbags.highlevel", "ros", path)
+    types = installed("rosbags.typesys", "ros", path)
+    # Bags of older releases do not hold the definitions of their messages.
+    usual = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    with reading.AnyReader([path], default_typestore=usual) as bag:
+        arrays: dict[str, StoredArray] = {}
+        for name, topic in bag.topics.items():
+            arrays |= _Topic(bag, name, topic.connections, topic.msgtype or "").arrays()
+        yield ArrayLog(path, arrays)
+
+
+class _Topic:
+    def __init__(self, bag: Any, name: str, connections: list[Any], kind: str) -> None:
+        self.bag, self.name, self.connections = bag, name.strip("/"), connections
+        self.is_joint_state = kind == "sensor_msgs/msg/JointState"
+        self.is_known = kind in bag.typestore.fielddefs
+
+    def arrays(self) -> Iterator[tuple[str, StoredArray]]:
+        """Name and array of each signal; none of a topic without messages or of a type that is not known."""
+        first = next(self._messages(), None) if self.is_known else None
+        if first is None:
+            return
+        if self.is_joint_state:
+            yield from self._joint_arrays()
+            return
+        columns = _numbers(first[1])
+        n = sum(connection.msgcount for connection in self.connections)
+        if columns:
+            yield f"{self.name}.time", _stored((n,), lambda: self._columns[0], "s")
+        for field, values in columns.items():
+            yield f"{self.name}.{field}", _stored((n, *values.shape), partial(self._column, field))
+
+    def _joint_arrays(self) -> Iterator[tuple[str, StoredArray]]:
+        times, columns = self._columns
+        shared = all(len(numbers) == len(times) for numbers, _ in columns.values())
+        if shared:
+            yield f"{self.name}.time", _stored((len(times),), lambda: times, "s")
+        for column, (numbers, values) in columns.items():
+            field, _, joint = column.partition(".")
+            if not shared:
+                yield f"{self.name}.time.{joint}", _stored((len(numbers),), partial(times.__getitem__, numbers), "s")
+            yield f"{self.name}.{column}", _stored((len(values),), partial(np.array, values), _JOINT_FIELDS[field])
+
+    @cached_property
+    def _columns(self) -> tuple[NDArray[Any], dict[str, tuple[list[int], list[NDArray[Any]]]]]:
+        """Times (n,), and for each column the messages that hold it with its values in them."""
+        stamps: list[int] = []
+        columns: dict[str, tuple[list[int], list[NDArray[Any]]]] = {}
+        for number, (stamp, message) in enumerate(self._messages()):
+            stamps.append(stamp)
+            for column, value in (_of_joints if self.is_joint_state else _numbers)(message).items():
+                numbers, values = columns.setdefault(column, ([], []))
+                numbers.append(number)
+                values.append(value)
+        return _seconds(stamps), columns
+
+    def _column(self, field: str) -> NDArray[Any]:
+        """Values (n,) or (n, columns); ValueError if a sequence changes its length."""
+        times, columns = self._columns
+        values = columns[field][1]
+        if len(values) < len(times) or len({value.shape for value in values}) > 1:
+            raise ValueError(f"{self.name}.{field} varies in length between messages")
+        return np.stack(values)
+
+    def _messages(self) -> Iterator[tuple[int, Any]]:
+        for connection, received, raw in self.bag.messages(self.connections):
+            message = self.bag.deserialize(raw, connection.msgtype)
+            stamp = getattr(getattr(message, "header", None), "stamp", None)
+            stamped = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
+            yield stamped or received, message
+
+
+def _of_joints(message: Any) -> dict[str, NDArray[Any]]:
+    """Numbers of a JointState, whose field that a robot does not measure is empty."""
+    pairs = (
+        (field, *pair) for field in _JOINT_FIELDS for pair in zip(message.name, getattr(message, field), strict=False)
+    )
+    return {f"{field}.{joint}": np.asarray(value, dtype=np.float64) for field, joint, value in pairs}
+
+
+def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Numbers and sequences of up to 64 (longer ones are images and maps) by the path of their field; no stamps."""
+    columns: dict[str, NDArray[Any]] = {}
+    for field in fields(message):
+        value, name = getattr(message, field.name), f"{prefix}{field.name}"
+        if field.name.startswith("__") or field.name == "header":
+            continue
+        if is_dataclass(value):
+            columns |= _numbers(value, f"{name}.")
+        elif isinstance(value, bool | int | float):
+            columns[name] = np.asarray(value, dtype=np.float64)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 0 < value.size <= 64:
+            columns[name] = np.array(value, dtype=np.float64)
+    return columns
+
+
+def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "") -> StoredArray:
+    return StoredArray(shape, np.dtype(np.float64), read, units)
+
+
+def _seconds(stamps: list[int]) -> NDArray[Any]:
+    """Stamps in ns -> s from the first; the difference is taken first, since ns since 1970 need more than float64."""
+    ns = np.array(stamps, dtype=np.int64)
+    return np.asarray((ns - ns[0]) * 1e-9) if len(ns) else np.zeros(0)

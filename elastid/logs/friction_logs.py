@@ -1,0 +1,451 @@
+r"""Logs of a friction study as records of each moving joint, in SI, on the link side.
+
+Single missing samples and spikes of torque and position are repaired by the samples beside them. A longer gap divides
+a log of motions into parts, which become records of their own.
+
+Logs of a warm-up are heat: power and temperature in steps of seconds, and the test passes that the motion contains.
+
+.. math:: P_k = \frac{1}{\Delta t} \int_k^{k+1} u\, dq
+
+The work of the torque over a step is kept whatever its length: inertia and gravity store energy and give it back, so
+that over a motion to and fro friction alone is left, and of hours a few hundred steps say all that a joint feels.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.execution import Progress, silent
+from elastid.base.statistics import runs
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
+from elastid.friction_study.joint_levels import STILL, turns_against_gravity
+from elastid.friction_study.motion_signals import alike_speeds, detect_passes
+from elastid.linear.equilibrium import equilibrium
+from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
+from elastid.logs.files.formats import read_channels
+from elastid.logs.repair import Findings, Log
+from elastid.logs.repair.interpolation import MAX_BRIDGED
+from elastid.logs.repair.masks import step, without_dropouts, without_zero_rows
+from elastid.logs.repair.missing import bridged_gaps
+from elastid.logs.repair.outliers import without_lone
+from elastid.logs.rig import repaired_signals
+from elastid.logs.units_and_sides import check_values, in_joints, link_side
+from elastid.model.formulation import formulate
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, Hold, WarmUpLog
+from elastid.robot import Joint, Robot
+from elastid.robot.simplified import with_point_mass
+from elastid.simulation.controller import loop_of
+
+# Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted).
+# Travel below which a joint is held by its controller, in m where it slides and in rad.
+REST_TRAVEL_M, REST_TRAVEL_RAD = 1e-3, 5e-3
+IMPOSSIBLE_DEGC = 150.0
+# Of warm-ups.
+STEP_S = 10.0  # of constant power, at least: several cycles of a motion
+MAX_STEPS = 500  # of one log
+MIN_STEPS = 30  # of all logs together; five minutes warm no gear
+GROUPS = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
+MIN_GROUPS = 6  # in which a speed must occur: a level's course has three numbers
+MAX_RETURN = 0.99  # share of the travel from the first to the last position: above, no way back
+PER_COUNT = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
+MIN_READINGS = 10
+START_STD = 1.0  # K, of the temperature at the start, before readings are fitted
+# Of logs with gaps: duration of a part, and share of single missing samples in it.
+MIN_PART_S, MAX_MISSING_FRACTION = 2.0, 0.25
+# Signals (n,) by role, place and quantity; torques and currents have an empty one.
+Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
+
+
+def read_friction_logs(
+    robot: Robot,
+    spec: ExperimentSpec,
+    base: Path,
+    joints: Sequence[str],
+    payloads: Mapping[str, float],
+    progress: Progress = silent,
+) -> FrictionRecords:
+    """The records of all logs, whose paths are relative to base.
+
+    joints: whose friction is asked for; others that move are recorded too.  payloads: kg of each load, added to the
+    robot's own.  StudyError where channels, files and robot do not fit, DataError for a log that cannot be used.
+    """
+    recorded = spec.as_recorded()
+    postures = spec.postures
+    records, notes, start_s = list[FrictionRecord](), list[Note](), 0.0
+    heated: dict[str, list[tuple[FrictionRecord, FileSpec]]] = {}
+    for done, (name, file) in enumerate(zip(recorded.log_names, recorded.files, strict=True)):
+        progress(done, len(recorded.files))
+        angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
+        payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
+        of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
+        if not any(record.joint in joints for record in of_log):
+            raise DataError(
+                "friction/no-record",
+                f"none of the joints {', '.join(joints)} moves in it. Correct friction.joints, or omit the file",
+                f"{base / file.path}",
+            )
+        start_s = max(record.start_s + record.duration_s for record in of_log)
+        if file.purpose == "warm_up":
+            notes += of_log[0].notes
+            heated.setdefault(of_log[0].joint, []).append((of_log[0], file))
+            joint = robot.driven[robot.driven_names.index(of_log[0].joint)]
+            of_log = tests_in(of_log[0], turns_against_gravity(robot, joint, of_log[0].configuration))
+        records += of_log
+    warm_ups = tuple(warm_up_log(*zip(*parts, strict=True)) for parts in heated.values())
+    return FrictionRecords(tuple(records), warm_ups, tuple(notes))
+
+
+@dataclass(frozen=True)
+class _LogReader:
+    name: str
+    robot: Robot
+    recorded: RecordedSpec
+    file: FileSpec
+    base: Path
+    angles: FloatArray
+    start_s: float
+    payload: float
+    offset_s: float = 0.0  # of a part of a log
+
+    @property
+    def path(self) -> str:
+        return str(self.base / self.file.path)
+
+    def records(self) -> tuple[FrictionRecord, ...]:
+        """One record of each joint that moves; StudyError or DataError without one."""
+        recorded = replace(self.recorded, channels=tuple(c for c in self._channels() if c.role != "t"))
+        gathered = gather_channels(recorded, self.file, self.base, self.robot)
+        if isinstance(recorded.rate_hz, str):
+            text = "friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"
+            raise StudyError("study/recorded", text, self.path)
+        signals = without_zero_rows(gathered.signals, gathered.log)
+        if self.file.purpose not in (*STILL, "warm_up"):
+            signals = without_dropouts(signals, gathered.log)
+        gathered = replace(gathered, signals=signals)
+        parts = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _parts(gathered)
+        records = list[FrictionRecord]()
+        for i, part in enumerate(parts):
+            name = f"{self.name} part {i + 1}" if i else self.name
+            offset_s = (part.log.first - gathered.log.first) / gathered.rate_hz
+            records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._segment_records(
+                part
+            )
+        if records:
+            return tuple(records)
+        raise DataError(
+            "records/channels",
+            "no moving joint has both torque and position in it. Log role u (or role reference, with the gains as "
+            "controller), and role y with quantity position, "
+            f"at one of {', '.join(self.robot.motor_locations)}",
+            self.path,
+        )
+
+    def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
+        repaired, N, rate_hz = self._repaired(gathered)
+        values, known = in_joints(gathered.channels, repaired, self.robot)
+        if self.recorded.controller is None:
+            report_unused_references(gathered.channels, gathered.log)
+        of_motors = [c.at for c in gathered.channels if c.role == "u"]
+        by_place: dict[tuple[str, str, str], FloatArray] = {
+            (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
+            for i, c in enumerate(gathered.channels)
+        }
+        by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
+        for channel in self._channels():
+            if channel.role == "t":
+                time_s = self.offset_s + np.arange(len(values)) / rate_hz
+                by_place["t", channel.at, ""] = self._thermometer(channel, time_s)
+        return self._of_joints(by_place, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
+
+    def _repaired(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
+        """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
+        if self.file.purpose == "presliding_test":
+            return repaired_signals(gathered, self.recorded)
+        log = gathered.log
+        signals = bridged_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
+        judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
+        of_judged = replace(log, names=tuple(log.names[i] for i in judged))
+        are_motions = [gathered.channels[i].role != "u" for i in judged]
+        clean = without_lone(signals[:, judged], of_judged, are_motions)
+        signals[:, judged] = bridged_gaps(clean, replace(of_judged, findings=Findings()), MAX_MISSING_FRACTION)
+        return signals, None, gathered.rate_hz
+
+    def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
+        """Readings (n,) in degC at times from the first sample; between them by straight lines, at whatever rate."""
+        path = self.base / (self.file.path, *self.file.also)[channel.file - 1]
+        log = Log(str(path), ())
+        rate_hz = float(channel.rate_hz or self.recorded.known_rate_hz)
+        values = read_channels(path, [channel], self.recorded.text)
+        check_values([channel], [values[:, 0]], log)
+        degc = link_side(channel, values[:, 0], self.robot, log)
+        read = np.flatnonzero(np.isfinite(degc))
+        first = 0 if self.file.samples is None or channel.file > 1 else self.file.samples[0]
+        return np.interp(first / self.recorded.known_rate_hz + time_s, read / rate_hz, degc[read])
+
+    def _channels(self) -> tuple[ChannelSpec, ...]:
+        return tuple(c for c in self.recorded.channels if self.file.joint in ("", _joint_of(c)))
+
+    def _of_joints(
+        self, signals: Signals, rate_hz: float, period: int | None, notes: tuple[Note, ...]
+    ) -> tuple[FrictionRecord, ...]:
+        positions = {
+            joint.name: position
+            for joint in self.robot.driven
+            if (position := _signal(signals, "y", joint.name, "position")) is not None
+        }
+        moving = self._moving(positions, signals)
+        if not moving:
+            return ()
+        at_rest = zip(self.robot.driven, self.angles, strict=True)
+        angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
+        posture = Configuration(self.file.configuration or self.name, np.array(angles))
+        load_torque = np.zeros(len(angles))  # Nm, N: holds each driven joint, the payload at the last frame
+        if self.file.load:
+            model = formulate(with_point_mass(self.robot, self.payload))
+            load_torque = np.abs(equilibrium(model, np.asarray(model.theta), posture).u)
+        holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
+        return tuple(
+            FrictionRecord(
+                name=self.name,
+                joint=joint.name,
+                purpose=self.file.purpose if joint.name in holds else "commands",
+                rate_hz=rate_hz,
+                position=positions[joint.name],
+                torque=signals.get(("u", f"motor {joint.name}", ""), np.full_like(positions[joint.name], np.nan)),
+                velocity=_signal(signals, "y", joint.name, "velocity"),
+                disturbance=_signal(signals, "d", joint.name),
+                reference=_signal(signals, "reference", joint.name),
+                # Of a link that has an encoder in addition to that of its motor.
+                link_position=signals.get(("y", f"joint {joint.name}", "position"))
+                if ("y", f"motor {joint.name}", "position") in signals
+                else None,
+                temperature=self._temperature(signals, joint.name, len(positions[joint.name])),
+                speed=self.file.speed,
+                load=self.file.load,
+                payload=self.payload,
+                load_torque=float(load_torque[self.robot.driven_names.index(joint.name)]),
+                # A held torque acts half a sample after its instant, on average.
+                torque_delay_s=0.5 / rate_hz if holds.get(joint.name) == "zero-order" else 0.0,
+                period_samples=period,
+                hold=holds.get(joint.name, self._command_hold),
+                **self._commanded(joint, signals, rate_hz),
+                # Of loops that end by sliding values hardly repeat; three times the log they do.
+                resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "presliding_loops" else 1)),
+                start_s=self.start_s,
+                configuration=posture,
+                place=self.path,
+                slides=joint.slides,
+                notes=notes if joint is moving[0] else (),
+            )
+            for joint in moving
+        )
+
+    def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
+        driving = "u" if self.recorded.controller is None or any(role == "u" for role, *_ in signals) else "reference"
+        logged = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
+        is_any = self.file.purpose in STILL
+        moving = [joint for joint in logged if is_any or self._moves(joint, positions[joint.name])]
+        if self.file.purpose == "warm_up" and len(moving) > 1:
+            raise DataError(
+                "friction/no-record",
+                f"joints {', '.join(joint.name for joint in moving)} move in it and exchange work. Warm up one joint "
+                "at a time, or name the joint that is heated: joint",
+                self.path,
+            )
+        return moving
+
+    @property
+    def _command_hold(self) -> Hold:
+        path = None if self.recorded.controller is None else self.recorded.controller.reference
+        return "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
+
+    def _commanded(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
+        """Command and gains of a joint without a torque, by the name of the record's field; empty with a torque."""
+        controller, reference = self.recorded.controller, _signal(signals, "reference", joint.name)
+        if controller is None or reference is None or ("u", f"motor {joint.name}", "") in signals:
+            return {}
+        path = controller.reference
+        is_filtered = path is not None and (path.filter_hz is not None or path.moving_average > 0)
+        has_states = controller.integral_time is not None or controller.notches or controller.low_pass_hz is not None
+        if has_states or is_filtered:
+            text = "integral_time, notches and filters need a torque channel. Log role u, or give the gains of a PD"
+            raise StudyError("study/recorded", text, "experiment.recorded.controller")
+        loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
+        kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feedforward
+        command = kp * reference + s * kd * np.gradient(reference, 1 / rate_hz)
+        late_s = 0.5 / controller.tick_hz if controller.tick_hz else 0.0
+        of_velocity = late_s if controller.velocity == "difference" else 0.0
+        return {"command": command, "gains": (kp, kd), "feedback_delays_s": (late_s, of_velocity)}
+
+    def _moves(self, joint: Joint, position: FloatArray) -> bool:
+        rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD
+        return joint.name == self.file.joint or float(np.ptp(position)) > rest
+
+    def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
+        degrees = _signal(signals, "t", joint)
+        if degrees is None:
+            is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
+            return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
+        if float(degrees.max()) > IMPOSSIBLE_DEGC:
+            raise DataError(
+                "records/channels",
+                f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which is implausible. Set the "
+                "unit of that channel, K or degF",
+                self.path,
+            )
+        return degrees
+
+
+def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
+    """Return the parts of a log between gaps that are too long to interpolate, without short parts; else all of it.
+
+    The first part has the notes and findings, and one on the gaps.
+    """
+    lacking = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
+    gaps = runs(lacking, MAX_BRIDGED + 1)
+    bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(lacking)], strict=True)
+    least, log = MIN_PART_S * gathered.rate_hz, gathered.log
+    inner = [_without_ends(lacking, first, end) for first, end in bounds]
+    long = [(first, end) for first, end in inner if end - first >= least]
+    if not long or (not len(gaps) and long == [(0, len(lacking))]):
+        return (gathered,)
+    for start in gaps[:1, 0]:
+        text = f"gaps of more than {MAX_BRIDGED} samples: {len(gaps)}, the first at {log.time_of(start)}"
+        log.report("logs divided at gaps", len(gaps), f"{text}; parts between them that are used: {len(long)}")
+    return tuple(
+        replace(
+            gathered,
+            signals=gathered.signals[first:end],
+            log=log.after(first) if i == 0 else replace(log.after(first), findings=Findings()),
+        )
+        for i, (first, end) in enumerate(long)
+    )
+
+
+def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
+    """Shrink a range until two samples at both ends are complete: an interpolation needs neighbours."""
+    part = ~lacking[first:end]
+    complete = np.flatnonzero(part[:-1] & part[1:])
+    return (first, first) if not len(complete) else (first + int(complete[0]), first + int(complete[-1]) + 2)
+
+
+def _joint_of(channel: ChannelSpec) -> str:
+    """The joint that a channel is of; empty where its place is a body or a frame."""
+    kind, _, name = channel.at.partition(" ")
+    return name if kind in ("motor", "joint") else ""
+
+
+def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> FloatArray | None:
+    """The signal at the motor of a joint, which its friction acts on, or else at the joint."""
+    at_motor, at_joint = ((role, f"{kind} {joint}", quantity) for kind in ("motor", "joint"))
+    return signals.get(at_motor, signals.get(at_joint))
+
+
+@frozen_value
+class Heat:
+    """Heat in one log: power (n,), W, between time_s (n + 1,), readings (n + 1,), degC, of a step of `count`."""
+
+    time_s: FloatArray
+    power: FloatArray
+    readings: FloatArray
+    count: float
+
+
+def heat_of(record: FrictionRecord) -> Heat:
+    """The log in steps; DataError where the joint never returns, or its torque does no work on it."""
+    q, u, rate_hz = record.position, record.torque, record.rate_hz
+    where = f"{record.place}: warm-up of joint {record.joint}"
+    n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
+    edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
+    # A held torque acts until the next sample, a band-limited one changes on the way.
+    acting = u[:-1] if record.hold == "zero-order" else (u[:-1] + u[1:]) / 2
+    work, text = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges], ""
+    if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
+        text = (
+            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and "
+            "the heat are confounded. Log a motion to and fro"
+        )
+    elif work[-1] <= 0:
+        text = (
+            f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint. "
+            "Correct the sign of torque or position"
+        )
+    if text:
+        raise DataError("friction/warm-up", text, where)
+    T = record.temperature
+    readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
+    power = np.diff(work) / (np.diff(edges) / rate_hz)
+    return Heat(record.start_s + edges / rate_hz, power, readings, 0.0 if T is None else step(T))
+
+
+def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
+    """Means (n + 1,) of the samples within half a step of each edge."""
+    sums, middles = np.append(0.0, np.cumsum(x - x[0])), (edges[:-1] + edges[1:]) // 2 + 1
+    low, high = np.append(0, middles), np.append(middles, len(x))
+    return np.asarray(x[0] + (sums[high] - sums[low]) / (high - low))
+
+
+def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
+    """Constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
+    least = 1 if record.speed is not None else MIN_GROUPS
+    passes = detect_passes(record, has_gravity)
+    speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
+    length = max(record.duration_s / GROUPS, 1e-9)
+    firsts: dict[float, dict[int, FrictionRecord]] = {}
+    for speed, test in zip(speeds, passes, strict=True):
+        firsts.setdefault(speed, {}).setdefault(int((test.start_s - record.start_s) / length), test)
+    usable = [p for groups in firsts.values() if len(groups) >= least for p in groups.values()]
+    return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
+
+
+def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
+    """All logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
+
+    DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
+    """
+    joint, place = records[0].joint, f"{records[0].place}: warm-up of joint {records[0].joint}"
+    heats, start = [heat_of(record) for record in records], files[0].temperature
+    room = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
+    time_s, power, readings = heats[0].time_s, heats[0].power, heats[0].readings
+    for record, heat in zip(records[1:], heats[1:], strict=True):
+        pause = float(heat.time_s[0] - time_s[-1])
+        if pause < -1.5 / record.rate_hz:
+            raise DataError(
+                "friction/warm-up",
+                f"it starts at {heat.time_s[0]:.4g} s, before the end of the previous log at {time_s[-1]:.4g} s. "
+                "Correct start, or the order of the files",
+                record.place,
+            )
+        first = 0 if pause > 1.5 / record.rate_hz else 1
+        power = np.concatenate([power, np.zeros(1 - first), heat.power])
+        time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
+    span = float(time_s[-1] - time_s[0])
+    least = MIN_STEPS * STEP_S
+    read, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
+    if span < least:
+        text = (
+            f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s, better "
+            "two hours, or set purpose: motion"
+        )
+    elif read.any() and np.ptp(readings[read]) < max(count, 1e-9):
+        text = (
+            f"the thermometer reads {readings[read][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint. "
+            "Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
+        )
+    if text:
+        raise DataError("friction/warm-up", text, place)
+    if not read.any():
+        return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
+    noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
+    std, at_start = max(noise, count / np.sqrt(12)), float(readings[read][0])
+    if noise < count / np.sqrt(12):  # readings of one count have one error
+        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[read]) / count))
+        readings = np.where(np.cumsum(read) % max(1, read.sum() // most) == 0, readings, np.nan)
+    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(START_STD, 3 * std))

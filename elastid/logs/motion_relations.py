@@ -1,0 +1,184 @@
+r"""Relations of two signals of one joint: derivatives of each other, and the torque that a motion needs.
+
+Motions are compared as derivatives of one Gaussian, :math:`x^{(k)} = (G_s * x)^{(k)}`, at several widths s:
+:math:`b = g\, a^{(k)}`. The sign of a torque is that with which
+
+.. math:: u = J a + f v + F_c\,\mathrm{sgn}(v) + o + c_1 \cos q + c_2 \sin q, \qquad J > 0, \quad f v^2 + F_c |v| > 0.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.robot import Joint
+
+# Widths of the Gaussian in samples: the band up to a tenth of the rate, a fortieth, and a hundred-sixtieth.
+WIDTHS = (2.0, 8.0, 32.0)
+# Correlation of a derivative with the signal that is it.
+MIN_CORRELATION = 0.98
+# Share of a torque that the motion of its joint explains, at least.
+MIN_EXPLAINED = 0.75
+# Likewise of the acceleration alone, for a statement on the inertia.
+MIN_BY_INERTIA = 0.2
+# Acceleration of another joint over its own, from which on it may move it; what viscous friction must explain then.
+MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
+# |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
+MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0
+MIN_UNEXPLAINED_VARIANCE = 0.03  # of the variance of an acceleration, that the other columns do not explain
+
+
+@dataclass(frozen=True)
+class MotionRelation:
+    """Gain of b = gain a^(order), two motions, and the correlation of both sides, with the sign of the gain."""
+
+    gain: float
+    correlation: float
+
+
+@dataclass(frozen=True)
+class TorqueRelation:
+    """Fraction of the variance of a torque that the motion of one joint explains, and the inertia J.
+
+    inertia, largest_inertia: J in the band where it carries most of the torque, and its upper limit (three standard
+    errors) over all bands where it carries enough, infinite without one, as where friction carries a slow motion.
+    is_against_motion: J is negative, or friction gives power, and neither contradicts the other.  by_inertia: fraction
+    of the torque's variance that only the acceleration explains.  is_shared: other joints moved as well.
+    """
+
+    explained: float = 0.0
+    inertia: float = 0.0
+    largest_inertia: float = np.inf
+    is_against_motion: bool = False
+    by_inertia: float = 0.0
+    is_shared: bool = False
+
+    def is_before_gear(self, joint: Joint, ratio: float, scale: float = 1.0) -> bool:
+        """True if J / scale is below half the rotor's inertia as a link-side number, but not as a motor-side one."""
+        rotor = 0.0 if joint.motor is None else joint.motor.inertia * ratio**2 * scale
+        return 2 * self.largest_inertia < rotor < 2 * self.inertia * ratio**2
+
+
+def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> FloatArray:
+    """The derivative (n - 12 width,) of a signal (n,), smoothed by a Gaussian of a width in samples; -1: integral."""
+    omega = 2 * np.pi * np.fft.rfftfreq(len(x))
+    gain = (1j * np.append(1.0, omega[1:])) ** order * np.exp(-((width * omega) ** 2) / 2)
+    gain[0] = order == 0  # an integral has no mean
+    margin = int(6 * width)  # a jump from the last sample to the first has no effect beyond
+    return np.fft.irfft(np.fft.rfft(x) * gain, len(x))[margin:-margin] * rate_hz**order
+
+
+def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> dict[int, MotionRelation]:
+    """The relations of two motions (n,) by order, -2 to 2, each at the width where both sides agree best."""
+    relations = {}
+    for order in range(-2, 3):
+        # Positions drift and keep offsets, so that velocities are compared.
+        orders = (max(order, 0), max(-order, 0)) if order else (1, 1)
+        pairs = ([derivative(x, k, rate_hz, s) for x, k in zip((a, b), orders, strict=True)] for s in _widths(a))
+        relations[order] = max((_relation(*pair) for pair in pairs), key=lambda relation: abs(relation.correlation))
+    return relations
+
+
+def _widths(x: FloatArray) -> list[float]:
+    return [width for width in WIDTHS if len(x) > 20 * width]
+
+
+def _relation(x: FloatArray, y: FloatArray) -> MotionRelation:
+    """Ratio of the deviations of two signals (n,), with the sign of their correlation, 0 if one is still."""
+    sizes = float(np.std(x)), float(np.std(y))
+    rho = float(np.mean((x - x.mean()) * (y - y.mean()))) / (sizes[0] * sizes[1]) if min(sizes) > 0 else 0.0
+    return MotionRelation(float(np.sign(rho)) * sizes[1] / max(sizes[0], 1e-300), rho)
+
+
+def torque_relation(
+    u: FloatArray,
+    y: FloatArray,
+    order: int,
+    rate_hz: float,
+    turns: bool = True,
+    others: Sequence[tuple[FloatArray, int]] = (),
+) -> TorqueRelation:
+    """How the motion y (n,), a derivative of the position of the given order, explains the torque u (n,).
+
+    turns: the joint turns, so that gravity may change with its angle.  others: motions of other joints and their
+    orders.  The controller of a joint that they move gives -k_d v, as friction with a wrong sign would: then dry
+    friction shows the sign, or viscous friction that explains nearly all.
+    """
+    bands = [width for width in _widths(u) if np.ptp(u) > 0]
+    relations = [_relation_at(u, y, order, rate_hz, width, turns, others) for width in bands]
+    if not relations:
+        return TorqueRelation()
+    limits = [r.largest_inertia for r in relations if r.explained > MIN_EXPLAINED and r.by_inertia > MIN_BY_INERTIA]
+    inertia = max(relations, key=lambda relation: relation.by_inertia).inertia
+    best = max(relations, key=lambda relation: relation.explained)
+    return replace(best, inertia=inertia, largest_inertia=max(limits, default=np.inf))
+
+
+def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, rate_hz: float) -> tuple[float, float]:
+    r"""Gain :math:`\beta` of a torque sensor behind the gear of a joint, and its standard error.
+
+    .. math:: u = J_m a + f v + F_c\,\mathrm{sgn}(v) + o + \beta s
+
+    Other joints may move: their torques are in the sensor's.  The error is infinite if the motion explains the sensor.
+    """
+    gains = [(0.0, np.inf)]
+    for width in _widths(u):
+        torque, s = (derivative(x, 0, rate_hz, width) for x in (u, sensor))
+        v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
+        A = np.stack([s, a, v, np.sign(v), np.ones_like(a)], axis=1)[:: int(width / 2)]
+        theta, _, alone, std = _fitted(A, torque[:: int(width / 2)], 0)
+        is_seen = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
+        gains += [(float(theta[0]), std)] if is_seen else []
+    return min(gains, key=lambda pair: pair[1] / max(abs(pair[0]), 1e-300))
+
+
+def _fitted(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Coefficients of the columns of A (n, c), residual (n,), one column without the others, and its coefficient's std.
+
+    The sandwich estimate has a window of ten samples: neighbouring residuals are correlated.
+    """
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    theta = np.linalg.lstsq(A / size, x, rcond=1e-9)[0] / size
+    residual, others = x - A @ theta, np.delete(A, column, axis=1)
+    alone = A[:, column] - others @ np.linalg.lstsq(others, A[:, column], rcond=1e-9)[0]
+    score = alone * residual
+    variance = score @ score + 2 * sum((1 - k / 10) * float(score[k:] @ score[:-k]) for k in range(1, 10))
+    return theta, residual, alone, float(np.sqrt(max(variance, 0.0))) / max(float(alone @ alone), 1e-300)
+
+
+def _relation_at(
+    u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool,
+    others: Sequence[tuple[FloatArray, int]],
+) -> TorqueRelation:  # fmt: skip
+    """The relation in a band."""
+    torque = derivative(u, 0, rate_hz, width)
+    v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
+    columns = [a, v, np.sign(v), np.ones_like(a)]
+    q = derivative(y, -order, rate_hz, width) if turns and order < 2 else np.zeros(1)
+    if np.ptp(q) > 0.3:  # from so many rad on gravity changes as a cosine
+        columns += [np.cos(q), np.sin(q)]
+    every = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
+    moving = [x for x in every if np.std(x) > MIN_MOVING * np.std(a)]
+    A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
+    theta, residual, alone, std = _fitted(A, torque, 0)
+    explained = 1 - float(np.var(residual) / np.var(torque))
+    by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
+    friction = slice(2 if moving and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
+    parts = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
+    signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
+    shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
+    is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1
+    if is_against and moving:  # joints that move in proportion show the sign of none of them
+        B = np.stack([np.ones_like(torque), *(x[:: int(width / 2)] for x in moving)], axis=1)
+        own, left = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
+        is_seen = np.var(own[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
+        is_against = bool(is_seen and min(np.linalg.lstsq(own, left, rcond=1e-9)[0] * np.std(own, axis=0)) < 0)
+    return TorqueRelation(
+        explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)
+    )
+
+
+def travel(x: FloatArray) -> float:
+    """The range of a signal (n,), single spikes left out."""
+    return float(np.percentile(x, 99.9) - np.percentile(x, 0.1))

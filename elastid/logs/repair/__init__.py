@@ -1,0 +1,118 @@
+"""Faults of the logs of a real robot: a Finding is repaired by a stated rule and counted, reported, or refused.
+
+Here the parts that all rules share: the repetitions of a signal. Arrays in, arrays and findings out. Signals are
+(n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import SupportsInt
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray, folded
+from elastid.base.errors import Note, Severity
+
+_CODES = {  # of findings that mend nothing
+    "quantised channels": "records/quantised",
+    "samples at a limit": "records/clipped",
+}
+
+
+@dataclass
+class Findings:
+    """Notes without a place, counts of repairs by kind, and repetitions, from 0, that no longer count as measured."""
+
+    notes: list[Note] = field(default_factory=list)
+    repairs: Counter[str] = field(default_factory=Counter)
+    discarded_periods: list[int] = field(default_factory=list)
+
+    def at(self, place: str) -> tuple[Note, ...]:
+        """The notes with their place."""
+        return tuple(replace(note, place=place) for note in self.notes)
+
+
+@dataclass(frozen=True)
+class Log:
+    """Names of a log, its channels and its times in messages, and all findings in it.
+
+    first: number in the file of the first sample.  rows (n,): numbers in the file of all samples, where its time leaves
+    some out; None where it does not.
+    """
+
+    where: str
+    names: tuple[str, ...]
+    rate_hz: float | None = None
+    first: int = 0
+    rows: IntArray | None = None
+    findings: Findings = field(default_factory=Findings)
+
+    def note(self, code: str, text: str, severity: Severity = "warning") -> None:
+        """Add a note."""
+        self.findings.notes.append(Note(code, text, severity=severity))
+
+    def report(self, kind: str, count: SupportsInt, text: str) -> None:
+        """Count the samples or repetitions of a fault by kind, and add a note on it unless `text` is empty."""
+        if text:
+            self.note(_CODES.get(kind, "records/corrected"), text)
+        self.findings.repairs[kind] += int(count)
+
+    def after(self, first: int) -> "Log":
+        """The log from a sample on."""
+        return replace(self, first=self.first + first, rows=None if self.rows is None else self.rows[first:])
+
+    def number(self, sample: SupportsInt) -> int:
+        """The number in the file of a sample, or of the end of all."""
+        i = int(sample)
+        if self.rows is None:
+            return self.first + i
+        return int(self.rows[i]) if i < len(self.rows) else int(self.rows[-1]) + 1 + i - len(self.rows)
+
+    def time_of(self, sample: SupportsInt) -> str:
+        """A sample by its number in the file and, where the rate is known, its time."""
+        instant = "" if self.rate_hz is None else f" ({(self.first + int(sample)) / self.rate_hz:.6g} s)"
+        return f"sample {self.number(sample)}{instant}"
+
+
+def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
+    """X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign where sign is -1."""
+    X = folded(x, L)
+    return X if sign > 0 else np.asarray(X * float(sign) ** np.arange(len(X))[:, None])
+
+
+def bridged(x: FloatArray) -> FloatArray:
+    """Signal (n,) with straight lines where samples are missing, 0 without any sample."""
+    known = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), known, x[known]) if known.size else np.zeros(len(x))
+
+
+def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
+    """X (P, L): the repetitions of a signal, each without its line."""
+    X = blocks(x, L, sign)
+    return without_line(X) if np.isfinite(X).all() else np.asarray(X - _lines(X, np.linspace(-0.5, 0.5, L)))
+
+
+def without_line(X: FloatArray) -> FloatArray:
+    """X (..., L), each row without its mean and its slope (least squares)."""
+    t = np.linspace(-0.5, 0.5, X.shape[-1])
+    away = X - X.mean(axis=-1, keepdims=True)
+    return np.asarray(away - (away @ t / (t @ t))[..., None] * t)
+
+
+def scaled(drivers: FloatArray, N: int) -> FloatArray:
+    """X (P, N, d): the flat periods of drivers (n, d), each of which has an rms of 1, or is zero."""
+    X = np.stack([flat(x, N) for x in drivers.T], axis=2)
+    size = np.sqrt(np.mean(X**2, axis=(0, 1)))
+    return X / np.where(size > 0, size, 1.0)
+
+
+def _lines(X: FloatArray, t: FloatArray) -> FloatArray:
+    """The straight line through the finite samples of each row of X (P, L)."""
+    good = np.isfinite(X)
+    n = np.maximum(good.sum(axis=1), 1)
+    values = np.where(good, X, 0.0)
+    mean_x, mean_t = values.sum(axis=1) / n, (good * t).sum(axis=1) / n
+    t_centred = np.where(good, t - mean_t[:, None], 0.0)
+    spread = (t_centred**2).sum(axis=1)
+    slope = (t_centred * values).sum(axis=1) / np.where(spread > 0, spread, 1.0)
+    return np.asarray(mean_x[:, None] + slope[:, None] * (t - mean_t[:, None]))

@@ -1,0 +1,250 @@
+r"""Masks of samples that were not measured: stops, channels that hang or drop out, limits and steps of a converter.
+
+A repetition whose torques stand still where those of others move, as at a stop, is left out.  A channel that hangs
+repeats its last value exactly where others move, and one that drops out is exactly 0 where they are far from it.
+
+Limits and steps of a converter are reported: clipping at the highest or lowest value, and quantisation with its noise.
+
+.. math:: \sigma_q = q / \sqrt{12}
+
+Where other noise is below half a step the error repeats with the signal, so that the scatter from period to period
+does not show it (Widrow and Kollar, Quantization Noise, 2008).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, folded
+from elastid.base.errors import DataError
+from elastid.base.statistics import runs
+from elastid.logs.repair import Log, flat, without_line
+
+MASKED, STOPPED = "samples taken as missing", "stops"
+
+
+# Limits that distinguish rest, a channel that hangs, drops out or is clipped, steps and spikes from a signal.
+WINDOWS, MIN_WINDOW = 20, 8  # of a repetition, samples of one at least
+START_WINDOWS = 200  # of a log, among which its start is found
+# Samples with one value; range of the other repetitions there, over the scatter of the channel and in its steps.
+MIN_RUN, MIN_RANGE, MIN_STEPS = 20, 0.25, 4.0
+LEAP = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
+MIN_MOVING_FRACTION = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
+# Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
+MAX_STATIONARY_FRACTION = 0.1
+LEAP_OF_ROWS = 2.0  # of a row of zeros, over the step of a channel that 99 % of the rows stay below
+MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
+# Of clipping and quantisation.
+MIN_NOISE_FRACTION = 2e-3  # noise of steps is reported from this part of the signal on
+STEP_SAMPLES = 20_000  # in which steps are looked for
+STEP_CANDIDATES = 5  # smallest differences of values, one of which is one to three steps
+MAX_OFF_GRID = 0.05  # part of the differences that are no whole number of steps
+MIN_VALUES = 4  # fewer are levels that a torque was given: of a hammer, a binary or a ternary sequence
+STEP_TOLERANCE = 0.02  # distance of a value from a whole number of steps, in steps, at most
+# Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
+MAX_STEP_FRACTION = 0.01
+MIN_EQUAL = 2  # so many equal samples in a row are no peak
+MIN_DEPARTURE = 0.05  # between two visits to a limit the signal leaves it by this part of its span
+MIN_PLACES = 3  # a single peak of a period may be flat; a limit is met at several places of a period
+# Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
+MIN_CLIPPED_FRACTION, MAX_CLIPPED_FRACTION = 0.002, 0.05
+EQUAL_TOLERANCE = 1e-9  # values this close, as a part of the span, are equal
+
+
+def without_zero_rows(signals: FloatArray, log: Log) -> FloatArray:
+    """Mask (NaN) rows of signals (n, c), c > 1, whose channels are all 0, one of them after a leap: empty messages.
+
+    As for a channel that drops out, a leap is longer than the steps between 99 % of the other rows.
+    """
+    is_zero = np.all(signals == 0, axis=1)
+    others = np.flatnonzero(~is_zero)
+    if signals.shape[1] < 2 or not is_zero.any() or len(others) < (1 - MAX_MISSING_FRACTION) * len(signals):
+        return signals
+    steps = np.nanquantile(np.abs(np.diff(signals[others], axis=0)), 0.99, axis=0)
+    beside = signals[others[np.minimum(np.searchsorted(others, np.arange(len(signals))), len(others) - 1)]]
+    # If all signals are near 0, no channel leaps: a row is then empty if most rows of zeros leap.
+    leaps = is_zero & np.any(np.abs(beside) > LEAP_OF_ROWS * steps, axis=1)
+    if 2 * leaps.sum() < is_zero.sum():
+        return signals
+    text = f"{is_zero.sum()} rows of zeros, the first is {log.time_of(np.argmax(is_zero))}: taken as missing"
+    log.report(MASKED, is_zero.sum(), text)
+    return np.where(is_zero[:, None], np.nan, signals)
+
+
+def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
+    """Mask (NaN) runs in which a channel of signals (n, c) is 0 or hangs while others move, and which ends by a leap.
+
+    A leap is longer than LEAP times the 99 % quantile of the steps of the channel.
+    """
+    result = np.copy(signals)
+    size = np.maximum(np.nanstd(signals, axis=0), 1e-300)
+    for c, x in enumerate(signals.T):
+        changes = np.diff(x)
+        least = max(LEAP * float(np.nanquantile(np.abs(changes), 0.99)), MIN_STEPS * step(x))
+        constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
+        lost = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
+        others = np.delete(signals, c, axis=1) / np.delete(size, c)
+        lost = [(a, b) for a, b in lost if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
+        if lost:
+            missing = np.concatenate([np.arange(a, b) for a, b in lost])
+            result[missing, c] = np.nan
+            text = f"{log.names[c]} is constant or 0 for {missing.size} samples in total while other channels vary"
+            log.report(MASKED, missing.size, f"{text}, first at {log.time_of(missing[0])}; treated as missing")
+    return result
+
+
+def samples_before_motion(torques: FloatArray) -> int:
+    """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
+    width = max(MIN_WINDOW, len(torques) // START_WINDOWS)
+    if len(torques) < 3 * width:
+        return 0
+    scatter = np.stack([_scatter(folded(x, width)) for x in torques.T])
+    # The largest may be a spike.
+    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
+    moves = np.any((scatter > MAX_STATIONARY_FRACTION * usual) & (usual > 0), axis=0)
+    return int(np.argmax(moves)) * width
+
+
+def _scatter(windows: FloatArray) -> FloatArray:
+    """Rms (...) of windows (..., width) without mean and slope; infinite where a sample is missing."""
+    away = without_line(windows)
+    return np.where(np.isfinite(away).all(axis=-1), np.sqrt(np.mean(away**2, axis=-1)), np.inf)
+
+
+def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
+    """Signals (n, c), some samples NaN, with NaN where a channel hangs, or drops to 0, and other repetitions do not."""
+    result = np.copy(signals)
+    hold = np.diff(signals, axis=0) == 0
+    alike = hold.all(axis=1)
+    for c, x in enumerate(signals.T):
+        lost = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
+        least = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
+        lost = [(a, b) for a, b in lost if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
+        lost = [(a, b) for a, b in lost if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
+        stuck = runs(hold[:, c] & ~alike, MIN_RUN - 1).tolist()
+        moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stuck else 0.0
+        # The first value may be a measured one.
+        lost += [(a + 1, b + 1) for a, b in stuck if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
+        if lost:
+            missing = np.unique(np.concatenate([np.arange(a, b) for a, b in lost]))
+            result[missing, c] = np.nan
+            text = f"{log.names[c]} is constant or 0 for {missing.size} samples from {log.time_of(missing[0])} on"
+            log.report(MASKED, missing.size, f"{text}, while other periods vary; treated as missing")
+    return result
+
+
+def _elsewhere(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
+    return [x[a : a + end - start] for a in range(start % L, len(x) - end + start + 1, L) if a != start]
+
+
+def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log) -> FloatArray:
+    """Signals (n, c), NaN in each repetition of L samples whose torques stand still for a part.
+
+    torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
+    """
+    P, width = len(signals) // L, min(L, max(MIN_WINDOW, L // WINDOWS))
+    if P < 2:
+        return signals
+    u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
+    scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
+    # The largest may be that of the start, or hold a spike.
+    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
+    moving = usual > MIN_MOVING_FRACTION * np.median(usual)
+    bad = (scatter < MAX_STATIONARY_FRACTION * usual)[:, moving].sum(axis=1) > MAX_STATIONARY_FRACTION * moving.sum()
+    bad[:1] = False
+    if not bad.any():
+        return signals
+    numbers = ", ".join(str(p + 1) for p in np.flatnonzero(bad))
+    text = f"repetitions {numbers} of {P} are discarded: their torques are partly constant, as at a stop"
+    if P - bad.sum() < 2:
+        raise DataError(
+            "records/missing-samples",
+            f"{text}; two are needed. Measure again, or set samples: [{log.first}, "
+            f"{log.first + int(np.argmax(bad)) * L}] with period: none",
+            log.where,
+        )
+    result, end = np.copy(signals), 1 + int(np.flatnonzero(~bad)[-1])
+    for p in np.flatnonzero(bad):
+        result[p * L : (p + 1) * L] = np.nan
+    log.report(STOPPED, bad.sum(), text)
+    return result if end == P else result[: end * L]
+
+
+CLIPPED = "samples at a limit"
+
+
+def step(x: FloatArray) -> float:
+    """Return the step q of a signal (n,) whose finite values are whole steps apart but for spikes; else 0."""
+    values, smallest_gap = (
+        np.unique(x[:: max(1, len(x) // STEP_SAMPLES)]),
+        1e-9 * np.nanmax(np.abs(x), initial=0),
+    )
+    # Spikes off the grid are many among the different values of a coarse grid, but few among the changes. What is whole
+    # steps of q is whole steps of a fraction of q, too.
+    largest = 0.0
+    for gaps in (np.diff(values), np.abs(np.diff(x[:STEP_SAMPLES]))):
+        gaps = gaps[gaps > smallest_gap]
+        for smallest in np.sort(gaps)[:STEP_CANDIDATES]:
+            for q in smallest / np.arange(1, 4):
+                counts = np.round(gaps / q)
+                is_whole = np.abs(gaps / q - counts) < STEP_TOLERANCE
+                if is_whole.mean() >= 1 - MAX_OFF_GRID:
+                    # Many steps together give a more exact size than one.
+                    largest = max(largest, float(gaps[is_whole].sum() / counts[is_whole].sum()))
+    return largest
+
+
+def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:
+    """Report each channel of signals (n, c) with a noise of steps that counts relative to its repeating part."""
+    for c, name in enumerate(log.names):
+        q = step(signals[:, c])
+        mean = flat(signals[:, c], L, sign).mean(axis=0)
+        if q == 0 or np.ptp(mean) < (MIN_VALUES - 1.5) * q:
+            continue
+        size, noise = float(mean.std()), q / np.sqrt(12)
+        if noise < MIN_NOISE_FRACTION * size:
+            continue
+        text = (
+            f"{name}: the resolution of {q:.4g} adds noise of {noise:.3g} rms, {100 * noise / max(size, 1e-300):.2g} % "
+            "of the signal, which the scatter of the periods can underestimate"
+        )
+        log.report("quantised channels", 1, text)
+
+
+def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
+    """Report each channel of finite signals (n, c) that meets its limits; DataError above 5 % of its samples."""
+    for c, name in enumerate(log.names):
+        x = signals[:, c]
+        at_limit = _at_limit(x)
+        if not at_limit.any():
+            continue
+        clipped = np.zeros(len(x), dtype=np.bool_)
+        for start, end in runs(at_limit, MIN_EQUAL):
+            clipped[start:end] = True
+        share, n_clipped = float(clipped.mean()), int(clipped.sum())
+        if share < MIN_CLIPPED_FRACTION or _visits(x, clipped) < MIN_PLACES * max(1, len(x) // L):
+            continue
+        text = f"{name}: {n_clipped} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
+        text += f"{np.min(x):.4g} and {np.max(x):.4g}"
+        if share > MAX_CLIPPED_FRACTION:
+            raise DataError(
+                "records/clipped", f"{text}; it is clipped. Measure again with less torque or a wider range", log.where
+            )
+        log.report(CLIPPED, n_clipped, f"{text}; clipped there. Measure with less torque")
+
+
+def _at_limit(x: FloatArray) -> BoolArray:
+    """Flags (n,) of the samples at a limit, none set where they are too few to be reported or the steps too coarse."""
+    low, high = np.min(x), np.max(x)
+    near = EQUAL_TOLERANCE * (high - low)
+    # Exactly 0 is rest, not a limit: of the force of a hammer under a force window.
+    at_limit = (x != 0) & ((high - x <= near) | (x - low <= near))
+    is_limit = at_limit.mean() >= MIN_CLIPPED_FRACTION and step(x) <= MAX_STEP_FRACTION * (high - low)
+    return np.asarray(at_limit & is_limit)
+
+
+def _visits(x: FloatArray, clipped: BoolArray) -> int:
+    span = np.ptp(x)
+    is_away = (np.max(x) - x > MIN_DEPARTURE * span) & (x - np.min(x) > MIN_DEPARTURE * span)
+    state = (clipped.astype(int) - is_away)[clipped | is_away]
+    return int(np.sum(np.diff(state) == 2))

@@ -1,0 +1,367 @@
+r"""Outliers: one to three samples that the other periods contradict (Hampel's rule across periods).
+
+.. math:: e = x_p - x_{p+1},\; x_p - x_{p+2},\; x_p - \operatorname{median}_q x_q, \qquad
+          d = |e - \text{running median of } e| > 6 \sigma, \qquad
+          \sigma^2 = (d_{75\,\%} / 1.15)^2 + q^2 / 12
+
+for each e, in which a transient is smooth, and for each period.  q: step of the converter.  A spike is also five times
+as far from the parabola through its neighbours as three quarters of these, d is five times as large as there, and three
+times as large as at 90 % of the samples of most parts of the log: drift, transients, steps and bursts of oscillation
+are no spikes, nor are the pulses of a controller at the counts of an encoder.  In a transient e has the signal of the
+other period, so that the sample must be a spike of its own period, too.  A value that repeats the previous one exactly,
+or is exactly 0, is a lost message where the channel has more such values than steps make by chance, or where one e
+differs.  A sample is replaced only if its distance from the interpolation is more than four times the error of the
+interpolation beside it; lost messages below are replaced together if their median distance is not due to that error.
+Among values that steps repeat by chance lost messages are told as spikes only. Interpolated samples are references and
+are never judged, nor is the only measured sample of a phase. Spikes at one phase of two of three periods are told by
+their roughness: below the roughness of the signal equal ones outvote the third period, which a note counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.statistics import runs
+from elastid.logs.repair import Log, blocks, bridged, flat
+from elastid.logs.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolations, period_noise
+from elastid.logs.repair.masks import MASKED, step
+
+OUTVOTED = "spikes by two periods against one"
+# Limits that distinguish a spike from a signal, its noise, its steps and its transients.
+MIN_SIGMAS = 6.0
+MIN_RATIO = 5.0  # distance of a spike over that of its neighbours, at least
+MIN_ERRORS = 4.0  # distance of a spike or lost message from its interpolation, over the error of that
+# Median of squared distances of k lost messages over squared errors of their interpolations, less 0.91 (equal errors),
+# times sqrt(k).
+MIN_EXCESS = 8.0
+MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
+MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
+MIN_PERIODS = 3
+MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
+# Samples: of the running median, of a spike at most, and of neighbours on each side.
+MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
+# Distance of neighbours in a difference over its noise, above which the difference shows a transient; there a spike of
+# a smaller ratio must be in the signal itself.
+TRANSIENT_SIGMAS, MIN_RATIO_IN_TRANSIENT = 6.0, 20.0
+# Samples of a change from period to period that stay below the size by which transients are told; of a pulse in them,
+# over the largest step that repeats.
+TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
+QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
+# Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
+USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
+MIN_RANGES = 3.0  # distance of a spike from the median over the range of most samples, beyond which no motion leaps
+ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
+
+
+def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
+    """Mask (NaN) the spikes of signals (n, c), some samples NaN, in the channels that the log names.
+
+    Nothing changes for fewer than three repetitions of L samples.
+    """
+    P = len(signals) // L
+    if MIN_PERIODS > P:
+        return signals
+    channels = signals[: P * L, : len(log.names)].T
+    spikes = [_spikes_of_periods(x, L, sign) for x in channels]
+    outvoted = [0] * len(spikes)
+    if P == MIN_PERIODS:
+        outvoted = [int(np.sum(~_is_rough(bridged(x))[at])) for x, at in zip(channels, spikes, strict=True)]
+    return _masked(signals, spikes, "the other periods", log, outvoted)
+
+
+def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> FloatArray:
+    """Mask (NaN) the spikes of signals (n, c), finite and without a period, among their neighbours.
+
+    are_motions (c,): positions, whose spikes leap by more than three times the step that 99 % of the rows stay below.
+    """
+    everywhere = np.ones(len(signals), dtype=np.bool_)
+    at = []
+    for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
+        far = _is_outlier(x) if are_motions else ~everywhere
+        near = bridged(np.where(far, np.nan, x))
+        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
+        # Without a period, a step that swings is no spike: all neighbours are quieter.
+        lone = _spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quiet_share=1.0)
+        at.append(np.flatnonzero(lone | far))
+    return _masked(signals, at, "their neighbours", log)
+
+
+def _is_outlier(x: FloatArray) -> BoolArray:
+    """Runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
+    low, middle, high = np.quantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
+    result = np.zeros(len(x), dtype=np.bool_)
+    for start, end in runs(np.abs(x - middle) > MIN_RANGES * (high - low)).tolist():
+        result[start:end] = end - start <= MAX_BRIDGED
+    return result
+
+
+def outliers_of(name: str, count: int, n: int) -> str:
+    """Return the number of outliers among n samples of a channel, in words."""
+    return f"{name}: {count} of {n} samples are outliers"
+
+
+def _masked(
+    signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
+) -> FloatArray:
+    """outvoted (c,): number of spikes of each channel that only two periods against one show."""
+    result = np.copy(signals)
+    for c, at in enumerate(spikes):
+        if at.size == 0:
+            continue
+        test = f"(Hampel test against {reference}, limit {MIN_SIGMAS:g} std)"
+        text = f"{outliers_of(log.names[c], at.size, len(signals))} {test}"
+        if at.size >= MAX_FRACTION * len(signals):
+            log.report("spikes left", at.size, f"{text}, which is too many. They are left unchanged")
+            continue
+        result[at, c] = np.nan
+        log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")
+        if any(outvoted[c : c + 1]):
+            text = (
+                f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of "
+                "the two other periods have the same effect. Measure four periods or more"
+            )
+            log.report(OUTVOTED, outvoted[c], text)
+    return result
+
+
+def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
+    """Samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
+    judged, full, q = np.isfinite(x), _interpolated(x, L, sign), step(x)
+    is_lost, may_be_lost = _lost_messages(x, q)
+    is_spike = np.zeros(len(x), dtype=np.bool_)
+    if is_lost.any():
+        to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
+        full, is_spike = _replaced(full, is_lost, L, sign, to_nearest, are_lost=True)
+    for _ in range(ROUNDS):
+        judged = _with_second_period(judged, L)
+        # A sample that is off by no more than periods are from each other adds nothing to their scatter.
+        least = period_noise(full, L, sign)
+        of_all, of_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
+        for e in _differences(full, L, sign):
+            if of_all.any() or may_be_lost.any():
+                new_spikes = _spikes(x, e, judged & ~is_spike, L, least, MAX_RUN, q)
+                of_all, of_any = of_all & new_spikes, of_any | new_spikes
+        candidates = of_all | (may_be_lost & of_any)
+        if not candidates.any():
+            break
+        chosen = _roughest(full, candidates, judged & ~is_spike, L)
+        chosen[:L] &= _lone_distance(full[:L]) >= _transient_pulse(full, L, sign, q)
+        if not chosen.any():
+            break
+        full, is_new = _replaced(full, chosen, L, sign, np.full(len(full), np.inf))
+        judged &= ~chosen
+        is_spike |= is_new
+    return np.flatnonzero(is_spike)
+
+
+def _replaced(
+    x: FloatArray,
+    suspects: BoolArray,
+    L: int,
+    sign: int,
+    to_nearest: FloatArray,
+    are_lost: bool = False,
+) -> tuple[FloatArray, BoolArray]:
+    """Signal (P L,) with interpolations of the suspects (P L,) that are far from them, and flags of these samples.
+
+    to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
+    the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
+    together if their median distance is larger than errors of the interpolation explain.
+    """
+    result, is_replaced = np.copy(x), np.zeros(len(x), dtype=np.bool_)
+    near: list[tuple[slice, FloatArray, float]] = []
+    for at, gap in interpolations(np.where(suspects, np.nan, x), L, sign):
+        if gap is None:
+            continue
+        distance = np.abs(x[at] - gap.values).max()
+        if MIN_ERRORS * gap.error < distance < 2 * to_nearest[at].max():
+            result[at], is_replaced[at] = gap.values, True
+        elif distance < 2 * MIN_ERRORS * gap.error and at.stop - at.start <= MAX_RUN:
+            near.append((at, gap.values, distance / gap.error))
+    # Normal errors d of lost messages and e of interpolations: the median is 0.45 (d^2 + e^2) / e^2.
+    squares = [ratio**2 for *_, ratio in near if ratio <= MIN_ERRORS]
+    if are_lost and squares and np.median(squares) > 0.91 + MIN_EXCESS / np.sqrt(len(squares)):
+        for at, values, _ in near:
+            result[at], is_replaced[at] = values, True
+    return result, is_replaced
+
+
+def _with_second_period(judged: BoolArray, L: int) -> BoolArray:
+    """Drop judged samples (P L,) with no other measured period at their phase, and samples beside them."""
+    from scipy.ndimage import maximum_filter
+
+    is_sole = maximum_filter(judged.reshape(-1, L).sum(axis=0) < 2, 2 * MAX_RUN + 1, mode="wrap")
+    return np.asarray((judged.reshape(-1, L) & ~is_sole).ravel())
+
+
+def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
+    """Differences (P L,) of each period to the next two, and, of more than three, to the median of all.
+
+    A spike differs from each of them; a sample whose reference has a spike does not.
+    """
+    X = flat(x, L, sign)
+    references = [np.roll(X, -1, axis=0), np.roll(X, -2, axis=0)]
+    if len(X) > MIN_PERIODS:
+        references.append(np.broadcast_to(np.median(X, axis=0), X.shape))
+    return [(X - reference).ravel() for reference in references]
+
+
+def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
+    """Size of the pulses that a transient in the first period of a signal (P L,) can have; 0 without a transient.
+
+    The largest step that all later periods show: there a transient has friction of the other direction for a moment.
+    """
+    from scipy.ndimage import median_filter
+
+    X = blocks(x, L, sign)
+    first, *others = np.quantile(np.abs(np.diff(X, axis=0)), TRANSIENT_FRACTION, axis=1)
+    if first <= MIN_OVER_USUAL * max(min(others), q):
+        return 0.0
+    without_pulses = median_filter(X[1:], (1, 2 * MAX_RUN + 1))
+    return JUMP_MARGIN * float(np.abs(np.diff(without_pulses, axis=1)).min(axis=0).max())
+
+
+def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -> BoolArray:
+    """Select the roughest candidate (P L,) at each phase of a signal, and all that are rough: of three, two spikes make
+    the third one, and two unlike ones are not references of each other.
+
+    Where other periods are rougher by far at its phase, these have the spikes.
+    """
+    from scipy.ndimage import maximum_filter
+
+    roughness = _roughness(x).reshape(-1, L)
+    highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
+    usual = _usual_roughness(roughness)
+    rivals = roughness > np.maximum(2 * highest, usual)
+    rivals &= highest >= 0
+    # Beside a spike a signal is rough, too: such a phase waits until the spike is replaced.
+    are_highest = rivals & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
+    is_rough = candidates.reshape(-1, L) & (roughness > usual)
+    is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
+    return np.asarray(is_chosen.ravel() & judged)
+
+
+def _roughness(x: FloatArray) -> FloatArray:
+    """Distance (n,) of each sample of a signal from the cubic through its neighbours."""
+    return np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
+
+
+def _usual_roughness(roughness: FloatArray) -> float:
+    return MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
+
+
+def _is_rough(x: FloatArray) -> BoolArray:
+    """True where a signal (n,) is rougher than usual."""
+    roughness = _roughness(x)
+    return roughness > _usual_roughness(roughness)
+
+
+def _lone_distance(e: FloatArray) -> FloatArray:
+    """Distance (n,) of each sample of a signal from its running median."""
+    from scipy.ndimage import median_filter
+
+    return np.asarray(np.abs(e - median_filter(e, MEDIAN_WINDOW, mode="mirror")))
+
+
+def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
+    """Signal (P L,) without NaN, on straight lines where no period has a sample."""
+    result = np.copy(x)
+    for at, gap in interpolations(x, L, sign):
+        result[at] = np.nan if gap is None else gap.values
+    return bridged(result)
+
+
+def _spikes(
+    x: FloatArray,
+    e: FloatArray,
+    judged: BoolArray,
+    L: int,
+    smallest: float,
+    max_run: int,
+    q: float,
+    quiet_share: float = QUIET_FRACTION,
+) -> BoolArray:
+    """Flags (n,) of the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
+
+    e (n,): its difference to a reference, finite, with a noise of its own in each period of L.  smallest: least d of
+    a spike.  q: step of the converter.
+    """
+    from scipy.ndimage import maximum_filter
+
+    n, d = NEIGHBOURS, _lone_distance(e)
+    noise = np.quantile(d.reshape(-1, L), 0.75, axis=1) / QUANTILE_75
+    sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
+    least = np.maximum(MIN_SIGMAS * sigma, max(1e-9 * float(np.nanmax(x) - np.nanmin(x)), smallest))
+    if not np.any(d > least):
+        return np.zeros(len(e), dtype=np.bool_)
+    # A spike moves the running median beside it, by little where e is smooth.
+    beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
+    short = [(a, b) for a, b in runs(d > np.maximum(least, beside)).tolist() if b - a <= max_run]
+    is_spike = np.zeros(len(e), dtype=np.bool_)
+    if not short:
+        return is_spike
+    straight, usual, d_x = np.copy(e), _usual(d), _lone_distance(x)
+    usual_x = _usual(d_x)
+    for first, end in short:
+        straight[first:end] = np.nan
+    straight = bridged(straight)
+    for first, end in short:
+        # Near an end a spike cannot be distinguished from a bend.
+        if not judged[first:end].any() or first <= n or end >= len(e) - n:
+            continue
+        sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
+        around, around_x = np.quantile(d[sides], quiet_share), np.quantile(d_x[sides], quiet_share)
+        # In a transient the difference shows the signal of the other period.
+        is_transient = around > TRANSIENT_SIGMAS * sigma[first]
+        is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, usual_x)
+        if is_transient and not is_in_signal and d[first:end].max() < MIN_RATIO_IN_TRANSIENT * around:
+            continue
+        distance, scatter = _from_parabola(e, straight, first, end, quiet_share)
+        is_lone = d[first:end].max() > max(MIN_RATIO * around, usual)
+        if is_lone and distance > max(least[first], MIN_RATIO * scatter):
+            is_spike[first:end] = True
+    return is_spike & judged
+
+
+def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
+    """Flags (n,) of repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
+    change = np.abs(np.diff(x, prepend=np.nan))
+    usual, is_lost, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
+    for distance in (change, np.abs(x)):
+        is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= usual)))
+        if is_equal.mean() < MAX_FRACTION:
+            is_rare |= is_equal
+            by_chance = n_near * q / max(2 * usual, 1e-300)
+            if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
+                is_lost |= is_equal
+    return is_lost, is_rare
+
+
+def _usual(d: FloatArray) -> float:
+    """Distance that a spike exceeds, by the distances (n,) that are usual in parts of a log."""
+    parts = d[: len(d) // PARTS * PARTS].reshape(PARTS, -1)
+    return MIN_OVER_USUAL * float(np.median(np.quantile(parts, USUAL_FRACTION, axis=1)))
+
+
+def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quiet_share: float) -> tuple[float, float]:
+    """Largest distance of a run of e (n,) from a parabola through its neighbours, and quantile of their distances."""
+    n = NEIGHBOURS
+    sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
+    away = np.abs(np.r_[beside[sides], e[first:end]] - _PARABOLAS[end - first] @ beside[sides])
+    return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], quiet_share))
+
+
+def _parabola(length: int) -> FloatArray:
+    """Weights (2 n + length, 2 n) of the parabola through n neighbours on each side of a run, at these and in it."""
+    n = NEIGHBOURS
+    sides = np.r_[-1 - n : -1, length + 1 : length + 1 + n]
+    powers = np.vander((np.r_[sides, 0:length] - (length - 1) / 2) / n, 3)
+    return powers @ np.linalg.pinv(powers[: len(sides)])
+
+
+# Difference of a sample to the cubic through two neighbours on each side.
+_CUBIC = np.array([1, -4, 6, -4, 1]) / 6
+_PARABOLAS = {length: _parabola(length) for length in range(1, MAX_RUN + 1)}

@@ -1,0 +1,354 @@
+r"""The period of a recorded excitation, as stated or as found, by autocorrelation.
+
+.. math:: \rho(l) = \frac{\sum_t x(t)\, x(t + l)}{\sqrt{\sum_t x(t)^2 \sum_t x(t + l)^2}}
+
+A part of the signal that repeats, and noise in the rest, have the same rho after one, two and more periods; a slow
+motion that resembles itself after some lag does not.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray, folded
+from elastid.base.errors import DataError
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
+from elastid.logs.repair import Log, flat
+from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION, at_times
+
+# Limits of the judgement that a signal repeats.
+# Correlation of a repetition at least; where several periods show that the rest is noise MIN_DELAY_CORRELATION.
+MIN_CORRELATION = 0.95
+# The rest is noise where so many periods have correlations that differ by no more than this part.
+MIN_NOISY_PERIODS, MAX_CORRELATION_CHANGE = 4, 0.1
+# The change from one repetition to the next is noise where its autocorrelation, from lags of a twentieth to a half
+# of a repetition, is at most this; the change of a motion is as slow as the motion.
+MIN_REST_LAG, MAX_REST_CORRELATION = 0.05, 0.3
+# A stated period is wrong where another leaves a fifth, and 1 % of the signal's power, less unexplained.
+MAX_UNEXPLAINED_RATIO, UNEXPLAINED_MARGIN = 1.2, 0.01
+MIN_PERIODS = 1.9  # so many periods of the log are two of them, of which the second may end early
+# Larger shifts by lost samples, as a part of the period, have other causes.
+MAX_SHIFT, MAX_LOST = 0.02, 50
+USUAL_CHANGE = 3.0  # of the median one, from one repetition to the next, no samples are lost
+MIN_FRACTION_OF_BEST = 0.8  # peaks with at least this part of the highest one are refined
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """How well signals repeat after the stated lag, and the lag (in samples, not always whole) that repeats them best.
+
+    correlation: with themselves at the stated lag.  best_correlation: at best_samples; both count minus a half wave
+    as a repetition if the study states it.  best_samples is 0 without a repetition.  remainder_is_noise: several
+    repetitions agree that what does not repeat is noise.
+    """
+
+    correlation: float
+    best_samples: float
+    best_correlation: float
+    remainder_is_noise: bool = False
+
+    @property
+    def matches_stated_period(self) -> bool:
+        """True if the stated lag repeats the signals, as well as any other does."""
+        least = MIN_DELAY_CORRELATION if self.remainder_is_noise else MIN_CORRELATION
+        return self.correlation >= least and _is_as_good(self.correlation, self.best_correlation)
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Sort key of the results of several signals or searches: periodic ones first."""
+        return self.best_samples > 0, self.best_correlation
+
+
+_NONE = Repetition(0.0, 0.0, 0.0)
+
+
+def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
+    """How signals (n, c), NaN where missing, repeat after lag samples, with sign -1 as x(t + lag) = -x(t).
+
+    The signal that repeats best stands for all: not every input is excited in every experiment.  One repetition is
+    compared with the next and, to detect a period that is off by a fraction of a sample, with many later ones.  Means
+    and ramps of each lag are removed first: a position that drifts still repeats.
+    """
+    results = [_repetition(x, lag, sign) for x in signals.T if _moves(x)]
+    return max(results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NONE)
+
+
+def find_period(signals: FloatArray) -> Repetition:
+    """The shortest lag after which one of the signals (n, c) repeats, least drift; best_samples 0 where none does."""
+    return max((_best(x) for x in signals.T if _moves(x)), key=lambda result: result.rank, default=_NONE)
+
+
+def _moves(x: FloatArray) -> bool:
+    return bool(np.isfinite(x).any() and np.nanmax(x) > np.nanmin(x))
+
+
+def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
+    """The verdict on one signal (n,); starts: its first repetition may hold the start from rest."""
+    # Repetitions at the end that are missing altogether show nothing.
+    known = np.flatnonzero(np.isfinite(x))
+    x = x[: max(int(known.max(initial=-1)) + 1, 2 * lag)]
+    n = len(x)
+    if n < MIN_PERIODS * lag or lag < 1 or known.size == 0:
+        return _NONE
+    level = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
+    rho = autocorrelation(level)
+    P = len(level) // lag
+    stated = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
+    for repeats in sorted({1, max(1, P // 2)}):
+        middle = repeats * lag
+        near = sign**repeats * rho[max(1, middle - lag // 2) : middle + lag // 2 + 1]
+        correlation = sign**repeats * float(rho[middle]) if middle < len(rho) else 0.0
+        stated = replace(stated, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
+        if not stated.matches_stated_period:
+            # Estimators leave the first repetition out where it differs.
+            if (
+                starts
+                and n >= 3 * lag
+                and (later := _repetition(x[lag:], lag, sign, starts=False)).matches_stated_period
+            ):
+                return later
+            period = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
+            return replace(period, correlation=correlation)
+    return stated
+
+
+def _best(x: FloatArray) -> Repetition:
+    """The lag at which a signal (n,) repeats, with or without a drift."""
+    levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
+    best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
+    return _anywhere(_levelled(x, round(best.best_samples))) if best.best_samples else best
+
+
+def _levelled(x: FloatArray, lag: int) -> FloatArray:
+    """A signal (n,) without its mean and its drift, the mean difference of its repetitions."""
+    change = x[lag:] - x[:-lag]
+    drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
+    level = x - drift * np.arange(len(x))
+    return np.asarray(level - np.nanmean(level))
+
+
+def _is_as_good(correlation: float, best: float) -> bool:
+    return 1 - correlation <= MAX_UNEXPLAINED_RATIO * (1 - best) + UNEXPLAINED_MARGIN
+
+
+def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
+    """True if the correlations after one, two, ... repetitions, over half of the log at least, are the same.
+
+    And if d(t) = x(t + T) - x(t) is noise: its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l) of x(t)^2.
+    """
+    n = len(rho) * 8 / 7
+    if n < MIN_NOISY_PERIODS * lag:
+        return False
+    repeats = np.arange(1, int(n / lag) // 2 + 1)
+    lags = np.round(repeats * lag).astype(int)
+    # A lag that is not whole has its peak at one of two samples.
+    near = np.clip(lags + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
+    peaks = np.max((float(sign) ** repeats) * rho[near], axis=0)
+    if np.any(np.abs(peaks / max(peaks[0], 1e-300) - 1) > MAX_CORRELATION_CHANGE):
+        return False
+    T = max(1, round(lag))
+    later = np.arange(max(1, round(MIN_REST_LAG * T)), T // 2 + 1)
+    rest = 2 * rho[later] - sign * (rho[T + later] + rho[T - later])
+    return bool(np.all(np.abs(rest) <= MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
+
+
+def _anywhere(x: FloatArray) -> Repetition:
+    """The shortest lag, two of which fit, after which a signal (n,) repeats as well as after any other."""
+    all_lags = autocorrelation(x)
+    rho = all_lags[: int(len(x) / MIN_PERIODS) + 1]
+    beyond_first_lobe = np.flatnonzero(rho < 0.5)
+    if beyond_first_lobe.size == 0:
+        return _NONE
+    start = int(beyond_first_lobe[0])
+    highest = float(rho[start:].max())
+    inner = rho[start + 1 : -1]
+    peaks = start + 1 + np.flatnonzero((inner >= rho[start:-2]) & (inner > rho[start + 2 :]))
+    peaks = peaks[rho[peaks] > max(MIN_FRACTION_OF_BEST * highest, MIN_DELAY_CORRELATION)]
+    if peaks.size == 0:
+        return Repetition(0.0, 0.0, highest)
+    best = max(highest, _refined(all_lags, int(peaks[np.argmax(rho[peaks])]))[1])
+    for peak in peaks:
+        period, correlation = _refined(all_lags, int(peak))
+        if not _is_as_good(correlation, best):
+            continue
+        if correlation >= MIN_CORRELATION or _remainder_is_noise(all_lags, period):
+            return Repetition(0.0, _from_later(all_lags, period), correlation)
+    return Repetition(0.0, 0.0, best)
+
+
+def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
+    """The place, between samples, of a peak of rho, and its height, on a grid of 0.02 samples and a parabola."""
+    step = 0.02
+    first, last = max(0, peak - 64), min(len(rho), peak + 65)
+    times = np.arange(-1, 1 + step / 2, step) + (peak - first)
+    fine = at_times(rho[first:last, None], times, float(last - first))[:, 0]
+    i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
+    bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
+    part = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
+    # Between few samples an interpolated peak lies above 1, which no correlation is.
+    return first + float(times[i]) + part * step, min(float(fine.max()), 1.0)
+
+
+def _from_later(rho: FloatArray, period: float) -> float:
+    for repeats in range(2, int(len(rho) / period) + 1):
+        around: IntArray = np.arange(-3, 4) + round(repeats * period)
+        if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond what is known
+            break
+        period = _refined(rho, int(around[np.argmax(rho[around])]))[0] / repeats
+    return period
+
+
+def autocorrelation(x: FloatArray) -> FloatArray:
+    """rho (n - n // 8,) of x (n,) after 0, 1, ... samples; missing ones (NaN) and their partners do not count."""
+    n = len(x)
+    n_fft = 1 << (2 * n - 1).bit_length()
+    known = np.isfinite(x)
+    X = np.fft.rfft(np.where(known, x, 0.0), n_fft)
+    product = np.fft.irfft(np.abs(X) ** 2, n_fft)[:n]
+    if known.all():
+        power = np.cumsum(x**2)
+        first, last = power[::-1], power[-1] - np.concatenate([[0.0], power[:-1]])
+    else:
+        squares, counts = np.fft.rfft(np.where(known, x, 0.0) ** 2, n_fft), np.fft.rfft(known.astype(float), n_fft)
+        first, last = (np.fft.irfft(c, n_fft)[:n] for c in (squares.conj() * counts, counts.conj() * squares))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size = np.sqrt(np.maximum(first, 0.0) * np.maximum(last, 0.0))
+        # Rounding in parts that are nothing relative to the signal correlates with anything.
+        rho = np.where(size > 1e-12 * max(float(size[0]), 1e-300), product / size, 0.0)
+    return np.asarray(np.nan_to_num(rho, posinf=0.0, neginf=0.0)[: n - n // 8], dtype=np.float64)
+
+
+NO_LINES = (
+    "it is not periodic and gives no FRF at DFT lines. With period: none the whole record is one transient; "
+    "estimator.method local_rational, local_polynomial or h1 then estimate a response where the torque has power"
+)
+
+
+def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drivers: FloatArray) -> float | None:
+    """Samples of the period at rate_hz, not always whole; None without one.
+
+    drivers (n, d): torques at that rate, NaN where missing, to be searched if the study says so; DataError without one.
+    """
+    stated = recorded.period_of(file)
+    if stated is None:
+        return None
+    if stated != "find":
+        return rounded_samples(stated * rate_hz / recorded.known_rate_hz)
+    best = find_period(drivers)
+    if not best.best_samples:
+        raise DataError(
+            "records/period-mismatch",
+            f"no period was detected (best correlation {best.best_correlation:.2f}; at least "
+            f"{MIN_CORRELATION:g} with two periods): {NO_LINES}",
+            file.path,
+        )
+    N = round(best.best_samples)
+    # The generator's clock is right where its periods are whole: the log is then resampled to it.
+    is_whole = len(drivers) >= 2 * N and abs(best.best_samples - N) <= MAX_CLOCK_ERROR * N
+    return float(N) if is_whole else rounded_samples(best.best_samples)
+
+
+def report_unstated_period(drivers: FloatArray, log: Log) -> None:
+    """Report a period of the drivers (n, d) that the study does not state."""
+    best = find_period(drivers)
+    if best.best_correlation < MIN_CORRELATION or not best.best_samples:
+        return
+    text = (
+        f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples. Set period: "
+        "find to estimate the noise from the periods, or period: none for one transient"
+    )
+    log.note("records/period-mismatch", text)
+
+
+def grid_samples(period: float, half_wave: bool) -> int:
+    """The whole number of samples nearest to a period; an even one where half of it counts."""
+    return 2 * round(period / 2) if half_wave and period != round(period) else round(period)
+
+
+def rounded_samples(samples: float) -> float:
+    """Samples of a period, whole where they are within one millionth of it."""
+    N = round(samples)
+    return float(N) if abs(samples - N) <= 1e-6 * samples else samples
+
+
+def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_one_of_several: bool = False) -> None:
+    """DataError where the excitation (n, n_u), NaN where missing, does not repeat as stated, or not often enough.
+
+    is_one_of_several: another log shows if one period repeats.
+    """
+    n, path = len(excitation), log.where
+    repeat, sign = (N // 2, -1) if half_wave else (N, 1)
+    if is_one_of_several and N <= n < MIN_PERIODS * repeat:
+        return
+    if n < MIN_PERIODS * repeat:
+        needed = "one is" if half_wave else "two are"
+        raise DataError(
+            "records/period-mismatch",
+            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}",
+            path,
+        )
+    result = repetition(excitation, repeat, sign)
+    lost = _lost_samples(excitation, repeat, sign)
+    if result.matches_stated_period and lost is None:
+        return
+    stated = "second half minus first" if half_wave else "one period to the next"
+    problem = (
+        f"the excitation does not repeat with the stated period of {_span(N, log)} (correlation "
+        f"{result.correlation:.3f}, {stated})"
+    )
+    if lost is not None:
+        what = f"{abs(lost[0])} samples are {'missing' if lost[0] < 0 else 'duplicated'} near {log.time_of(lost[1])}"
+        text = (
+            f"{what}; before and after, the excitation repeats. Measure again, or exclude the shorter part by samples"
+        )
+    elif result.best_samples:
+        lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
+        text = f"{lag}. Correct the period or the rate"
+    elif not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).matches_stated_period:
+        text = (
+            f"the second half of {_span(2 * N, log)} is minus the first. Set period_samples: {2 * N}, half_wave: true"
+        )
+    else:
+        text = (
+            f"nor at any other lag (best correlation {result.best_correlation:.3f}); a stated period needs a periodic "
+            f"excitation. {NO_LINES}"
+        )
+    raise DataError("records/period-mismatch", f"{problem}; {text}", path)
+
+
+def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
+    """Change and place of a shift by whole samples between parts that repeat after N samples; None without one.
+
+    Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
+    """
+    L, reach = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_LOST))
+    x = excitation[:, [c for c in range(excitation.shape[1]) if _moves(excitation[:, c])]]
+    if not np.isfinite(x).all():
+        return None
+    power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
+    change = np.array([*folded(power, N).mean(axis=1), power[-N:].mean()])
+    if len(x) >= 4 * N and change.max() < USUAL_CHANGE * np.median(change):
+        return None
+    lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
+    for start in starts:
+        part = x[start : start + L] - x[start : start + L].mean(axis=0)
+        others = np.stack([x[start + N + k : start + N + k + L] for k in range(-reach, reach + 1)])
+        others = sign * (others - others.mean(axis=1, keepdims=True))
+        inner = np.einsum("nc,knc->k", part, others)
+        rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
+        is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[reach])
+        lag = int(np.argmax(rho)) - reach if is_nearer else 0
+        lags.append(lag if rho.max() > MIN_CORRELATION else reach + 1)
+    known = [lag for lag in lags if lag <= reach]
+    shifts, changes = set(known) - {0}, np.count_nonzero(np.diff(known))
+    if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(known) - 1 and len(lags) - len(known) <= 3):
+        return None
+    shift = shifts.pop()
+    across = lags.index(shift) * L
+    return shift, across + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
+
+
+def _span(samples: float, log: Log) -> str:
+    shown = round(samples, 2)
+    seconds = "" if log.rate_hz is None else f" ({shown / log.rate_hz:.6g} s)"
+    return f"{shown:.8g} samples{seconds}"

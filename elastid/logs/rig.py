@@ -1,0 +1,417 @@
+"""A folder of lab logs as a rig: their channels as records in SI, on the link side, checked before use.
+
+A record may have several parts: of a log that is too large for memory, or of several logs of one experiment.
+
+A large log is measured in pieces of whole periods (without one, of any length), kept in files, each repaired and
+checked as a log of its own.  Where they are not in step (a clock that differs, a piece that is refused) the log must be
+measured as a whole.
+
+Logs of one experiment may hold further periods, or repeats, of one excitation, which brings each into step with the
+first; the record keeps where a log starts, since each has a transient and a drift of its own.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from elastid.base import arrays
+from elastid.base.arrays import FloatArray, LargeArray, folded
+from elastid.base.errors import DataError, Note, notes_of
+from elastid.experiment.plan.plan import Experiment
+from elastid.experiment.plan.planned_run import mean_period
+from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec
+from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
+from elastid.logs.files.formats import naming, size_in_pieces
+from elastid.logs.repair import Log
+from elastid.logs.repair.masks import STOPPED
+from elastid.logs.repair.missing import repair, repair_without_period
+from elastid.logs.repair.periodicity import check_repeat, grid_samples, report_unstated_period
+from elastid.logs.repair.time_stamps import (
+    MAX_CLOCK_ERROR,
+    MIN_DELAY_CORRELATION,
+    RESAMPLED,
+    SET_BACK,
+    at_times,
+    delay,
+)
+from elastid.logs.step_images import without_step_images
+from elastid.logs.units_and_sides import UNWRAPPED, hold_samples, in_joints, report_drives
+from elastid.record import REFERENCE, Motion, Record, motion_unit
+from elastid.robot import before_channels
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Pieces of n samples of a log from `start` on, each from a first to before a last one of them; its precision."""
+
+    start: int
+    n: int
+    bounds: tuple[tuple[int, int], ...]
+    dtype: np.dtype[Any]
+
+
+@dataclass(frozen=True)
+class RecordedRig:
+    """Rig of recorded logs that `study.checks` has compared with robot and files. base: folder of the study.
+
+    `measure`: DataError for a log that is of no use.
+    """
+
+    robot: Places
+    spec: ExperimentSpec
+    base: Path
+
+    @property
+    def _recorded(self) -> RecordedSpec:
+        return self.spec.as_recorded()
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """One for each file, in their order; files of the same numbers hold further periods of its excitation."""
+        postures = self.spec.postures
+        runs = {file.run: postures[file.configuration] for file in self._recorded.files}
+        return tuple(Experiment(replace(posture, name=name), *numbers) for (name, *numbers), posture in runs.items())
+
+    def measure(self, experiment: Experiment) -> Record:
+        """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
+        files, records = self._files(experiment), []
+        for file in files:
+            path = self.base / file.path
+            with naming(path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"):
+                record = self._in_pieces(experiment, file) if len(files) == 1 else None
+                records.append(record or self._whole_record(experiment, file, len(files) > 1))
+        return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
+
+    def is_large(self, experiment: Experiment) -> bool:
+        """True if the log of an experiment is read in pieces, with the required channels remaining in it."""
+        files = self._files(experiment)
+        return len(files) == 1 and self._pieces(files[0]) is not None
+
+    def _files(self, experiment: Experiment) -> list[FileSpec]:
+        run = (experiment.configuration.name, experiment.realisation, experiment.experiment)
+        return [file for file in self._recorded.files if file.run == run]
+
+    def _pieces(self, file: FileSpec) -> _Pieces | None:
+        """Pieces of a log; None if it is read as a whole."""
+        recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
+        is_mixed = any(c.rate_hz is not None or c.role == "d" or c.errors for c in recorded.channels)
+        needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or is_mixed
+        # Unless compressed, a value takes a byte of the file at least.
+        if needs_all or path.stat().st_size < MIN_VALUES:
+            return None
+        n, dtype = size_in_pieces(path, recorded.channels, recorded.text)
+        start, end = file.samples or (0, n)
+        if not 0 <= start < end <= n:
+            return None
+        bounds = pieces(end - start, None if period is None else int(period), len(recorded.channels))
+        return _Pieces(start, end - start, bounds, dtype) if bounds else None
+
+    def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
+        """Record of a log that exceeds the memory; None if it fits, or must be read as a whole."""
+        log = self._pieces(file)
+        if log is None:
+            return None
+
+        def measured(first: int, last: int) -> Record:
+            return self._whole_record(experiment, replace(file, samples=(log.start + first, log.start + last)))
+
+        try:
+            record = joined(measured, log.bounds, log.dtype)
+        except DataError:
+            # Reading all of it shows if that piece spoils the record.
+            return None
+        if record is None:
+            return None
+        end = Log("", ())
+        report_end(log.n - record.n_samples, log.n, record.repeat_samples, end)
+        return replace(record, notes=(*record.notes, *end.findings.at(f"record {record.name}")))
+
+    def _whole_record(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
+        recorded = self._recorded
+        gathered = gather_channels(recorded, file, self.base, self.robot)
+        channels, where = gathered.channels, f"record {experiment.name}"
+        where += f", {file.path}" if is_one_of_several else ""
+        roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
+        signals, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
+        log, repairs = gathered.log, gathered.log.findings.repairs
+        report_unused_references(channels, log, roles["r"] or roles["u"])
+        report_drives(channels, signals, N, log)
+        if N is not None:
+            n = len(gathered.signals)
+            lost = int(n * N / (gathered.period or N)) - len(signals)
+            if STOPPED not in repairs:
+                report_end(lost, n, N // 2 if recorded.half_wave else N, log)
+        elif "none" not in (file.period, recorded.period):
+            report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
+        signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
+        signals, _ = in_joints(channels, signals, self.robot)
+        held = hold_samples(recorded, channels, rate_hz)
+        outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
+        is_moved = any(other.at for other in recorded.files if other.configuration == file.configuration)
+        inputs = recorded.places_of(file.configuration, "u") if is_moved else acting
+        u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
+        u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
+        units = input_units(channels, self.robot) * (len(inputs) // len(acting))
+        if recorded.has_no_torque:
+            units = tuple(motion_unit("position", self.robot.slides(place)) for place in inputs)
+            inputs = tuple(REFERENCE + place.partition(" ")[2] for place in inputs)
+        return Record(
+            name=experiment.name,
+            configuration=experiment.configuration,
+            realisation=experiment.realisation,
+            experiment=experiment.experiment,
+            rate_hz=rate_hz,
+            period_samples=N or len(signals),
+            is_periodic=N is not None,
+            inputs=inputs,
+            outputs=outputs,
+            quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
+            u=u,
+            y=signals[:, roles["y"]],
+            r=signals[:, roles["r"]] if roles["r"] else None,
+            r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
+            has_rate=gathered.log.rate_hz is not None,
+            notes=log.findings.at(where),
+            hold="zero-order" if any(held) else "band-limited",
+            hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
+            half_wave=recorded.half_wave,
+            repairs=dict(repairs),
+            discarded_periods=tuple(log.findings.discarded_periods),
+            sliding=self.robot.sliding((*inputs, *outputs)),
+            input_units=units,
+        )
+
+
+def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
+    """The columns of r, u and y; r in the order of the inputs that it acts on, or references in place of it."""
+    roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y", "reference")}
+    inputs, references = [channels[j].at for j in roles["u"]], roles.pop("reference")
+    if not inputs:
+        roles["u"] = references
+    elif not roles["r"] and {channels[i].at for i in references} == set(inputs):
+        roles["r"] = references
+    roles["r"].sort(key=lambda i: inputs.index(channels[i].at))
+    return roles
+
+
+def repaired_signals(
+    gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
+) -> tuple[FloatArray, int | None, float]:
+    """The repaired signals, the samples of their period (None without one), and their rate."""
+    period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
+    if log.findings.repairs[SET_BACK]:
+        text = "the time runs backwards, and the length of the gap there is unknown. Select one part by samples"
+        raise DataError("records/clock", text, log.where)
+    errors = [channel.errors for channel in gathered.channels]
+    if period is None:
+        signals = repair_without_period(gathered.signals, log)
+        return before_channels(signals, gathered.rate_hz, errors), None, gathered.rate_hz
+    N = grid_samples(period, half_wave)
+    check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
+    signals = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
+    rate_hz = gathered.rate_hz if period == N else gathered.rate_hz * N / period
+    return before_channels(signals, rate_hz, errors), N, rate_hz
+
+
+MIN_VALUES = 1 << 22  # a log of fewer is measured as a whole
+_MIN_PERIODS = 8  # a median over fewer cannot distinguish a spike from a signal
+
+
+def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
+    """First and last sample of pieces of whole periods N (None: any length); empty if the log fits into memory."""
+    if n * n_channels < MIN_VALUES:
+        return ()
+    if N is None:
+        count = -(-n * n_channels // arrays.PIECE_VALUES)
+        return tuple(pairwise(i * n // count for i in range(count + 1)))
+    # The first piece, which is repaired in full, is a short one; repairs take several times its memory.
+    periods, rest = max(_MIN_PERIODS, arrays.PIECE_VALUES // 4 // (N * n_channels)), n // N - _MIN_PERIODS
+    starts = (_MIN_PERIODS + i * periods for i in range(max(1, rest // periods)))
+    return tuple(pairwise(N * p for p in (0, *starts, n // N))) if rest >= _MIN_PERIODS else ()
+
+
+def _lags(difference: FloatArray, mean: FloatArray) -> bool:
+    """True if a mean period differs from another one (N,) by a lag that counts, and that its noise does not explain."""
+    slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
+    along, steepness = float(difference @ slope), float(slope @ slope)
+    is_long = abs(along) > MAX_LAG * steepness
+    return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)  # 6 of its deviations
+
+
+def joined(
+    measure: Callable[[int, int], Record],
+    bounds: Sequence[tuple[int, int]],
+    dtype: np.dtype[Any],
+) -> Record | None:
+    """Record of all pieces with signals in files; None if they are not synchronous.
+
+    measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
+    """
+    n, first = bounds[-1][1], measure(*bounds[0])
+    period = mean_period(_driver(first), first.period_samples) if first.is_periodic else None
+    given = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
+    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in given.items()}
+    notes, left_out = dict[Note, None](), list[int]()
+    repairs: Counter[str] = Counter()
+    for start, end in bounds:
+        part = measure(start, end) if start else first
+        if part.n_samples != end - start or not _is_in_step(part, period):
+            return None
+        for role, signal in signals.items():
+            signal[start:end] = getattr(part, role)
+            arrays.release(signal)
+        notes |= dict.fromkeys(part.notes)
+        repairs.update(part.repairs)
+        left_out += [start // part.repeat_samples + p for p in part.discarded_periods]
+    large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
+    period_samples = first.period_samples if first.is_periodic else n
+    record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
+    return replace(record, notes=tuple(notes), repairs=dict(repairs), discarded_periods=tuple(left_out))
+
+
+def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
+    rows = np.array(signal[first:last])
+    arrays.release(signal)
+    return rows
+
+
+def report_end(lost: int, n: int, repeat: int, log: Log) -> None:
+    """Report the samples of a log of n that are lost after its last whole repetition, if there are any."""
+    text = f"the last {lost} of {n} samples are discarded, as they are no whole period of {repeat} samples"
+    if lost > 0:
+        log.note("records/corrected", text)
+
+
+def _driver(record: Record) -> FloatArray:
+    return record.u if record.r is None else record.r
+
+
+def _is_in_step(part: Record, first: FloatArray | None) -> bool:
+    """True if a piece joins the first one, whose mean period is `first` (None without a period)."""
+    if first is None:
+        # An angle whose turns were taken out of one piece does not continue in the next.
+        return all(note.code != UNWRAPPED for note in part.notes)
+    if RESAMPLED in part.repairs:
+        return False
+    mean, N = mean_period(_driver(part), len(first)), len(first)
+    delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
+    # The lag of a slow excitation is uncertain.
+    return all(
+        abs(lag) <= MAX_LAG or (abs(lag) < 1 and not _lags(b - a, a))
+        for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
+        if correlation >= MIN_DELAY_CORRELATION
+    )
+
+
+# Limits of the judgement that two logs hold one excitation. Of 300 pairs of clean logs with noise of up to 0.6 of the
+# excitation none is refused (tests/logs/test_several_files.py).
+# Share of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
+# friction that warms up changes torques by a few per cent; how many times its noise the former must be.
+MAX_CHANGE = 0.1
+MIN_TIMES_NOISE = 4.0
+MAX_LAG = 0.05  # samples: logs that are closer to step are left as they are
+_ADVICE = "give each its own experiment (same phases) or realisation (other phases)"
+
+
+def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
+    """The record of all periods of some records, each of one log, in step with the first.
+
+    Raises DataError that names two logs where they do not hold the same excitation at the same rate.
+    """
+    first = _shift_periods(records[0], 0.0)
+    both = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
+    every = [first, *(_brought_into_step(first, *pair) for pair in zip(records[1:], both, strict=True))]
+    starts = np.cumsum([0, *(part.n_repeats for part in every)]).tolist()
+    r = [part.r for part in every if part.r is not None]
+    repairs = sum((Counter(part.repairs) for part in every), Counter())
+    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(every, paths, strict=True))
+    text = f"the periods of one excitation are from {len(every)} logs: {counts}"
+    note = Note("records/corrected", text, f"record {first.name}", severity="information")
+    return replace(
+        first,
+        u=np.concatenate([part.u for part in every]),
+        y=np.concatenate([part.y for part in every]),
+        r=np.concatenate(r) if len(r) == len(every) else None,
+        starts=tuple(starts[1:-1]),
+        notes=(*dict.fromkeys(notes_of(every)), note),
+        repairs=dict(repairs),
+        discarded_periods=tuple(
+            start + p for start, part in zip(starts, every, strict=False) for p in part.discarded_periods
+        ),
+    )
+
+
+def _brought_into_step(first: Record, record: Record, both: str) -> Record:
+    """A record that begins at the phase of the first, and has its means; DataError for another excitation."""
+    N = first.period_samples
+    if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > MAX_CLOCK_ERROR:
+        raise DataError(
+            "records/inconsistent",
+            f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
+            f"{record.rate_hz:g} Hz; {_ADVICE}",
+        )
+    is_known = first.r is not None and record.r is not None
+    (a, of_a), (b, of_b) = (
+        _mean_with_variance(x.r if is_known and x.r is not None else x.u, N) for x in (first, record)
+    )
+    delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
+    best = max(range(len(delays)), key=lambda i: delays[i][1])
+    lag = delays[best][0]
+    turns = np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)
+    b = np.fft.irfft(np.fft.rfft(b, axis=0) * turns[:, None], N, axis=0)
+    for i, place in enumerate(first.inputs):
+        noise = of_a[i] + of_b[i]
+        # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
+        if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
+            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}; {_ADVICE}")
+    aligned = _shift_periods(record, lag)
+    u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
+    return replace(aligned, u=aligned.u + u, y=aligned.y + y)
+
+
+def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
+    """Why b (N,) is no repetition of a (N,), of which noise is the variance of the difference, NaN if unknown."""
+    power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
+    left = float(np.sum((b - gain * a) ** 2))
+    least = MIN_TIMES_NOISE * len(a) * noise if np.isfinite(noise) else 0.5 * power
+    if left > max(MAX_CHANGE * power, least):
+        return f"{left / power:.0%} of the power of the second log has another excitation than the first"
+    if abs(gain - 1) > MAX_CHANGE and (gain - 1) ** 2 * float(a @ a) > least:
+        return f"the excitation of the second log is {gain:.3g} times that of the first"
+    return ""
+
+
+def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
+    """Mean period (N, c) of signals, without the mean of it, and its variance (c,), NaN where there is one period."""
+    X = folded(signals, N)
+    X = X[1:] if len(X) > 2 else X  # the first holds the transient
+    P, mean = len(X), X.mean(axis=0)
+    variance = np.mean((X - mean) ** 2, axis=(0, 1)) / (P - 1) if P > 1 else np.full(X.shape[2], np.nan)
+    return mean - mean.mean(axis=0), np.asarray(variance)
+
+
+def _shift_periods(record: Record, lag: float) -> Record:
+    """Whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
+    N, L = record.period_samples, record.repeat_samples
+    is_whole = abs(lag - round(lag)) <= MAX_LAG
+    start = float(round(lag) % N) if is_whole else lag % N
+    periods = max(1, int((record.n_samples - start) // N))
+    overlap = range(2) if start % L else range(1)
+    discarded = {int(p - start // L) - i for p in record.discarded_periods for i in overlap}
+    discarded = {p for p in discarded if 0 <= p < periods * N // L}
+    times = np.arange(periods * N, dtype=np.float64) + start
+    is_inside = is_whole and times[-1] < record.n_samples
+
+    def moved(x: FloatArray) -> FloatArray:
+        return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
+
+    r = None if record.r is None else moved(record.r)
+    return replace(record, u=moved(record.u), y=moved(record.y), r=r, discarded_periods=tuple(sorted(discarded)))

@@ -1,0 +1,270 @@
+"""Channels of a log in SI and on the link side, with the hold of their torques; missing samples stay missing.
+
+value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque, K and degF -> degC
+motor side -> link side:   torque * ratio,   angle, velocity, acceleration / ratio     (ratio may be negative)
+
+Where gears couple motors with several joints, each channel is converted by its own ratio first, then all together:
+
+    tau_a = E^T tau_m',   q_a = E^-1 q_m'        (E: robot.mixing)
+"""
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
+from elastid.experiment.specs.logs import RecordedSpec
+from elastid.logs.files.text import MAX_WRONG_FRACTION
+from elastid.logs.repair import Log, blocks
+from elastid.logs.repair.time_stamps import MIN_DELAY_CORRELATION
+
+UNWRAPPED = "records/unwrapped"
+# The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
+MAX_COMPUTABLE = 1e60
+# Sine of the angle between two signals without their means, up to which they are one but for single precision.
+MAX_DIFFERENCE = 1e-5
+
+
+def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
+    """Place, key and reason of each channel that is not on the robot, in no unit of its quantity, or given twice."""
+    motors, signals = places.motor_locations, set[tuple[str, str, int]]()
+    for i, channel in enumerate(channels):
+        if channel.role == "d" and channel.at not in motors:
+            text = (
+                f"'{channel.at}' is no motor; a disturbance (role d) acts at a motor: "
+                f"{did_you_mean(channel.at, motors)}"
+            )
+            yield i, "at", text
+        elif channel.role in ("r", "u", "reference") and channel.at not in motors:
+            yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
+        else:
+            try:
+                places.check_location(channel.at)
+            except StudyError as error:
+                yield i, "at", str(error)
+        key, refused = channel_refusal(channel, channels, places)
+        if refused:
+            yield i, key, refused
+        try:
+            channel.unit_factor(places.slides(channel.at) and channel.side == "link")
+        except ValueError as error:
+            if key != "unit":
+                yield i, "unit", str(error)
+        # A signal may be in several files, which it synchronises.
+        signal = (channel.role, channel.at, channel.file)
+        if signal in signals:
+            yield i, "at", f"two channels have role {channel.role} at '{channel.at}'; omit one"
+        signals.add(signal)
+        has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
+        if channel.role == "d" and channel.at in motors and not has_torque:
+            yield i, "at", f"d needs a channel of role u at '{channel.at}'. Add that channel"
+    of = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
+    if of["r"] and of["r"] != of["u"]:
+        first = next(i for i, channel in enumerate(channels) if channel.role == "r")
+        text = f"channels with role r are at {', '.join(sorted(of['r']))}, channels with role u at"
+        yield first, "at", f"{text} {', '.join(sorted(of['u']))}. List r for every input or for none"
+
+
+def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
+    """Factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
+    return _side_factor(channel, robot) * _gear_factor(channel, robot)
+
+
+def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log) -> FloatArray:
+    """The signal (n,) in SI on the link side, an angle unwrapped."""
+    factor, turns = _side_factor(channel, robot), 0
+    if channel.quantity == "position":
+        values, turns = unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
+    if turns:
+        log.note(UNWRAPPED, f"{turns} wraps of its counter or revolution were removed from {channel.name_in_file}")
+    return (values * factor + channel.offset) * _gear_factor(channel, robot)
+
+
+def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
+    """Values (n,) without their jumps by nearly a turn, or by the 2^k of a counter of whole numbers, and the number."""
+    known = np.isfinite(values)
+    x = values[known]
+    span = float(np.ptp(x)) if x.size else 0.0
+    # The shortest counter has 8 bits, and starts again near its ends.
+    is_counter = span >= 2**8 - 2**4 and np.all(x == np.round(x))
+    steps, whole = np.abs(np.diff(x)), 2.0 ** math.ceil(math.log2(span + 1)) if is_counter else turn
+    usual = float(np.max(steps, initial=0.0, where=steps < whole / 2))
+    jumps = steps[steps >= whole / 2]
+    if not jumps.size or usual > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
+        return values, 0
+    result = values.astype(np.float64)
+    result[known] = np.unwrap(x, period=whole)
+    return result, jumps.size
+
+
+def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
+    """T (n_c, n_c) from channels by their own ratio to the link side; StudyError where a coupled one is missing."""
+    T, motors = np.eye(len(channels)), list(robot.motor_locations)
+    if all(channel.side != "motor" for channel in channels):
+        return T
+    torque, angle = robot.mixing.T, np.linalg.inv(robot.mixing)
+    for row, channel in enumerate(channels):
+        if channel.side != "motor" or channel.at not in motors:
+            continue
+        mixed = (angle if channel.is_motion else torque)[motors.index(channel.at)]
+        for source in np.flatnonzero(np.abs(mixed) > 1e-12):  # smaller elements are rounding
+            T[row, _place(channels, channel, motors[source])] = mixed[source]
+    return T
+
+
+def without_placeholders(signals: FloatArray) -> FloatArray:
+    """Signals (n, c) with NaN for values that no sensor gives, in channels with few of them."""
+    is_wrong = np.abs(signals) > MAX_COMPUTABLE
+    few = is_wrong.mean(axis=0) <= MAX_WRONG_FRACTION if len(signals) else is_wrong.any(axis=0)
+    return np.where(is_wrong & few, np.nan, signals) if is_wrong.any() else signals
+
+
+def check_values(
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], log: Log, may_rest: Collection[str] = ()
+) -> None:
+    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move.
+
+    may_rest: further roles of channels that may be constant.
+    """
+    for i, text in value_refusals(channels, columns, may_rest):
+        raise DataError("records/values", f"{channels[i].full_name} {text}", log.where)
+    for channel, column in zip(channels, columns, strict=True):
+        values = column[np.isfinite(column)]
+        if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:
+            text = f"{channel.full_name} is constant at {values[0]:g} and counts as not excited in this experiment"
+            log.note("records/input-not-excited", text)
+
+
+def value_refusals(
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], may_rest: Collection[str] = ()
+) -> Iterator[tuple[int, str]]:
+    """Place and reason of each column (n,) that no sensor of its role gives; may_rest: roles that may be constant."""
+    if max(map(len, columns)) < 2:
+        yield 0, "has one row, as all of its log; export the whole measurement"
+        return
+    known = [column[np.isfinite(column)] for column in columns]
+    moving = {channel.role for channel, x in zip(channels, known, strict=True) if np.any(x != x[:1])}
+    # An input may rest while others act.
+    resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
+    for i, (channel, values) in enumerate(zip(channels, known, strict=True)):
+        if values.size == 0:
+            yield i, "contains no finite number; check its name"
+        elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
+            yield (
+                i,
+                f"reaches {largest:.3g}, which is implausible; check name and placeholder for missing values",
+            )
+        elif np.ptp(values) == 0 and channel.role not in resting:
+            yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
+
+
+def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, log: Log) -> None:
+    """Report torques of signals (n, c) that are no measured ones: the command twice, mirrored, or another motor's.
+
+    N: samples of the period, None without one.
+    """
+    u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
+    for channel, r in zip(channels, signals.T, strict=True):
+        if channel.role != "r":
+            continue
+        place, acting = channel.at, signals[:, u[channel.at]]
+        if np.ptp(r) > 0 and np.array_equal(r, acting):
+            text = (
+                f"u at {place} equals r to the last bit: the command was logged twice, and u lacks feedback, drive "
+                "limits and delay. Log the acting torque, or omit the channel of role r without feedback"
+            )
+            log.note("records/same-signal", text)
+        elif (rho := _at_once(r, acting, N)) <= -MIN_DELAY_CORRELATION:
+            text = f"u at {place} and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
+            log.note("records/torque", text)
+    C = np.cov(signals, rowvar=False)
+    known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
+    for a, b in combinations(known, 2):
+        is_one = C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]
+        if channels[a].role == channels[b].role and is_one:
+            text = (
+                f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the "
+                "signal of its motor. Check channel and column in the study, and the wiring of the logger"
+            )
+            log.note("records/same-signal", text)
+
+
+def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
+    """The correlation of r and u (n,), each line with the power that r has there.
+
+    Feedback makes u largest where it turns the phase most.
+    """
+    if N is None:
+        first, second = (np.concatenate([x - x.mean(), np.zeros(len(x))]) for x in (r, u))
+    else:
+        first, second = (blocks(x, N).mean(axis=0) for x in (r, u))
+    R, U = (np.fft.rfft(x)[1:] for x in (first, second))
+    power, turned = np.abs(R) ** 2, R.conj() * U
+    cosine = np.divide(turned.real, np.abs(turned), out=np.zeros_like(power), where=turned != 0)
+    return float(power @ cosine / max(power.sum(), 1e-300))
+
+
+def _side_factor(channel: ChannelSpec, robot: Places) -> float:
+    try:
+        unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
+    except ValueError as error:
+        raise StudyError("study/recorded", str(error), channel.full_name) from None
+    return channel.sign * channel.scale * unit * (1.0 if channel.torque_constant is None else channel.torque_constant)
+
+
+def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
+    if channel.side == "link":
+        return 1.0
+    kind, _, joint = channel.at.partition(" ")
+    if kind not in ("motor", "joint") or joint not in robot.driven_names:
+        raise StudyError(
+            "study/recorded",
+            f"side: motor needs a gear; {channel.at} has no gear. Correct at: {', '.join(robot.motor_locations)}",
+            f"channel {channel.name_in_file}",
+        )
+    ratio = robot.ratio(joint)
+    return 1 / ratio if channel.is_motion else ratio
+
+
+def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
+    for place, channel in enumerate(channels):
+        same_kind = not like.is_motion or channel.quantity == like.quantity
+        if (channel.role, channel.side, channel.at) == (like.role, "motor", motor) and same_kind:
+            return place
+    raise StudyError(
+        "study/recorded",
+        f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side: "
+        f"motor{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the link "
+        "side",
+        f"channel {like.name_in_file}",
+    )
+
+
+def in_joints(channels: Sequence[ChannelSpec], signals: FloatArray, robot: Places) -> tuple[FloatArray, FloatArray]:
+    """Signals (n, c) of the joints, where gears couple these, with the known disturbances in the torques; and these."""
+    T, torques = to_joints(channels, robot), [i for i, channel in enumerate(channels) if channel.role == "u"]
+    signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
+    motors, known = [channels[i].at for i in torques], np.zeros((len(signals), len(torques)))
+    for channel, signal in zip(channels, signals.T, strict=True):
+        if channel.role == "d" and channel.at in motors:
+            known[:, motors.index(channel.at)] += signal
+    if known.any():
+        signals = signals.copy()
+        signals[:, torques] += known
+    return signals, known
+
+
+def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:
+    """Samples at rate_hz for which each u among the channels is held, in their order; 0 where band-limited.
+
+    A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
+    """
+    torques = [channel for channel in channels if channel.role == "u"]
+    rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
+    rates_hz = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
+    is_held = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
+    return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, rates_hz, strict=True))

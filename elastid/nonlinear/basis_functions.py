@@ -1,0 +1,251 @@
+r"""Basis functions Phi of gear effects along the motion, each times a magnitude f at a place of the drivetrain.
+
+.. math:: J \ddot q + f_m \dot q + (F_m + F_{load} |\tau|)\, \mathrm{sgn}\, \dot q + ripple(q) + (1 + e'(q))\, \tau = u,
+          \qquad \tau = n(\delta) + d\, \dot\delta + h(\delta), \qquad \delta = q + e(q) - l
+
+q motor and l link side of a joint, e transmission error, n and h spring and hysteresis beyond the linear spring, which
+both act across the gear; friction behind the gear brakes the link, -F_l sgn l'. Everything on the link side.
+
+Friction's sign along a velocity that is known at points of a period, by its means over the cells between them.
+
+The velocity of an inertia at the points depends on the means over cells alone, exact with their spectrum over sinc.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache
+from typing import Literal, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.fft import irfft, rfft
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import Note
+from elastid.friction.stop_operator import Path, bristle, stop
+from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
+from elastid.response import UNEXPLAINED
+
+Signal = TypeVar("Signal", FloatArray, BoolArray)
+
+
+def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+    """Return tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
+    means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
+    step, phi = following(v) - v, np.tanh(v / scale) if scale else np.sign(v)
+    slope = np.divide(following(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
+    return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
+
+
+def points_of_means(means: FloatArray) -> FloatArray:
+    """Return values at the points (n,) of a period by means over the cells that begin there."""
+    n = len(means)
+    return irfft(rfft(means) * _from_means(n), n)
+
+
+@lru_cache(maxsize=4)
+def _from_means(n: int) -> ComplexArray:
+    """Factor (n // 2 + 1,) from the spectrum of cell means to the spectrum at the first points of the cells."""
+    half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
+    return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
+
+
+def following(x: Signal) -> Signal:
+    """Return the value at the next point, of each point (n,) of a period."""
+    return np.concatenate([x[1:], x[:1]])
+
+
+Kind: TypeAlias = Literal[
+    "friction", "load", "behind", "cubic", "progressive", "range", "gap", "stop", "bristle",
+    "error sine", "error cosine", "ripple sine", "ripple cosine",
+]  # fmt: skip
+Place: TypeAlias = Literal["motor", "gear", "link"]
+SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
+LOOPS: tuple[Kind, ...] = ("stop", "bristle")
+
+
+@dataclass(frozen=True)
+class SheetNumber:
+    """Number of a maker's sheet that effects of one or several kinds make: prefix of its name, meaning, kind, unit."""
+
+    prefix: str
+    meaning: str
+    kind: str
+    unit: str
+
+
+STIFFENING = SheetNumber("h_", "hardening: increase of the secant stiffness up to the largest torque", "share", "1")
+LOST_MOTION = SheetNumber("lost_", "lost motion", "angle", "rad")
+HYSTERESIS = SheetNumber("H_", "hysteresis, half the torque difference of the loop", "torque", "N*m")
+ERROR = SheetNumber("e", "transmission error", "error", "rad")
+RIPPLE = SheetNumber("r", "torque ripple and cogging", "torque", "N*m")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Properties that all effects of a kind have in common.
+
+    place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
+    sheet.  scales: that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the
+    middle one; without any an effect has an order and is not implicit.  rivals: of which a joint has one, it apart.
+    brakes: its magnitude cannot be negative: it takes energy, or is missing within a gap.
+    """
+
+    place: Place
+    number: SheetNumber
+    scales: tuple[float, ...] = ()
+    rivals: tuple[Kind, ...] = ()
+    brakes: bool = False
+
+
+KINDS: dict[Kind, Row] = {
+    "friction": Row("motor", SheetNumber("Fc_m", "Coulomb friction before the gear", "torque", "N*m"), (0.01, 0.08),
+                    ("friction",), True),
+    "load": Row("motor", SheetNumber("Fcl_m", "load-dependent friction, per torque of the gear", "share", "1"), (0.01,),
+                ("load",), True),
+    "behind": Row("link", SheetNumber("Fb_", "Coulomb friction behind the gear", "torque", "N*m"), (0.01,),
+                  ("behind",), True),
+    "cubic": Row("gear", STIFFENING, (0.0,), SPRINGS),
+    "progressive": Row("gear", STIFFENING, (0.0,), SPRINGS),
+    "range": Row("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS),
+    "gap": Row("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True),
+    "stop": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "bristle": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "error sine": Row("gear", ERROR),
+    "error cosine": Row("gear", ERROR),
+    "ripple sine": Row("motor", RIPPLE),
+    "ripple cosine": Row("motor", RIPPLE),
+}  # fmt: skip
+WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
+SECANT = SheetNumber("K", "secant stiffness over a third of the largest torque", "stiffness", "N*m/rad")
+SHEET = (*dict.fromkeys(row.number for row in KINDS.values()), WIDTH, SECANT)
+APART = 1.5  # factor from which on two scales, or stiffnesses, are told apart
+
+
+@dataclass(frozen=True)
+class GearEffect:
+    """One effect at a joint.
+
+    friction, load: at the motor, one magnitude and one for each Nm of the gear's torque; behind: at the link.  cubic,
+    progressive: k_3 delta^3 and k_2s |delta| delta.  range: the stiffness beyond a deflection, more than before it.
+    gap: the stiffness within one, less than beyond it; lost motion.  stop, bristle: elements of the gear's hysteresis.
+    scale: rad/s over which friction turns, rad over which a hysteresis bends or at which a range or a gap ends, order
+    of an error or ripple in turns of the motor; 0 of the others.
+    is_edge: the change of such an effect with its scale, by which that is found.
+    """
+
+    kind: Kind
+    joint: str
+    scale: float = 0.0
+    is_edge: bool = False
+
+    @property
+    def row(self) -> Row:
+        """Row of its kind."""
+        return KINDS[self.kind]
+
+    @property
+    def place(self) -> Place:
+        """Place of its motion."""
+        return self.row.place
+
+    @property
+    def is_implicit(self) -> bool:
+        """True if its force follows a motion that it moves: behind the gear, or at a reversal between samples."""
+        return bool(self.row.scales)
+
+    @property
+    def edge(self) -> "GearEffect | None":
+        """Change of the effect with its scale, f ds for a scale error ds; None for an effect without scale."""
+        return replace(self, is_edge=True) if self.scale and self.is_implicit else None
+
+    @property
+    def order(self) -> float:
+        """Order of a periodic effect per motor revolution; 0 for other effects."""
+        return 0.0 if self.is_implicit else self.scale
+
+
+@dataclass(frozen=True, eq=False)
+class GearMotion:
+    """Motion of a joint over a period on a fine grid (n,), link side: rad, rad/s, Nm.
+
+    angle: of the motor, as logged.  deflection: with its part at rest and the transmission error.  torque: of the gear,
+    with that at rest.  ratio: turns of the motor for one of the joint.  k, d: of the linear spring.
+    """
+
+    angle: FloatArray
+    velocity: FloatArray
+    link_velocity: FloatArray
+    deflection: FloatArray
+    torque: FloatArray
+    ratio: float
+    k: float
+    d: float
+
+    @cached_property
+    def along(self) -> Callable[[Kind, float], FloatArray]:
+        """Phi (n,) of an implicit effect of a scale, cached; load friction and hysteresis edges reverse as friction."""
+        signals = {"motor": self.velocity, "link": self.link_velocity, "gear": self.deflection}
+
+        def phi(kind: Kind, scale: float) -> FloatArray:
+            effect = GearEffect(kind, "", scale)
+            return along_period(effect, signals[effect.place])[0]
+
+        return cache(phi)
+
+
+def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) over a period; for a load, per Nm.
+
+    What breaks or turns between the points does so there.
+    """
+    if effect.kind in ("friction", "load", "behind"):
+        return turning(x, effect.scale)
+    return implicit_law(effect, x)
+
+
+def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return Phi and dPhi / dx (n,) of a spring or a hysteresis along its deflection x (n,) over a period."""
+    if effect.kind == "cubic":
+        return x**3, 3 * x**2
+    if effect.kind == "progressive":
+        return np.abs(x) * x, 2 * np.abs(x)
+    b = effect.scale
+    if effect.kind == "range":
+        return x - np.clip(x, -b, b), (np.abs(x) > b).astype(float)
+    if effect.kind == "gap":
+        return -np.clip(x, -b, b), np.where(np.abs(x) > b, 0.0, -1.0)
+    # The state at the start is not known: the period is run over twice.
+    twice = Path.of(np.concatenate([x, x])).without(len(x))
+    phi = (stop if effect.kind == "stop" else bristle)(twice, b) / b
+    return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / b
+
+
+def transmission_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
+    """Return e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
+    order = effect.scale * ratio
+    sine, cosine = np.sin(order * angle), np.cos(order * angle)
+    return (cosine, -order * sine) if effect.kind.endswith("cosine") else (sine, order * cosine)
+
+
+def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
+    """Return Phi (n,) at each place where the effect acts, against the motion there."""
+    if effect.is_edge:
+        h, smooth = 1e-3 * effect.scale, replace(effect, is_edge=False)
+        both = forces(smooth, motion), forces(replace(smooth, scale=smooth.scale + h), motion)
+        return [(place, (b - a) / h) for (place, a), (_, b) in zip(*both, strict=True)]
+    if effect.is_implicit:
+        phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
+        return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]
+    e, slope = transmission_error(effect, motion.angle, motion.ratio)
+    if effect.kind.startswith("ripple"):
+        return [("motor", e)]
+    return [("gear", motion.k * e + motion.d * slope * motion.velocity), ("motor", motion.torque * slope)]
+
+
+# Codes of notes on a fit and its responses that effects of gears answer.
+ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
+
+
+def notes_before_gears(notes: Iterable[Note], is_next: bool) -> tuple[Note, ...]:
+    """Return notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
+    return tuple(note for note in notes if not (is_next and note.code in ANSWERED))

@@ -1,0 +1,247 @@
+r"""Friction compensation: responses of records with compensated motor friction, and their errors.
+
+Coefficients that are off by df leave their torque in U, the same in all configurations, at the lines of Phi
+
+.. math:: \delta G = G\, e_j\, (\Phi\, df)\, U_{net}^+, \qquad U_{net} = U - \Phi f
+
+for shapes Phi at motor j. The coefficients have the covariance L L^T, so that each column of L is a systematic error of
+known size, which no scatter between realisations shows. A further error is that of reversals, which are found to a part
+of a sample: j omega dt Phi f takes the place of Phi df.
+
+Dry friction acts on shafts, whose motors' gears may couple the axes. Shafts keep the names of their motors:
+
+.. math:: q_m' = E q_a, \qquad \tau_a = E^T \tau_m'
+
+q_m', tau_m': angles and torques of the shafts, each referred to the link side by its own ratio alone; E (n_u, n_u) is
+the robot's matrix of couplings.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError, Note, StudyError
+from elastid.base.statistics import interpolated
+from elastid.frf.distortion import SYSTEMATIC_ERRORS
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import zoh_samples
+from elastid.nonlinear.motion import whole_samples
+from elastid.nonlinear.spectra import compensation_torque, gather_configuration
+from elastid.nonlinear.variable_projection import MIN_UNEXPLAINED
+from elastid.record import MOTION_ORDER, Record
+from elastid.response import UNEXPLAINED, Response
+from elastid.robot import Robot
+from elastid.robot.tolerances import RATIO
+
+TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
+
+
+def estimate_compensated_response(
+    records: Sequence[Record],
+    friction: CompensatedFriction | None,
+    spec: EstimatorSpec,
+    planned_lines: IntArray | None = None,
+    E: FloatArray | None = None,
+    robot: Robot | None = None,
+) -> Response:
+    """Estimate G of one configuration from the net torques of its records, with the errors of the coefficients.
+
+    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
+    own distortion is known; None where none is.
+    Raises DataError as `estimate` does.
+    """
+    net = tuple(compensated_records(records, friction, E))
+    response = estimate(net, spec, planned_lines)
+    response = replace(response, ratio_std=ratio_std(records, robot))
+    if friction is None:
+        return response
+    arm = partial(_arm_variance, net, response, spec, planned_lines, robot)
+    response = replace(response, notes=(*response.notes, *_unexplained(response, friction, arm)))
+    if not friction.shapes:
+        return response
+    errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
+    none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
+    before = none if response.bias is None else response.bias
+    return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
+
+
+def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
+    """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
+
+    An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
+    an n-th is left. 0 of motors whose numbers are given at the link; a fit scales it to the tolerance of the file.
+    """
+    first, std = records[0], np.zeros(len(records[0].inputs))
+    joints = () if robot is None else robot.driven
+    ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
+    for j, place in enumerate(first.inputs):
+        if place in first.outputs and ratios.get(place, 1.0) != 1:
+            channel = first.outputs.index(place)
+            is_angle = first.quantities[channel] == "position"
+            travel = max(float(np.ptp(record.y[:, channel])) for record in records) if is_angle else 0.0
+            std[j] = RATIO / max(1.0, ratios[place] * travel / (2 * np.pi))
+    return std
+
+
+def _unexplained(
+    response: Response, friction: CompensatedFriction, arm: Callable[[], FloatArray | float]
+) -> tuple[Note, ...]:
+    if not friction.configurations or response.noise is None or response.total is None:
+        return ()
+    known = response.noise.variance > 0
+    if not known.any():
+        return ()
+    total, noise = response.total.variance, response.noise.variance
+    ratio = float(np.median(total[known] / noise[known]))
+    if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[known]) < MIN_UNEXPLAINED:
+        return ()
+    text = (
+        f"nonlinear distortion is {np.sqrt(ratio):.0f} times the noise, and motor friction does not explain "
+        "it. Damping may be biased, and stiffness applies to this amplitude only. Check that channels, units, time and "
+        "load are the same in all records. If they are, add `gears: {}` to the study"
+    )
+    return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
+
+
+def _arm_variance(
+    net: Sequence[Record],
+    response: Response,
+    spec: EstimatorSpec,
+    planned_lines: IntArray | None,
+    robot: Robot | None,
+) -> FloatArray | float:
+    """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known.
+
+    Of a robot with the numbers of its file.
+    """
+    from elastid.fit.parameter_selection import choose  # these bring CasADi
+    from elastid.fit.spec import FitSpec
+    from elastid.linear.linearise import Linearisation
+    from elastid.nonlinear.period_model import drive_lines, without_arm
+    from elastid.nonlinear.spectra import gather_lines
+
+    if robot is None or set(response.inputs) != set(robot.motor_locations):
+        return 0.0
+    first = [record for record in net if record.realisation == net[0].realisation]
+    try:
+        lines, parameters = gather_lines(first, spec, planned_lines), choose(FitSpec(), robot)
+        drive = drive_lines(lines, Linearisation.of_robot(robot), response, parameters, parameters.x)
+        Y = without_arm(lines, drive, robot).Y - lines.Y
+    except (DataError, StudyError):
+        return 0.0
+    at = np.rint(response.freq_hz / lines.freq_hz[0]).astype(np.int64) - 1
+    G = Y[at] * lines.s[at, None, None] ** MOTION_ORDER[response.quantity] @ np.linalg.pinv(lines.U[at])
+    variance = np.zeros(response.G.shape)
+    variance[:, [response.outputs.index(place) for place in response.inputs]] = np.abs(G) ** 2
+    return variance / len({record.realisation for record in net})
+
+
+def _coefficient_errors(
+    records: Sequence[Record],
+    friction: CompensatedFriction,
+    response: Response,
+    spec: EstimatorSpec,
+    planned_lines: IntArray | None,
+    E: FloatArray | None,
+) -> ComplexArray:
+    """delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
+    reversals.
+    """
+    places, n_u = friction.places, len(friction.places)
+    coupling = np.eye(n_u) if E is None else E
+    data = gather_configuration([to_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
+    motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
+    on = data.excited
+    pseudo = np.linalg.pinv(
+        (data.U - compensation_torque(friction.coulomb_torque, data.Phi, motor_of, n_u))[on]
+    ) @ np.linalg.inv(coupling.T)
+    lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
+    factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
+    errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
+    late = 2j * np.pi * data.freq_hz[on, None] * (TURNING_ERROR / records[0].rate_hz)
+    for j, L in enumerate(factors):
+        of_levels = np.einsum("fik,ib->fbk", data.Phi[on], L)
+        of_turning = late * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
+        both = np.concatenate([of_levels, of_turning[:, None]], axis=1)
+        rows = interpolated(lines, data.lines[on], both @ pseudo)
+        errors[: both.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
+    return errors
+
+
+def _factors(C: FloatArray) -> FloatArray:
+    """L (n, n_b) of C = L L^T (n, n), largest columns first, without those below 1e-4 of the largest."""
+    power, V = np.linalg.eigh(C)
+    large = np.flatnonzero(power > 1e-4**2 * power[-1])[::-1]
+    return np.asarray(V[:, large] * np.sqrt(power[large]))
+
+
+def compensated_records(
+    records: Iterable[Record], friction: CompensatedFriction | None, E: FloatArray | None = None
+) -> Iterator[Record]:
+    """Return records with the net torque as u, one at a time; unchanged without compensation.
+
+    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
+    """
+    for record in records:
+        if friction is None or not friction.shapes:
+            yield record
+        else:
+            yield to_links(compensate_friction(to_shafts(record, E), friction), E)
+
+
+def compensate_friction(record: Record, friction: CompensatedFriction) -> Record:
+    """Return the record over its whole periods with the net torque as u; unchanged without compensation."""
+    if not friction.shapes:
+        return record
+    n = whole_samples(record)
+    record = replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
+    u = record.u.copy()
+    for place in friction.compensated_motors():
+        basis, motion = friction.compensated_basis(place), friction.motion(record, place)
+        u[:, record.inputs.index(place)] -= zoh_samples(record, place, motion, basis)
+    return replace(record, u=u)
+
+
+def to_shafts(record: Record, E: FloatArray | None) -> Record:
+    """Return the record with torques and motions of shafts instead of motors; itself without couplings (None).
+
+    Motions of motors are left out where they are not of all motors, or not of one quantity: no shaft is known then.
+    """
+    if E is None:
+        return record
+    columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
+    if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
+        rest = [i for i in range(len(record.outputs)) if i not in columns]
+        outputs = tuple(record.outputs[i] for i in rest)
+        quantities = tuple(record.quantities[i] for i in rest)
+        sampled = tuple(record.sampled[i] for i in rest) if record.sampled else ()
+        return replace(record, y=record.y[:, rest], outputs=outputs, quantities=quantities, sampled=sampled)
+    return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
+
+
+def to_links(record: Record, E: FloatArray | None) -> Record:
+    """Return the inverse of `to_shafts`, for records of all motors."""
+    if E is None:
+        return record
+    columns = [record.outputs.index(place) for place in record.inputs]
+    return _turned(record, columns, E, np.asarray(np.linalg.inv(E).T))
+
+
+def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion: FloatArray) -> Record:
+    y = record.y.copy()
+    y[:, columns] = record.y[:, columns] @ of_motion
+    r = None if record.r is None else record.r @ of_torque
+    return replace(record, u=record.u @ of_torque, y=y, r=r)
+
+
+def shaft_couplings(robot: Robot | None) -> FloatArray | None:
+    """Return E (n_u, n_u) from the link side to the motor shafts; None without gear couplings."""
+    if robot is None:
+        return None
+    E = robot.mixing
+    return None if np.array_equal(E, np.eye(len(E))) else E

@@ -1,0 +1,306 @@
+"""Identification of motor friction from the records of all configurations of a measurement."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import Note, Severity
+from elastid.base.execution import Execution
+from elastid.base.statistics import chi_square_limit
+from elastid.frf.checks import refuse_mismatch
+from elastid.frf.spec import EstimatorSpec, Friction
+from elastid.frf.spectra import RecordSpectra
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import BasisFunction
+from elastid.nonlinear.motion import VELOCITY_NOISE, motion_of
+from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration, unsuited
+from elastid.nonlinear.variable_projection import (
+    DEPENDENCE_BY_CHANCE,
+    SIGN_ERROR,
+    Basis,
+    NormalEquations,
+    basis_error_covariance,
+    candidate_basis,
+    choose,
+    covariance,
+    delayed,
+    estimate_coefficients,
+    median_swing,
+    normal_equations,
+    refined,
+    residual_power_ratios,
+    torque_delay,
+)
+from elastid.record import MOTION_ORDER, Record
+
+# Shapes are chosen in the first configurations, of so many records if all have as many as the first; coefficients are
+# found in all.
+_CHOICE_RECORDS = 24
+# Motion between two reversals over the presliding distance, below which the data do not show F_c, and the std over F_c
+# from which on a note says so.
+FULL_SWING, MIN_UNCERTAIN = 4.0, 0.05
+
+
+class _Unsuited(ValueError):
+    """Why friction cannot be found."""
+
+
+def identify_motor_friction(
+    measured: Sequence[Iterable[Record]],
+    spec: EstimatorSpec,
+    planned: IntArray | None = None,
+    execution: Execution | None = None,
+) -> CompensatedFriction:
+    """Return friction in the records of all configurations, each of which is gone through, or read, several times.
+
+    Shapes are chosen along the motion that samples show; coefficients are found along that between the samples, too,
+    where it moves them. Where friction cannot be found nothing is compensated, and a note says why.  execution: of the
+    configurations; the result does not depend on it. Raises DataError and StudyError as `estimate` does.
+    """
+    records = tuple(measured[0])
+    try:
+        return _identify(records, measured, spec, planned, execution or Execution())
+    except _Unsuited as reason:
+        is_quiet = spec.friction == "auto" and not any(place.startswith("motor ") for place in records[0].inputs)
+        return _no_friction(records[0], "" if is_quiet else str(reason), spec.friction)
+
+
+def _identify(
+    records: tuple[Record, ...],
+    measured: Sequence[Iterable[Record]],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
+    execution: Execution,
+) -> CompensatedFriction:
+    few, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
+
+    def gather(
+        part: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
+    ) -> list[ConfigurationSpectra]:
+        return execution.ordered(partial(_gather, places, shapes, spec, planned, friction), part)
+
+    if refused := refusal(records):
+        raise _Unsuited(refused)
+    refuse_mismatch(records)
+    shapes = candidate_basis(records, spec.friction == "coulomb")
+    data = gather(measured[:few], shapes)
+    choice, picked = choose(data, shapes, places, spec.friction == "auto")
+    if delay_s := torque_delay(data, shapes, choice, places):
+        late, late_shapes = delayed(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
+        late_choice, late_picked = choose(late, late_shapes, places, spec.friction == "auto")
+        # Bristles with much damping act before their deflection, as if the torque were logged early.
+        if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
+            data, shapes, choice, picked = late, late_shapes, late_choice, late_picked
+    of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
+    swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
+    first, friction = _FrictionFit(records[0], spec, of_picked, choice, swings), None
+    if choice.shapes:
+        near = refined(choice, first.coefficients, places, first.velocity_noise)
+        between = replace(first, choice=near, data=gather(measured[:few], near.shapes, first.result))
+        pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
+        # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
+        is_near = all(abs(coefficient - whole) <= SIGN_ERROR * coefficient for coefficient, whole in pairs)
+        if few >= len(measured) or not is_near:
+            first, friction = between, first.result
+    first = replace(first, data=[*first.data, *gather(measured[few:], first.choice.shapes, friction)])
+    return first.with_dependence() if choice.shapes else first.result
+
+
+def _gather(
+    inputs: tuple[str, ...],
+    shapes: Sequence[BasisFunction],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
+    friction: CompensatedFriction | None,
+    measured: Iterable[Record],
+) -> ConfigurationSpectra:
+    records = tuple(measured)
+    refuse_mismatch(records)
+    if refused := refusal(records):
+        raise _Unsuited(refused)
+    if records[0].inputs != inputs:
+        raise _Unsuited("configurations have different inputs, and so no motors in common")
+    data = gather_configuration(records, shapes, spec, planned, friction)
+    if not data.is_invertible:
+        raise _Unsuited(
+            f"the torques of {', '.join(inputs)}, or the angles of these motors, are not independent in all "
+            f"{len(records)} experiments of configuration {data.name}; check for a file listed twice and for a channel "
+            "that holds the signal of another motor"
+        )
+    if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
+        raise _Unsuited(
+            f"one realisation ({len(records)} experiment{'s' * (len(records) > 1)}) does not separate nonlinear "
+            "distortion from the linear response"
+        )
+    return data
+
+
+@dataclass(frozen=True)
+class _FrictionFit:
+    """Friction of a choice of shapes in some configurations; first: a record."""
+
+    first: Record
+    spec: EstimatorSpec
+    data: Sequence[ConfigurationSpectra]
+    choice: Basis
+    swings: tuple[float, ...] = ()
+
+    @cached_property
+    def sums(self) -> tuple[FloatArray, NormalEquations]:
+        """Coefficients (n_f,), and the sums about them."""
+        return estimate_coefficients(self.data, self.choice.motor_of)
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Coefficients (n_f,)."""
+        return self.sums[0]
+
+    @property
+    def velocity_noise(self) -> FloatArray:
+        """Standard deviation (n_m,) of the noise in the motions."""
+        return np.asarray(np.sqrt(np.mean([data.velocity_noise**2 for data in self.data], axis=0)))
+
+    @cached_property
+    def result(self) -> CompensatedFriction:
+        """Compensate friction; return it with a note on each motor."""
+        (coefficients, equations), first, choice = self.sums, self.first, self.choice
+        ratio = residual_power_ratios(equations, len(first.inputs), choice.motor_of)
+        is_compensated = np.isin(np.arange(len(first.inputs)), choice.motor_of)
+        result = CompensatedFriction(
+            places=first.inputs,
+            place_units=first.units_of_inputs,
+            shapes=choice.shapes,
+            coulomb_torque=coefficients,
+            covariance=covariance(equations) + basis_error_covariance(choice, coefficients),
+            configurations=tuple(spectra.name for spectra in self.data),
+            before=normal_equations(self.data, 0 * coefficients, choice.motor_of).amplitude,
+            after=equations.amplitude,
+            residual_power_ratio=np.where(is_compensated, ratio, choice.residual_power_ratio),
+            accelerance=self._accelerance(),
+            swings=self.swings,
+        )
+        return replace(result, notes=_notes(result))
+
+    def _accelerance(self) -> FloatArray:
+        """Acceleration per torque (n_m,) of motors at the highest excited lines."""
+        tops, order = [], 2 - MOTION_ORDER[self.spec.quantity]
+        for data in self.data:
+            on = np.flatnonzero(data.excited)
+            on = on[-max(1, len(on) // 20) :]
+            friction = compensation_torque(self.coefficients, data.Phi[on], self.choice.motor_of, data.U.shape[1])
+            G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
+            s = 2j * np.pi * data.freq_hz[on, None]
+            tops.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
+        return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
+
+    def with_dependence(self) -> CompensatedFriction:
+        """Return friction with the scatter of its coefficients over configurations, where it is more than chance's.
+
+        Factors a_c from the coefficients to those of a configuration alone, by least squares of e = a X f, have
+        variances s_c^2 by noise. Their scatter tau counts whole, since a coefficient of another posture is one more
+        draw of it: tau^2 = (Q - C + 1) / (sum w - sum w^2 / sum w), Q = sum w (a_c - a)^2, w = 1 / s_c^2. (DerSimonian
+        and Laird, Controlled Clinical Trials 7, 1986.)
+        """
+        result, motor_of, n = self.result, self.choice.motor_of, len(self.data)
+        C, notes = result.covariance.copy(), list[Note]()
+        sums = [normal_equations([spectra], self.coefficients, motor_of) for spectra in self.data]
+        for i, place in enumerate(result.places):
+            f = np.where(motor_of == i, self.coefficients, 0.0)
+            power = np.array([max(f @ fold.A.sum(axis=0) @ f, 1e-300) for fold in sums])
+            factor = np.array([f @ fold.b.sum(axis=0) for fold in sums]) / power
+            weight = 2 * power * [fold.dof_fraction for fold in sums]
+            Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
+            if n > 1 and f.any() and chi_square_limit(n - 1, DEPENDENCE_BY_CHANCE) < Q:
+                C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)
+                F_c, low, high = result.coulomb_friction(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
+                text = (
+                    f"{place}: friction varies from {F_c * factor[low]:.4g} {result.place_units[i]} in "
+                    f"{result.configurations[low]} to {F_c * factor[high]:.4g} in {result.configurations[high]}. To "
+                    "find whether angle, temperature or load is the cause, run a friction study with `loads`"
+                )
+                notes.append(Note("nonlinear/friction-varies", text))
+        result = replace(result, covariance=C)
+        return replace(result, notes=(*_notes(result), *notes))
+
+
+def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
+    """One for each motor; the place is in the text, so that notes of several motors are not grouped into one."""
+    notes = []
+    if delay_ms := 1e3 * next((shape.delay_s for shape in result.shapes), 0.0):
+        text = (
+            f"friction acts {delay_ms:+.3g} ms after the motions, by which it was compensated: the torques are late or "
+            f"early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
+        )
+        notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
+    for place, unit, share in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
+        if place in result.compensated_motors():
+            F_c, std = result.coulomb_friction(place)
+            text = (
+                f"{place}: Coulomb friction of {F_c:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
+                f"of noise and distortion decreases to {share:.2g} % of its value without compensation"
+            )
+            notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
+            ratio = result.swing_ratio(place)
+            if std > MIN_UNCERTAIN * F_c and ratio < FULL_SWING:
+                text = (
+                    f"{place}: the Coulomb torque is {F_c:.3g} {unit} (std {std:.2g}). The motion between two "
+                    f"reversals is {ratio:.2g} of the presliding distance (limit {FULL_SWING:g}). Raise the amplitude"
+                )
+                notes.append(Note("nonlinear/presliding", text, severity="information"))
+        else:
+            text = (
+                f"{place}: Coulomb friction is not significant and not compensated. In cross-validation, "
+                f"{share:.3g} % of the power of noise and distortion remains with compensation"
+            )
+            notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
+    return tuple(notes)
+
+
+def _no_friction(first: Record, why: str, wanted: Friction) -> CompensatedFriction:
+    """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
+    n_m = len(first.inputs)
+    severity: Severity = "information" if wanted == "auto" else "warning"
+    note = Note("nonlinear/friction-not-compensated", f"Coulomb friction is not compensated: {why}", severity=severity)
+    return CompensatedFriction(
+        places=first.inputs,
+        place_units=first.units_of_inputs,
+        shapes=(),
+        coulomb_torque=np.zeros(0),
+        covariance=np.zeros((0, 0)),
+        configurations=(),
+        before=np.zeros((0, n_m)),
+        after=np.zeros((0, n_m)),
+        residual_power_ratio=np.ones(n_m),
+        accelerance=np.zeros(n_m),
+        notes=(note,) if why else (),
+    )
+
+
+def refusal(records: Sequence[Record]) -> str:
+    """Return why friction cannot be found in the records of a configuration; empty where it can."""
+    first = records[0]
+    if reason := unsuited(first):
+        return reason
+    equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
+    if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
+        return (
+            f"the torque of {', '.join(same)} equals the reference to the last bit, so that the controller's part "
+            "against friction is not in it and friction cannot be found; log the torque, or the current, that the "
+            "drive is given"
+        )
+    if any(RecordSpectra(record).is_large for record in records):
+        return "the records are worked on in pieces, since they are large; leave periods out, or lower their rate"
+    n_u, K = len(first.inputs), len(records)
+    if n_u > K:
+        return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
+    for place in first.inputs:
+        motion = motion_of(first, place)
+        if motion.velocity_noise > VELOCITY_NOISE * motion.speed:
+            return (
+                f"the velocity of {place} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
+                "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
+            )
+    return ""

@@ -1,0 +1,199 @@
+r"""Period model: the linear model of a configuration on all lines of its periods, and the arm's nonlinear torques.
+
+.. math:: Z(s)\, q = B u - \sum_i f_i P_i \Phi_i, \qquad Z = s^2 M + s D + K, \qquad H = Z^{-1}
+
+P_i: the motor's coordinate, the link's, or the deflection of the gear, as rows in the model's coordinates. A rigid arm
+takes, along the motion that was measured,
+
+.. math:: \tau(\delta) = Z^T [M(q)\, \ddot q + f(q, \dot q)], \quad \varphi(q) = 0, \quad \dot q = Z \dot\delta, \qquad
+          \tau_g = \tau(\delta) - \tau(0) - \left.\frac{d \tau(h \delta)}{d h}\right|_{h = 0}
+
+They are distortion that a straight spring passes on, of second and third order in the motion delta of the joints. Of a
+carrier's slow turn they look like errors of transmission, which are functions of the angle, too. Z (n_q, n): motors
+turn with their joints, and joints that neither a motor nor a spring holds follow the loops, whose forces do no work
+along Z. The same therefore in every formulation of a robot with loops.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.fft import irfft, rfft
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.fit.problem.frf_residuals import kernel_of, linear_model
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import factor, zoh_aliases
+from elastid.model.closed_posture import open_loops
+from elastid.model.drivetrain import input_matrix, spring_deflections
+from elastid.model.formulation import formulate
+from elastid.nonlinear.basis_functions import Place
+from elastid.nonlinear.spectra import PeriodLines
+from elastid.parameters import Parameters
+from elastid.record import MOTION_ORDER, Configuration
+from elastid.response import Response
+from elastid.robot import Robot
+from elastid.simulation.controller import feed_forward
+
+REACH = 2  # times the highest line of the motion, up to which the torques are kept
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLines:
+    """H (F, n, n), C (n_u, n) of the motor angles, G (F, n_u, n_u) of the logged angles including aliases of the held
+    torque.
+
+    command (F, n_u): the torque that acts over the one that was logged.  sensor (F, n_u): logged angle over the true
+    one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  joints (n_j,): those that are driven, with the
+    turns `ratios` (n_j,) of motors for one of theirs.  places: their rows (n_j, n) of motors, gears and links.
+    k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without a spring of its own 1, 0 and
+    0, which deflects by nothing.  chain (P, n_x): d theta / d x of the parameters
+    `kernel.wanted`.
+    """
+
+    model: LinearModel
+    kernel: Kernel
+    theta: FloatArray
+    H: ComplexArray
+    C: FloatArray
+    B: FloatArray
+    G: ComplexArray
+    images: ComplexArray
+    command: ComplexArray
+    sensor: ComplexArray
+    joints: tuple[str, ...]
+    ratios: FloatArray
+    places: dict[Place, FloatArray]
+    k: FloatArray
+    d: FloatArray
+    torque: FloatArray
+    chain: FloatArray
+
+    def directions(self, place: Place, joint: int) -> FloatArray:
+        """Return the row (n,) of a place at a joint."""
+        return np.asarray(self.places[place][joint])
+
+    def moved(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
+        """Return the motion (F, M) of a place by torques (F, n_u, M) that were logged, in the linear model."""
+        q = self.H @ (self.B @ (self.command[:, :, None] * U))
+        return np.tensordot(self.directions(place, joint), q, axes=(0, 1))
+
+    def motor_row(self, joint: int) -> FloatArray:
+        """Return the angle of a motor by the logged angles (n_u,)."""
+        return self.directions("motor", joint) @ np.linalg.pinv(self.C)
+
+
+def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
+    """Return names of the driven joints with a spring of their own in the gear."""
+    springs = spring_deflections(linearisation.model.robot)
+    return tuple(joint.name for joint in linearisation.model.robot.driven if f"k_{joint.name}" in springs)
+
+
+def drive_lines(
+    lines: PeriodLines,
+    linearisation: Linearisation,
+    response: Response,
+    parameters: Parameters,
+    x: FloatArray,
+) -> DriveLines:
+    """Return the model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
+    robot, name = linearisation.model.robot, lines.configuration.name
+    theta = parameters.expand(x, name)
+    motors = [response.outputs.index(place) for place in response.inputs]
+    model = linear_model(linearisation, response, theta)
+    kernel = kernel_of(model.with_outputs(motors), parameters, lines.freq_hz)
+    M, D, K = model.matrices(theta)
+    s = lines.s[:, None, None]
+    H = np.asarray(np.linalg.inv(s**2 * M + s * D + K), np.complex128)
+    C = model.with_outputs(motors).C
+    of_outputs, of_inputs = kernel.model.channel_factors(theta, lines.s.astype(np.complex128))
+    order = MOTION_ORDER[model.quantity]
+
+    elements = (element for element in kernel.model.chain if element.name != TORQUE_LAG)
+    lags = (element.response(lines.s, kernel.model.number(theta, element.name)) for element in elements)
+    lag = np.prod([np.ones(len(lines.s), complex), *lags], axis=0)  # of the sensors
+    sensor = lag[:, None] * of_outputs
+    command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
+    images = zoh_aliases(kernel.model, theta, lines.freq_hz) / s**order
+    G = kernel.response(theta) / s**order + images
+    springs, driven = spring_deflections(robot), robot.driven_names
+    ratios = np.array([robot.ratio(joint) for joint in driven])
+    of_model = model.Z if model.Z is not None else np.eye(model.n)
+    n_q = of_model.shape[0]
+    rows: dict[Place, FloatArray] = {
+        "motor": robot.mixing @ input_matrix(robot).T,
+        "gear": np.array([springs.get(f"k_{joint}", np.zeros(n_q)) for joint in driven]),
+        "link": np.eye(n_q)[list(robot.driven_indices)],
+    }
+    numbers = dict(zip(model.parameters, theta, strict=True))
+    k, d = (
+        np.array([numbers[f"{letter}_{joint}"] if f"k_{joint}" in springs else without for joint in driven])
+        for letter, without in (("k", 1.0), ("d", 0.0))
+    )
+    rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
+    places = {place: row @ of_model for place, row in rows.items()}
+    chain = parameters.jacobian(x, name)[kernel.places]
+    torque = k * (rows["gear"] @ rest.q)
+    of_joints = driven, ratios, places, k, d, torque
+    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *of_joints, chain)
+
+
+def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: ComplexArray) -> ComplexArray:
+    """Return tau_g (F + 1, n, M) of the driven joints, its mean and lines s (F,), by their motion (F, n, M).
+
+    Masses and lengths are those of the robot's file.  DataError where its loops do not close along the motion.
+    """
+    robot, (F, n, M) = robot.carrying(at.has_payload), motion.shape
+    model = formulate(robot)
+    q0 = equilibrium(model, model.theta, at).q
+    states = [_signals(motion * s[:, None, None] ** order).T for order in range(3)]
+    if gap := open_loops(robot, model.B.T @ q0 + states[0]):
+        raise StudyError(
+            "robot/loops",
+            f"the loops of robot {robot.name} stay open by {gap:.2g} m along the motion of the records, so that its "
+            "own distortion is not known; check the lengths of its loops, and the angles of configurations",
+        )
+
+    def tau(part: float) -> FloatArray:
+        return feed_forward(model, q0, *(part * x for x in states)).T
+
+    h = 1e-3
+    first = (tau(h) - tau(-h)) / (2 * h)
+    beyond = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
+    of_lines = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / beyond.shape[1]
+    return rfft(beyond, axis=1)[:, : F + 1].swapaxes(0, 1) * of_lines
+
+
+def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLines:
+    """Return lines with tau_g subtracted, and their angles with its motion subtracted.
+
+    The motion of the joints is that of the model `drive` under tau_g, and such torques at the motors as make the rest
+    of the measured angles.
+    """
+    top = int(np.flatnonzero(lines.excited)[-1]) + 1
+    reach = min(REACH * top, len(lines.s))
+    H, links, sensor = drive.H[:reach], drive.places["link"], drive.sensor[:reach, :, None]
+    of_angles = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
+    Y, arm = lines.Y.copy(), np.zeros((len(lines.s) + 1, len(links), lines.Y.shape[2]), complex)
+    for _ in range(3):  # motion and torques by each other
+        motion = of_angles @ (Y[:reach] / sensor) - links @ H @ links.T @ arm[1 : reach + 1]
+        motion[top:] = 0.0
+        arm[: reach + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])
+        Y[:reach] = lines.Y[:reach] + sensor * (drive.C @ H @ links.T @ arm[1 : reach + 1])
+    return replace(lines, Y=Y, arm=arm)
+
+
+def _signals(X: ComplexArray) -> FloatArray:
+    """Signals (n, N M) of amplitudes (F, n, M) of lines 1 to F.
+
+    N = 8 (F + 1): products of three of them are not folded onto these lines.
+    """
+    F, n, M = X.shape
+    N = 8 * (F + 1)
+    padded = np.zeros((N // 2 + 1, n, M), complex)
+    padded[1 : F + 1] = X
+    x = irfft(padded, N, axis=0) * (N / 2)
+    return np.asarray(x.swapaxes(0, 1).reshape(n, -1))

@@ -1,0 +1,188 @@
+"""Answers of commands that use a fit: a map of the workspace, a move, joint loops."""
+
+import numpy as np
+
+from elastid.base.display import Display, degrees, number, percent
+from elastid.report.command_summary import Answer
+from elastid.report.figures.use import SHOWN
+from elastid.use.closed_loops import LIMIT_DB
+from elastid.use.loops import Loops, LoopState
+from elastid.use.map import WorkspaceMap
+from elastid.use.moves import KINDS
+from elastid.use.tune import TunedMove
+
+# Of the softest postures in a table.
+LISTED = 10
+
+
+def answer_of_map(m: WorkspaceMap) -> Answer:
+    """Softness of the robot: where, by which springs, the gain of each that were stiffer, and the softest postures."""
+    C, order = m["softest_compliance"], m.softest
+    soft, stiff = int(order[0]), int(order[-1])
+    where = ", ".join(number(float(c), 3) for c in m.position[soft])
+    part, force = float(m.compliance_fraction[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
+    softest = [
+        (
+            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _shown(C.value[i], "m/N"),
+            f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
+            _shown(m["frequency_1"].value[i], "Hz"), _shown(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
+            percent(float(m.compliance_fraction[i].max(initial=0.0))),
+        )
+        for i in order[:LISTED].tolist()
+    ]  # fmt: skip
+    limiting, tenth = np.array(m.limiting_springs), order[: max(1, len(m) // 10)]
+    springs = [
+        (
+            float(m.compliance_fraction[tenth, i].mean()) / 2,
+            name,
+            float(np.mean(limiting == name)),
+            float(m.compliance_fraction[:, i].mean()),
+        )
+        for i, name in enumerate(m.springs)
+    ]
+    lost = f"; {len(m.refused)} postures without equilibrium excluded" if m.refused else ""
+    return Answer(
+        f"Map of {m.name}",
+        (
+            ("Where is it soft?", (
+                f"{len(m)} postures: {_shown(C.value[stiff], 'm/N')} to {_shown(C.value[soft], 'm/N')} in the "
+                f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
+            )),
+            ("What limits it, and what helps?", (
+                f"In the softest posture {m.limiting_springs[soft]} contributes {100 * part:.0f} % of the compliance; "
+                f"twice its stiffness reduces the compliance by {50 * part:.0f} %.",
+            )),
+            ("What next?", ("Cut along the stiff direction, in postures with a large chatter-free depth.",)),
+        ),
+        (
+            Display(
+                "The softest postures",
+                ("posture", "joints", "softest compliance", "std", "direction x, y, z", "first frequency",
+                 "depth of cut", "limited by", "to"),
+                softest,
+            ),
+            Display(
+                "Springs", ("spring", "limits", "part", "gain"),
+                [(name, percent(limits), percent(mean), percent(g)) for g, name, limits, mean in sorted(springs)[::-1]],
+            ),
+        ),
+        (
+            "Limits: fraction of postures in which the spring contributes most to the softest direction. Part: average "
+            "contribution to the static compliance there. Gain: reduction by twice its stiffness in the softest tenth. "
+            f"Load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
+        ),
+    )  # fmt: skip
+
+
+def _shown(value: float, unit: str) -> str:
+    shown, factor = SHOWN[unit]
+    return f"{number(factor * float(value), 3)} {shown}" if np.isfinite(value) else "no limit"
+
+
+def answer_of_move(tuned: TunedMove) -> Answer:
+    """The time of a move, its exactness against rigid feedforward, its use of the motors' limits."""
+    rigid, last, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
+    used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
+    kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
+    most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} uses {percent(used[kind, i], 3)} of its limit"
+    kept = f"Yes. Largest use: {most}." if used.any() else "No limit is given."
+    exact = (
+        f"{tuned.duration:.4g} s: largest path error of {tuned.frame} {number(1e3 * last.largest, 3)} mm on the "
+        f"{tuned.judge} (rigid feedforward: {number(1e3 * rigid.largest, 3)} mm); residual vibration "
+        f"{number(rigid.residual / max(last.residual, 1e-12), 3)} times smaller."
+    )
+    on_draws = (
+        f"{tuned.samples} posterior samples: largest error by elasticity {number(1e3 * float(last.high.max()), 3)} mm "
+        f"(95 %), torques up to {100 * (tuned.max_torque / tuned.limits[3]).max():.0f} % of their limits."
+        + (
+            f" Errors of lengths and zeros within their tolerances move the path by up to "
+            f"{number(1e3 * tuned.geometric_error_m, 3)} mm (95 %)."
+            if tuned.geometric_error_m > 1e-6
+            else ""
+        )
+        if last.high is not None and drawn
+        else ""
+    )
+    advice = f"{tuned.advice}." if tuned.advice else "Load tune.csv, or a file of the folder tune, into the drives."
+    errors = [(o.name, *(number(1e3 * v, 3) for v in (o.largest, o.rms, o.static, o.residual))) for o in tuned.outcomes]
+    limits = []
+    for joint, unit, motor in zip(tuned.joints, tuned.units, range(len(tuned.joints)), strict=True):
+        cells = [f"{joint} ({unit})"]
+        for name, limit in zip(KINDS, tuned.limits[:, motor], strict=True):
+            value = number(float(np.abs(getattr(tuned, name)[:, motor]).max()), 3)
+            cells.append(f"{value} of {number(float(limit), 3)}" if np.isfinite(limit) else value)
+        limits.append((*cells, *[number(float(tuned.max_torque[motor]), 4)] * drawn))
+    return Answer(
+        f"Move of {tuned.name}",
+        (
+            ("How exactly does the tool follow?", tuple(filter(None, (exact, on_draws)))),
+            ("Do the motors keep their limits?", (kept,)),
+            ("What next?", (advice[0].upper() + advice[1:],)),
+        ),
+        (
+            Display("Error of the tool in mm", ("command", "largest", "rms", "static", "vibration"), errors),
+            Display("Limits of the motors", ("motor", *KINDS, *["torque of samples"] * drawn), limits),
+        ),
+        (
+            f"Simulated with position loops of {tuned.bandwidth_hz:.3g} Hz. Grey: the move; {1e3 * tuned.margin_s:.0f} "
+            "ms before and after it the motors load and unload the springs. Link side, SI: largest value and limit of "
+            "the robot model.",
+        ),
+    )
+
+
+def answer_of_loops(loops: Loops) -> Answer:
+    """Describe both controllers, and the limits of the designed one."""
+    designed, today = loops.designed, loops.today
+    worst = int(np.argmax(designed.peak_db))
+    lines = [f"{designed.name}: {_state_words(designed)}."]
+    lines.append(f"Its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}.")
+    if loops.count:
+        kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
+        lines.append(f"{kept:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures.")
+    of_today = f"{today.name}: {_state_words(today)}." if today else "The study has no controller."
+    peaks = [
+        (loop.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
+        for loop in loops.states
+        for posture, peak, low, high, cause in zip(
+            loop.postures, *(part.tolist() for part in (loop.peak_db, loop.peak_low, loop.peak_high)), loop.limited_by,
+            strict=True,
+        )
+    ]  # fmt: skip
+    new, notched = loops.gains, np.array(loops.gains.axes, int)
+    columns = new.position_gain, new.velocity_gain, 1 / new.position_gain, new.low_pass_hz
+    gains = [
+        (
+            joint, *(number(float(column[i]), 4) for column in columns),
+            ", ".join(number(freq_hz, 3) for freq_hz in new.notches[notched == i, 0].tolist()),
+            number(float(designed.bandwidth_hz[:, i].min()), 3),
+        )
+        for i, joint in enumerate(loops.joints)
+    ]  # fmt: skip
+    return Answer(
+        f"Joint loops of {loops.name}",
+        (
+            ("How fast may the loops be?", tuple(lines)),
+            ("How good is the present controller?", (of_today,)),
+            ("What next?", ("Simulate the gains first: add the section of loops.yml to a study and run it.",)),
+        ),
+        (
+            Display(
+                "Sensitivity", ("controller", "posture", "peak in dB", "95 % of samples", "limited by"),
+                peaks,
+            ),
+            Display("Gains", ("axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"), gains),
+        ),
+        (
+            f"Samples: {loops.count} posterior samples. Sensitivity: largest singular value, with the torques of the "
+            "axes scaled by their inertias. Below: the section of a study, link side, SI.",
+        ),
+    )  # fmt: skip
+
+
+def _state_words(state: LoopState) -> str:
+    if lost := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
+        return f"unstable in posture {', '.join(lost)}"
+    least = state.bandwidth_hz.min(axis=0)
+    shown = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
+    return f"bandwidth in Hz {shown}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB"

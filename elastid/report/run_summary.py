@@ -1,0 +1,407 @@
+r"""The first screen of the page as values: verdict, width of each interval, model errors, next action.
+
+.. math:: \sigma_p'^2 = \sigma_p^2 / (1 + s_{qp} (m - 1))
+
+for m times the experiments in a configuration q that holds the share s_qp of the information about p.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elastid.base.display import capital, number, percent
+from elastid.base.statistics import QUANTILE_95
+from elastid.fit.result import Result
+from elastid.fit.status_terms import (
+    BIASED,
+    CONTRADICTED,
+    DISTORTED,
+    FIXED_VALUES,
+    NO_CAUSE,
+    OTHER_AMPLITUDE,
+    REQUIRED,
+    UNCERTAIN,
+)
+from elastid.linear.linear_model import DELAY
+from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
+from elastid.report.command_summary import Questions
+from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
+from elastid.validation.frf_error import Agreement, noise_p
+from elastid.validation.residual_tests import FALSE_ALARM
+
+if TYPE_CHECKING:
+    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+
+# Half-width of a 95 % interval over the estimate, of a number that is known well, fairly, poorly.
+WIDTH_CLASSES = (0.02, 0.1, 0.5)
+WIDTH_WORDS = ("±2 % or less", "±2 to 10 %", "±10 to 50 %", "wider")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An element in one configuration: residual over its standard deviation (NaN if unknown), or in dB."""
+
+    configuration: int
+    name: str
+    value: float
+
+    @property
+    def level(self) -> int:
+        """0 (noise, or unknown) to 3."""
+        return int(np.searchsorted((1.3, 2.0, 4.0), self.value)) if math.isfinite(self.value) else 0
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A row of cells per configuration, the quantity (measure) of the cells, and the worst cell.
+
+    kind: the first word that all inputs and outputs share, e.g. motor; outputs, inputs: what follows it, of the titles
+    over the cells; none where configurations have other ones.
+    """
+
+    rows: tuple[tuple[str, tuple[Cell, ...]], ...]
+    measure: str
+    worst: Cell | None
+    kind: str = ""
+    outputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+
+def half_width(row: ParameterRow) -> float:
+    """Half of the 95 % interval over the estimate; infinite where the data do not reach."""
+    low, high = row.interval
+    return (high - low) / 2 / abs(row.estimate) if row.estimate and math.isfinite(high - low) else math.inf
+
+
+def width_class(row: ParameterRow) -> int:
+    """Index of WIDTH_WORDS."""
+    return int(np.searchsorted(WIDTH_CLASSES, half_width(row)))
+
+
+def springs_and_dampers(rows: Sequence[ParameterRow]) -> list[ParameterRow]:
+    """Return rows of stiffness and damping; all rows without them."""
+    return [row for row in rows if row.name.startswith(("k", "d")) and row.name != DELAY] or list(rows)
+
+
+def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
+    """The number with the widest interval among springs and dampers; None without numbers."""
+    return max(springs_and_dampers(rows), key=half_width, default=None)
+
+
+def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
+    """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
+    return ". ".join(map(capital, filter(None, (_of_status(result, agreements), accuracy(result, rows)))))
+
+
+def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
+    """Half-widths of the intervals, if they mean anything, and the number of true values inside."""
+    known = [row for row in rows if row.truth is not None]
+    inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
+    count = f"All {inside}" if inside == len(known) else f"{inside} of {len(known)}"
+    truths = f"{count} true values are inside their intervals" if known else ""
+    return ". ".join(filter(None, ("" if is_wrong(result) else capital(_of_widths(rows)), truths)))
+
+
+def is_wrong(result: Result) -> bool:
+    """True where the model is wrong by more than the intervals include, so that their widths mean nothing."""
+    return result.status in ("misfit", "model_error")
+
+
+MOTION_LEFT = 0.01  # of the position signal, which effects of the gears may leave unexplained
+
+
+def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
+    """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
+    most = widest(rows)
+    if result.status != "converged":
+        if result.meaning == CONTRADICTED:
+            required, is_number, _ = result.cause[0].removeprefix(REQUIRED).strip().partition(" instead of ")
+            value = required if is_number else "the value that the data require"
+            return f"Only if {value} is correct. The robot model states a different value."
+        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
+    if most is None:
+        return "No parameter was identified."
+    poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
+    named = _with_verdicts(poor)
+    if result.exceeds_noise:
+        error = (
+            f"assumed model error of {percent(result.model_error)} of each FRF"
+            if result.is_within_declared
+            else "model error"
+        )
+        return f"With caution{named and f': {named}'}. The intervals include the {error}."
+    if result.cause[0]:
+        return f"With caution: {result.cause[0]}."
+    if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
+        return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
+    if poor:
+        return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {named}."
+    if half_width(most) > WIDTH_CLASSES[-1]:
+        return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
+    mixed = ", ".join(row.name for row in rows if row.has_coulomb)
+    but = f", except {mixed} (may include Coulomb friction, which is not compensated)" if mixed else ""
+    if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
+        return f"Yes{but}."
+    base = next((f" {capital(row.base)}." for row in rows if row.base), "")
+    is_exact = any(note.code == FIXED_VALUES for note in result.notes)
+    return f"Yes{but}{', if the fixed values of the robot model are exact' * is_exact}.{base}"
+
+
+def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        has_size = row.verdict == UNCERTAIN and row.estimate != 0
+        size = f" (std {percent(row.std / abs(row.estimate))})" if has_size else ""
+        names.setdefault(row.verdict, []).append(f"{row.name}{size}")
+    parts = []
+    for verdict, of_verdict in names.items():
+        word, _, reason = verdict.partition(": ")
+        verb = "is" if len(of_verdict) == 1 else "are"
+        reason = "limit 50 %; do not use" if verdict == UNCERTAIN else reason
+        parts.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
+    return ", and ".join(parts)
+
+
+def _noise_and_error(result: Result, agreements: Sequence[Agreement]) -> str:
+    """`noise`, and the assumed model error if the residuals of the fitted configurations exceed the noise alone."""
+    exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
+    if not (exceeds or result.is_within_declared):
+        return "noise"
+    return f"noise and the model error of {percent(result.model_error)} that the fit assumes (fit.weights.model_error)"
+
+
+def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
+    """The residual test and the first cause of a model error, in sentences."""
+    if not result.noise_is_known:
+        return "Unknown: without a measured noise no residual test is possible."
+    test = f" {capital(result.residual_test)}."
+    if result.cause[0]:
+        if result.cause[0].startswith(REQUIRED):
+            ratio = result.residual_test.partition(": residuals ")[2]
+            users = "The fit" + " and the validation" * any(agreement.is_validation for agreement in agreements)
+            return f"{capital(result.cause[0])}. {users} used the value that the data require: residuals {ratio}."
+        return f"{capital(result.cause[0])}.{test if result.exceeds_noise else ''}"
+    if "error" in (noise := _noise_and_error(result, agreements)):
+        return f"No error beyond {noise}.{test}"
+    if DISTORTED in result.verdicts:
+        return "Residuals consistent with noise, but motor friction does not explain the nonlinear distortion."
+    return f"No model error detected.{test}"
+
+
+def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
+    if result.status != "converged":
+        return result.message.rstrip(".")
+    if result.exceeds_noise and not result.is_within_declared:
+        return f"residuals {result.residual_ratio:.3g} times the noise, which the intervals include"
+    return f"residuals consistent with {_noise_and_error(result, agreements)}"
+
+
+def _of_widths(rows: Sequence[ParameterRow]) -> str:
+    judged = springs_and_dampers(rows)
+    kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
+    if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in judged):
+        return ""  # the verdicts say more
+    others = [row for row in rows if row not in judged and not row.has_coulomb]
+    all_others = max(map(half_width, others), default=math.inf)
+    last = f", and all {len(others)} other parameters of ±{percent(all_others)} or less"
+    first = _of_width(judged, kind)
+    return first and f"{first}{last if all_others <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
+
+
+def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
+    widths = [half_width(row) for row in rows]
+    widest = max(widths, default=math.inf)
+    for limit in (widest,) if widest <= WIDTH_CLASSES[-1] else WIDTH_CLASSES:
+        within = sum(width <= limit for width in widths)
+        if within >= max(len(rows) / 2, 1):
+            count = f"all {within}" if within == len(rows) else f"{within} of {len(rows)}"
+            is_few, names = within == len(rows) <= 2, " and ".join(row.name for row in rows)
+            named = f"the parameter{'s' * (len(rows) > 1)} {names}" if is_few else f"{count} {kind}"
+            return f"{named} {'has an interval' if len(rows) == 1 else 'have intervals'} of ±{percent(limit)} or less"
+    return ""
+
+
+def strip(agreements: Sequence[Agreement]) -> Strip:
+    """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
+    known = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
+    rows = []
+    for q, agreement in enumerate(agreements):
+        values = agreement.rms_sigma if known else agreement.rms_log_db
+        names = [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
+        cells = tuple(Cell(q, name, float(value)) for name, value in zip(names, values.flat, strict=True))
+        rows.append((agreement.configuration, cells))
+    every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
+    worst = max(every, key=lambda cell: cell.value, default=None)
+    return Strip(tuple(rows), "residual / noise" if known else "error, dB", worst, *_titles(agreements))
+
+
+def _titles(agreements: Sequence[Agreement]) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """`kind`, `outputs` and `inputs` of a `Strip`."""
+    sides = {(tuple(agreement.outputs), tuple(agreement.inputs)) for agreement in agreements}
+    if len(sides) != 1:
+        return "", (), ()
+    ((outputs, inputs),) = sides
+    kinds = {name.partition(" ")[0] for name in (*outputs, *inputs) if " " in name}
+    if len(kinds) != 1 or not all(" " in name for name in (*outputs, *inputs)):
+        return "", outputs, inputs
+    last = [tuple(name.partition(" ")[2] for name in names) for names in (outputs, inputs)]
+    return kinds.pop(), last[0], last[1]
+
+
+def summary_line(content: ReportContent) -> str:
+    """Configurations, experiments and the robot's time."""
+    n = len(content.frf)
+    parts = [f"{n} configuration{'s' if n != 1 else ''}"]
+    if content.plan is not None:
+        records = sum(content.plan.realisations) * len(content.plan.inputs)
+        parts += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
+    return " · ".join(parts)
+
+
+# Actions that are shown, and the half-width of an interval that needs no further measurement.
+MOST_ACTIONS, NARROW = 3, 0.005
+
+
+@dataclass(frozen=True)
+class Action:
+    """An imperative, the expected change with numbers (gain), and a command or keys to copy (text)."""
+
+    what: str
+    gain: str
+    text: str = ""
+
+
+USE = Action("Use the numbers.", "")
+OPEN_GEARS = Action(
+    "Check that channels, units, time and load are the same in all records.",
+    "If they are, estimate the nonlinear effects of the gears.",
+    "--set 'gears={}'",
+)
+
+
+def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ...]:
+    """The most useful first: the remedy of the first cause, the action of the status, a narrower interval.
+
+    More experiments do not narrow an interval that includes a model error.
+    """
+    poor = widest(rows)
+    candidates = [_of_cause(result), _action_of_status(result)]
+    if result.cause[0].startswith(NO_CAUSE) or candidates[1] is OPEN_GEARS:  # which a warning names, too
+        candidates.reverse()
+    if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
+        candidates.append(
+            None if result.exceeds_noise else _of_tolerance(result, poor) or _of_experiments(result, poor)
+        )
+    if result.is_within_declared:
+        candidates.append(Action(f"{OTHER_AMPLITUDE}.", ""))
+    actions = [action for action in candidates if action is not None]
+    return tuple(actions[:MOST_ACTIONS] or [USE])
+
+
+# Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.
+COMMANDS = tuple(
+    (words, f"elastid export STUDY --run FOLDER --to {target}")
+    for words, target in (("robot model with the estimates", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
+)
+
+
+def _action_of_status(result: Result) -> Action | None:
+    if DISTORTED in result.verdicts and not any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED)):
+        return OPEN_GEARS
+    if result.status == "converged" or (result.status == "misfit" and result.cause[2]):
+        return None
+    return Action(f"{result.meaning.partition('. ')[2]}.", "")  # the cause stands above it
+
+
+def _of_cause(result: Result) -> Action | None:
+    what, _, command = result.cause[2].partition(": `")
+    first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
+    # A number to which others are tied is not freed alone.
+    is_tied = any(tied & {*index.members} for index in first)
+    text = "" if is_tied and not command.startswith("elastid") else command.rstrip("`")
+    return Action(f"{what}.", "", text) if what else None
+
+
+# Numbers of a robot model that are measured together, by the beginnings of their names.
+TOLERANCES = {
+    "gain_u_": "Calibrate {} (torque constant)", "Jm_": "Measure {} (motor inertia)", "m_": "Measure {} (mass)",
+    "I_": "Measure {} (inertia)", "c_": "Measure {} (centre of mass)", "p": "Measure {} (length)",
+    "zero_": "Calibrate {} (zero angle)",
+}  # fmt: skip
+
+
+def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
+    """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
+    C, names = result.covariance, result.parameters.free_names
+    i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
+    for beginning in TOLERANCES:
+        of_kind = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
+        cross = C[i, of_kind]
+        fractions[beginning] = float(cross @ np.linalg.pinv(C[np.ix_(of_kind, of_kind)]) @ cross / C[i, i])
+    most = max(fractions, key=lambda beginning: fractions[beginning])
+    if 2 * fractions[most] < 1:
+        return None
+    what = f"{TOLERANCES[most].format(', '.join(name for name in names[n:] if name.startswith(most)))}."
+    share = percent(fractions[most])
+    reason = f"The tolerance causes {share} of the variance of {poor.name}. Without it, the interval shrinks"
+    return _narrower(what, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
+
+
+def _narrower(what: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
+    before, after = percent(half_width(poor)), percent(factor * half_width(poor))
+    return None if before == after else Action(what, f"{reason} from ±{before} to ±{after}.")
+
+
+def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
+    column = result.parameters.free_names.index(poor.name)
+    if not result.information_fraction.size or not np.isfinite(result.information_fraction[:, column]).any():
+        return None
+    q = int(np.nanargmax(result.information_fraction[:, column]))
+    # The robot's file errs in the next measurement as in this one.
+    of_data = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
+    share, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
+    reason = f"The interval of {poor.name} then shrinks"
+    return _narrower(f"Measure twice as long in “{name}”.", poor, reason, 1 / math.sqrt(1 + share))
+
+
+# Configurations whose modes the first screen names.
+MODES_SHOWN = 3
+
+
+def questions_of_responses(content: ResponsesContent) -> Questions:
+    """The three questions of the page of responses without a robot, each with its sentences."""
+    warnings = sum(note.first.severity == "warning" for note in content.notes)
+    stated = [
+        float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()
+    ]
+    good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
+    good += [f"Warnings below: {warnings}."] if warnings else []
+    known = [modes for modes in content.modes if modes.n_modes]
+    modes = []
+    for of_state in known[:MODES_SHOWN]:
+        low, high = (number(float(of_state.freq_hz[i]), 4) for i in (0, -1))
+        count = f"{of_state.n_modes} modes from {low} to" if of_state.n_modes > 1 else "one mode at"
+        modes.append(f"{of_state.configuration}: {count} {high} {of_state.frequency_unit}.")
+    modes += [f"{len(known) - MODES_SHOWN} further configurations: below."] if len(known) > MODES_SHOWN else []
+    return (
+        ("Are the responses good?", tuple(good)),
+        ("Which modes are there?", tuple(modes) or ("No significant mode.",)),
+        ("What next?", (_of_damping(known),)),
+    )
+
+
+def _of_damping(every: Sequence[Modes]) -> str:
+    if not every:
+        return "Measure longer, or hit more often: a factor of four halves the noise."
+    widths = [QUANTILE_95 * modes.zeta_std / modes.zeta for modes in every]
+    modes, width = max(zip(every, widths, strict=True), key=lambda pair: float(pair[1].max()))
+    least = int(width.argmax())
+    return (
+        f"The damping at {number(float(modes.freq_hz[least]), 4)} {modes.frequency_unit} has the widest interval, "
+        f"±{percent(float(width[least]))}; a record four times as long, or four times the hits, halves it."
+    )

@@ -1,0 +1,345 @@
+"""The sections `experiment.recorded` and `experiment.responses` against robot and disk: files and channels.
+
+The section `experiment.recorded` against its logs, opened: channels, rate, period, length, units, signs, order.
+"""
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import ElastidError, StudyError, did_you_mean
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ToolSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.logs.channel_doubts import channel_doubts
+from elastid.logs.channels import gather_channels
+from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, TIME_UNITS, is_clock, is_time, stamp_unit, stamps_of
+from elastid.logs.files.formats import is_log, opened_log
+from elastid.logs.files.log import Log as OpenLog
+from elastid.logs.files.text import WRITTEN_OTHERWISE
+from elastid.logs.repair import Log
+from elastid.logs.repair.periodicity import check_repeat, grid_samples
+from elastid.logs.units_and_sides import channel_refusals, without_placeholders
+from elastid.store.files import content_hash
+from elastid.study.checks.names import unknown
+from elastid.study.messages import Problem
+from elastid.study.sections import Study
+from elastid.study.source import KeyPath
+
+# Methods that need no period.
+WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1")
+_RECORDED: KeyPath = ("experiment", "recorded")
+
+
+def check_measured(study: Study, base: Path) -> Iterator[Problem]:
+    """Problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
+    experiment = study.experiment
+    if experiment.recorded is not None:
+        yield from _check_recorded(study, experiment.recorded, base)
+    if experiment.responses is not None:
+        yield from _check_responses(study, experiment.responses, base)
+    tools: tuple[tuple[KeyPath, ToolSpec | None], ...]
+    tools = (("validation", "tool"), study.validation.tool), (("tool",), study.tool)
+    for section, tool in tools if study.robot is not None else ():
+        if tool is not None:
+            yield from _check_tool(study, tool, base, section)
+
+
+def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
+    """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
+    path = _RECORDED
+    yield from check_files(study, recorded.files, path, base)
+    yield from check_channels(study, recorded.channels, path)
+    without = [file.path for file in recorded.files if recorded.period_of(file) is None]
+    if without and study.estimator.method not in WITHOUT_PERIOD:
+        yield Problem(
+            ("estimator", "method"),
+            f"{study.estimator.method} compares periods, and {without[0]} has no period. Give "
+            "experiment.recorded.period (a time, or find), or choose a method without periods: "
+            f"{', '.join(WITHOUT_PERIOD)}",
+        )
+    yield from check_controller(study, recorded)
+    if recorded.has_no_torque and study.robot is None:
+        message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
+        yield Problem((*path, "channels"), message)
+    if recorded.has_no_torque and study.gears is not None:
+        yield Problem(("gears",), "effects of gears need torques, and no channel has role u. Add them, or remove gears")
+    inputs = [channel for channel in recorded.channels if channel.role in ("u", "r", "reference")]
+    locations = [channel.at for channel in recorded.channels]
+    for i, file in enumerate(recorded.files):
+        for at in file.at:
+            if at not in locations:
+                yield unknown((*path, "files", i, "at"), "location of a channel", at, locations)
+        if file.at and (len(inputs) != 1 or study.robot is not None):
+            message = "a hammer or sensors move in studies without robot and with one input. Write a configuration each"
+            yield Problem((*path, "files", i, "at"), message)
+        if refused := recorded.repeat_refusal(i):
+            yield Problem((*path, "files", i), refused)
+
+
+def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
+    """Gains for each driven joint; `elastid loops` reads them."""
+    if recorded.controller is not None and study.robot is not None:
+        joints = study.as_robot().driven_names
+        for keys, refused in recorded.controller.refusals(
+            joints, recorded.controller.tick_hz or recorded.known_rate_hz
+        ):
+            yield Problem((*_RECORDED, "controller", *keys), refused)
+
+
+def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
+    """Files of responses exist, one for each configuration; channels are on the robot."""
+    path: KeyPath = ("experiment", "responses")
+    yield from check_files(study, responses.files, path, base)
+    yield from check_channels(study, responses.channels, path)
+    claimed: dict[str, str] = {}
+    for i, file in enumerate(responses.files):
+        if file.configuration in claimed:
+            yield Problem(
+                (*path, "files", i),
+                f"{claimed[file.configuration]} and {file.path} both belong to configuration {file.configuration}; "
+                "each has one response. Omit one, or give it its own configuration",
+            )
+        claimed[file.configuration] = file.path
+
+
+NO_LOG = "no such file"
+
+
+def is_missing(problem: Problem) -> bool:
+    """True if the problem is a log that does not exist."""
+    return problem.message.startswith(NO_LOG)
+
+
+def check_files(
+    study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
+) -> Iterator[Problem]:
+    """Files exist and are of configurations that exist, each of which has one; studies of friction need none."""
+    for i, file in enumerate(files):
+        yield from _check_file(study, file, (*path, "files", i), base)
+    tools = filter(None, (study.tool, study.validation.tool))
+    tapped = {file.configuration for tool in tools for file in tool.responses.files}
+    for name in study.experiment.configurations if study.friction is None else ():
+        if name not in {file.configuration for file in files} | tapped:
+            message = f"no file belongs to configuration {name}. List one in {'.'.join(map(str, path))}.files"
+            yield Problem(("experiment", "configurations", name), message, at_key=True)
+
+
+def _check_file(study: Study, file: FileSpec | ResponseFileSpec, path: KeyPath, base: Path) -> Iterator[Problem]:
+    known, name, place = study.experiment.configurations, file.configuration, base / file.path
+    if not is_log(place):
+        neighbours = sorted(os.listdir(place.parent)) if os.path.isdir(place.parent) else []
+        hint = did_you_mean(place.name, neighbours[:20]) if neighbours else "copy the log there, or correct the path"
+        yield Problem((*path, "path"), f"{NO_LOG} (looked for {place}); {hint}")
+    if not name and study.friction is None:
+        yield Problem((*path, "configuration"), "this key is required", at_key=True)
+    elif name and name not in known:
+        yield unknown((*path, "configuration"), "configuration", name, known)
+
+
+def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
+    path: KeyPath = (*section, "responses")
+    for i, file in enumerate(tool.responses.files):
+        yield from _check_file(study, file, (*path, "files", i), base)
+    robot = study.as_robot()
+    inputs = robot.load_locations
+    if tool.stiffness and len(tool.stiffness) != len(robot.driven):
+        message = (
+            f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}. Give one per "
+            "joint"
+        )
+        yield Problem((*section, "stiffness"), message)
+    for i, channel in enumerate(tool.responses.channels):
+        place: KeyPath = (*path, "channels", i)
+        if channel.role == "u" and channel.at not in inputs:
+            yield unknown((*place, "at"), "input", channel.at, inputs)
+        elif channel.role == "y":
+            try:
+                robot.check_location(channel.at)
+            except StudyError as error:
+                yield Problem((*place, "at"), str(error))
+            if tool.motors == "locked" and channel.at.startswith("motor "):
+                yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
+        elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
+            kind = channel.at.partition(" ")[0]
+            message = (
+                f"the channel contains a {channel.quantity}, and a {kind} acts at {channel.at}. Set quantity: {kind}"
+            )
+            yield Problem((*place, "quantity"), message)
+
+
+def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
+    """Channels are on the robot, in units of their quantity, and one signal each."""
+    for i, key, text in channel_refusals(channels, study.places):
+        yield Problem((*path, "channels", i, key), text)
+
+
+# Logs that are opened, over the list; bytes of logs of one experiment whose start times are compared.
+_MAX_LOGS, _MAX_BYTES = 12, 1 << 26
+
+
+def check_logs(study: Study, base: Path) -> Iterator[Problem]:
+    """Contradictions between a study without errors and its recorded logs, relative to `base`; each once."""
+    recorded = study.experiment.recorded
+    if recorded is None:
+        return
+    seen = set[tuple[object, ...]]()
+    for i, file in enumerate(recorded.files):
+        source = base / file.path
+        samples = content_hash(source) if source.is_file() else file.path, file.samples
+        if samples in seen:
+            yield Problem((*_RECORDED, "files", i, "path"), "samples identical to another log, without noise")
+        seen.add(samples)
+    chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
+    problems: dict[KeyPath, Problem] = {}
+    counts: Counter[KeyPath] = Counter()
+    for i in map(int, chosen):
+        for problem in _check_log(study, recorded, i, base):
+            problems.setdefault(problem.path, problem)
+            counts[problem.path] += 1
+    least = min(2, len(chosen))
+    yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= least)
+    several = next((i for i, file in enumerate(recorded.files) if file.also), None)
+    if several is not None and not problems and study.friction is None:
+        yield from _check_start(study, recorded, several, base)
+
+
+def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
+    """The logs of one experiment have a signal or a clock in common, as the stage measure needs it."""
+    file = recorded.files[i]
+    if sum((base / name).stat().st_size for name in (file.path, *file.also)) > _MAX_BYTES:
+        return
+    try:
+        gather_channels(recorded, file, base, study.places)
+    except ElastidError as error:
+        yield Problem((*_RECORDED, "files", i, "also"), str(error))
+
+
+def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
+    file, path = recorded.files[i], (*_RECORDED, "files", i)
+    for number, name in enumerate((file.path, *file.also), start=1):
+        place: KeyPath = (*path, "path") if number == 1 else (*path, "also", number - 2)
+        if not is_log(base / name):
+            yield Problem(place, f"no such file (looked for {base / name})")
+            continue
+        members = [k for k, channel in enumerate(recorded.channels) if channel.file == number]
+        try:
+            with opened_log(base / name, recorded.text) as log:
+                missing = list(_check_names(log, recorded, members))
+                yield from missing
+                if number == 1 and not missing:
+                    yield from _check_content(study, recorded, file, path, log, base / name)
+        except ElastidError as error:
+            is_format = WRITTEN_OTHERWISE in str(error)
+            yield Problem((*_RECORDED, "text") if is_format else place, str(error))
+
+
+def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
+    """Channels of one file that are not in it; DataError where none of them is."""
+    refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
+    if refusals and len(refusals) == len(members):
+        log.values([recorded.channels[k] for k in members], slice(0, 2))
+    for k, refused in refusals:
+        key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
+        yield Problem((*_RECORDED, "channels", k, key), refused)
+    if recorded.time and recorded.time not in log.shapes():
+        message = f"the log has no such channel; {did_you_mean(recorded.time, list(log.shapes()))}"
+        yield Problem((*_RECORDED, "time"), message)
+
+
+def _refusal(log: OpenLog, channels: Sequence[ChannelSpec]) -> str:
+    try:
+        log.values(channels, slice(0, 2))
+    except ElastidError as error:
+        return str(error)
+    return ""
+
+
+def _check_content(
+    study: Study, recorded: RecordedSpec, file: FileSpec, path: KeyPath, log: OpenLog, place: Path
+) -> Iterator[Problem]:
+    members = [k for k, c in enumerate(recorded.channels) if c.file == 1 and c.rate_hz is None]
+    channels = [recorded.channels[k] for k in members]
+    first, end = file.samples or (0, None)
+    period = recorded.period_of(file)
+    most = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
+    part = slice(first, first + most if end is None else min(end, first + most))
+    values = without_placeholders(log.values(channels, part))
+    if end is not None and len(values) < min(end - first, most):
+        yield Problem(
+            (*path, "samples"), (f"the log ends after sample {first + len(values)}, counted from 0. Correct samples")
+        )
+        return
+    rates = list(_check_rate(recorded, log))
+    yield from rates
+    if isinstance(period, float) and not rates and not recorded.time and len(values) > 1:
+        yield from _check_period(recorded, file, path, channels, values, period, place)
+    if recorded.rate_hz != "unknown":
+        doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
+        for doubt in (doubt for doubt in doubts if not rates or doubt.channel is not None):
+            at = ("rate_hz",) if doubt.channel is None else ("channels", members[doubt.channel], doubt.key)
+            yield Problem((*_RECORDED, *at), f"{doubt.text} ({place.name})", is_weak=doubt.is_weak)
+
+
+def _check_period(
+    recorded: RecordedSpec,
+    file: FileSpec,
+    path: KeyPath,
+    channels: Sequence[ChannelSpec],
+    values: FloatArray,
+    period: float,
+    place: Path,
+) -> Iterator[Problem]:
+    """Check whole periods as the stage measure does; it resamples other periods before the check."""
+    drivers = [k for role in ("r", "u") for k, channel in enumerate(channels) if channel.role == role]
+    drivers = [k for k in drivers if channels[k].role == channels[drivers[0]].role]
+    if period != round(period) or not drivers:
+        return
+    known_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+    try:
+        N = grid_samples(period, recorded.half_wave)
+        check_repeat(values[:, drivers], N, recorded.half_wave, Log(str(place), (), known_hz))
+    except ElastidError as error:
+        keys = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
+        key = "period" if recorded.period is not None else "period_samples"
+        yield Problem((*path, keys[0]) if keys else (*_RECORDED, key), str(error))
+
+
+def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
+    """Compare the rate with the time channel of the log, as named by the study, by a typical name, or by the format."""
+    if recorded.rate_hz == "unknown":
+        return
+    rate_hz, where = recorded.known_rate_hz, (*_RECORDED, "rate_hz")
+    names = [recorded.time] if recorded.time else [name for name in log.shapes() if is_time(name)]
+    for name in names:
+        stamps = stamps_of(log, name)[0]
+        steps = np.diff(stamps)
+        if is_clock(-stamps):
+            yield Problem((*_RECORDED, "time") if recorded.time else where, f"{name} {BACKWARDS}. Sort the rows by it")
+        if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
+            continue
+        mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
+        rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in TIME_UNITS.items()}
+        unit = stamp_unit(stamps, rate_hz)
+        if recorded.time and rates[unit][0] < 0.7 * rate_hz:
+            is_known = all(_differs(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair)
+            advice = "lower rate_hz to that" if is_known else "correct rate_hz, or give the time in s"
+            yield Problem(where, f"{name} has a mean rate of {rates[unit][0]:.5g} Hz in {unit}. {advice}")
+        elif not recorded.time and all(_differs(hz, rate_hz) for pair in rates.values() for hz in pair):
+            unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
+            yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
+        return
+    stated = [getattr(log.arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
+    if clashes := [
+        hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _differs(hz, c.rate_hz or rate_hz)
+    ]:
+        yield Problem(where, f"the log states a rate of {clashes[0]:.6g} Hz for its channels")
+
+
+def _differs(hz: float, rate_hz: float) -> bool:
+    # A rate that differs by more is another one; time stamps lose samples and drift.
+    return abs(hz / rate_hz - 1) > 0.02

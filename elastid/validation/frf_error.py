@@ -1,0 +1,311 @@
+"""Agreement of modelled FRFs with measured ones: errors, noise, and the verdict.
+
+    E(k) = Ghat(k) - G(k),   sigma^2(k) = measured variance of Ghat(k)
+
+A variance estimated from few realisations is smoothed over neighbouring lines, as for the fit. Magnitude and phase
+are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests use every line.
+
+Responses measured at the tool, by a hammer or an accelerometer, stand next to the prediction of `Result.at` with its
+band, which has the errors of parameters, of the robot's file and of a misfit.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
+from elastid.base.display import Display, as_html, as_text
+from elastid.base.statistics import LEVEL
+from elastid.fit.posture import PredictionPorts, as_configuration
+from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
+from elastid.fit.problem.weights import vec
+from elastid.fit.result import Result
+from elastid.response import Response
+from elastid.validation.residual_tests import (
+    FALSE_ALARM,
+    above_2sigma,
+    exceeds_by_chance,
+    power_over_noise,
+    sigma_of,
+    together,
+    white_by_chance,
+    whitening,
+    without_shifts,
+)
+
+# 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
+CIRCULAR_95 = float(np.sqrt(-np.log(0.05)))
+
+
+@frozen_value(eq=False)
+class PredictedResponse:
+    """A measured response and the prediction of the fitted robot, on the same lines.
+
+    pointwise (F, n_y, n_u): distances from the prediction within which the truth is with 95 % at each line.
+    std: E|dG|^2 ^ 1/2.  motors: held, free or controlled.
+    is_fitted: the response was fitted, together with those of the motors.
+    """
+
+    measured: Response
+    predicted: Response
+    std: FloatArray = labelled("standard deviation of the prediction")
+    pointwise: FloatArray = labelled("95 % of the truth, line by line")
+    motors: str
+    by: str
+    is_fitted: bool = False
+
+    @property
+    def configuration(self) -> str:
+        """The name of the configuration."""
+        return self.measured.configuration.name
+
+    @property
+    def inside(self) -> float:
+        """Share of the lines of all elements on which both agree within their 95 % bands together."""
+        radius = np.hypot(self.pointwise, CIRCULAR_95 * sigma_of(self.measured))
+        return float(np.mean(np.abs(self.measured.G - self.predicted.G) <= radius))
+
+    @property
+    def rms_log_db(self) -> float:
+        """Root mean square of 20 log10 of measured over predicted magnitude, of lines well above the noise."""
+        return agreement(self.measured, self.predicted).overall_rms_log_db
+
+    @property
+    def words(self) -> str:
+        """The comparison in a sentence."""
+        places = f"{', '.join(self.measured.outputs)} by {', '.join(self.measured.inputs)}"
+        return (
+            f"{self.configuration}, motors {self.motors}: {places}: {self.rms_log_db:.2g} dB rms between measurement "
+            f"and prediction; {100 * self.inside:.0f} % of the lines agree within both 95 % bands"
+        )
+
+
+def predict_response(result: Result, measured: Response, is_fitted: bool = False) -> PredictedResponse:
+    """The prediction of a response, its motors as they were.
+
+    StudyError for places that the robot lacks, and where it finds no rest.
+    """
+    motors, places = measured.motors, (measured.inputs, measured.outputs)
+    request = PredictionPorts(*places, motors, quantity=measured.quantity, controller=measured.loop)
+    family = result.family(request, measured.configuration.name)
+    where = as_configuration(measured.configuration, family.robot, ())
+    band = family.at(where).response_band(measured.freq_hz, LEVEL)
+    predicted = replace(band.response, configuration=measured.configuration)
+    return PredictedResponse(measured, predicted, band.std, band.pointwise, motors, band.by, is_fitted)
+
+
+@frozen_value
+class Agreement:
+    """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
+
+    lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
+    Ghat / G.  rms_sigma: of E over the noise, on all lines, 1 for a correct model.
+    power_ratio, power_dof: as `power_over_noise`.  white_p: as `white_by_chance`.  NaN without an uncertainty or lines.
+    """
+
+    configuration: str
+    is_validation: bool
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    lines: IntArray = labelled("lines judged for magnitude and phase", "", "outputs inputs")
+    rms_log_db: FloatArray = labelled("rms of 20 log10 |measured / modelled|", "dB", "outputs inputs")
+    phase_rms_deg: FloatArray = labelled("rms of the phase of measured / modelled", "deg", "outputs inputs")
+    rms_sigma: FloatArray = labelled("rms of the residual over its standard deviation", "", "outputs inputs")
+    power_ratio: float = math.nan
+    power_dof: float = 0.0
+    white_p: float = math.nan
+
+    @property
+    def overall_rms_log_db(self) -> float:
+        """Magnitude error over all judged lines of all elements, dB."""
+        return pooled_rms(self.rms_log_db, self.lines)
+
+    @property
+    def overall_phase_rms_deg(self) -> float:
+        """Phase error over all judged lines of all elements, degrees."""
+        return pooled_rms(self.phase_rms_deg, self.lines)
+
+    @property
+    def overall_rms_sigma(self) -> float:
+        """Residual over its standard deviation, rms over all elements with one."""
+        known = self.rms_sigma[np.isfinite(self.rms_sigma)]
+        return math.sqrt(np.mean(known**2)) if known.size else math.nan
+
+
+def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
+    """Root mean square over elements or configurations of so many lines each, NaN without lines."""
+    mask = lines > 0
+    return float(np.sqrt(np.average(rms[mask] ** 2, weights=lines[mask]))) if mask.any() else math.nan
+
+
+def are_white(agreements: Sequence[Agreement]) -> bool:
+    """True if the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
+    return not together([result.white_p for result in agreements]) < FALSE_ALARM
+
+
+def noise_p(agreements: Sequence[Agreement]) -> float:
+    """P(as much power in the residuals) by noise alone; NaN where no noise is known."""
+    return exceeds_by_chance(*power_ratio(agreements))
+
+
+def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
+    """Ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
+    known = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
+    dof = sum(weight for weight, _ in known)
+    return (sum(weight * ratio for weight, ratio in known) / dof, dof) if known else (math.nan, 0.0)
+
+
+@dataclass(frozen=True)
+class Fold:
+    """A configuration predicted by the fit to others: misfit (mean |E|^2 / sigma^2), dB rms, degrees rms.
+
+    NaN where the fit without it failed; message then says why.
+    """
+
+    configuration: str = ""
+    misfit: float = math.nan
+    rms_log_db: float = math.nan
+    phase_rms_deg: float = math.nan
+
+
+@frozen_value
+class Validation:
+    """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
+
+    predictions: of responses at the tool, by `Result.at`.
+    """
+
+    configurations: tuple[Agreement, ...] = labelled(entry="configuration")
+    verdict: str
+    predictions: tuple[PredictedResponse, ...] = ()
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """The verdict, and the agreement of each configuration."""
+        rows = [
+            (
+                a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
+                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}",
+            )
+            for a in self.configurations
+        ]  # fmt: skip
+        headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / noise")
+        return Display(f"Validation: {self.verdict}", headings, rows)
+
+
+def validate(
+    measured: Sequence[Response],
+    modelled: Sequence[Response],
+    left_out: Sequence[str],
+    shifts: Mapping[str, ComplexArray] | None = None,
+) -> Validation:
+    """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
+
+    All are left out of a fit to other data.  shifts: as `agreement`, of configurations that were not fitted.
+    """
+    agreements = tuple(
+        agreement(Ghat, G, (name := Ghat.configuration.name) in left_out, (shifts or {}).get(name))
+        for Ghat, G in zip(measured, modelled, strict=True)
+    )
+    return Validation(agreements, _verdict(agreements))
+
+
+def agreement(
+    measured: Response,
+    modelled: Response,
+    is_validation: bool = False,
+    shifts: ComplexArray | None = None,
+) -> Agreement:
+    """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
+
+    shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
+    in independent directions; tests allow for them, as for the systematic errors of the measured one.
+    """
+    for name in ("inputs", "outputs", "quantity", "freq_hz"):
+        if not np.array_equal(getattr(measured, name), getattr(modelled, name)):
+            raise ValueError(f"{measured.configuration.name}: {name} of measurement and model differ")
+    Ghat, G = measured.G, modelled.G
+    noise = smooth_noise(measured)
+    sigma = sigma_of(measured, noise)
+    judged = above_2sigma(measured, sigma)
+    known = sigma > 0
+    e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
+    # |G| counts as sigma at least, so that an element that the model decouples is finite.
+    tiny = np.finfo(float).tiny
+    reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
+    ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
+    return Agreement(
+        measured.configuration.name,
+        is_validation,
+        measured.outputs,
+        measured.inputs,
+        judged.sum(axis=0),
+        np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
+        np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
+        np.sqrt(_mean(np.abs(e) ** 2, known) / _expected_power(noise, sigma)),
+        ratio,
+        ratio_dof,
+        white_p,
+    )
+
+
+def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArray | float:
+    """Mean (n_y, n_u) of |E / sigma|^2 of a correct model, as by `power_over_noise`: smoothing overestimates sigma."""
+    if noise is None:
+        return 1.0
+    ratio = np.divide(noise.measured.variance, sigma**2, out=np.zeros(sigma.shape), where=sigma > 0)
+    own = np.maximum(1 - noise.own_variance / noise.measured.dof, 0.1)
+    return _mean(ratio / own[:, None, None], sigma > 0)
+
+
+def _tests(
+    measured: Response, noise: SmoothedNoise | None, E: ComplexArray, shifts: ComplexArray | None
+) -> tuple[float, float, float]:
+    """Power of the errors E (F, n_y, n_u) over the noise with its degrees of freedom, and p of their whiteness."""
+    if noise is None or not np.any(noise.variance > 0):
+        return math.nan, 0.0, math.nan
+    whiten = whitening(noise)
+    z, of_shifts = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
+    if known := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
+        z, of_shifts = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(known))[..., None])[..., 0]))
+    return *power_over_noise(z, whiten, noise, of_shifts), white_by_chance(z)
+
+
+def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
+    """Mean (n_y, n_u) along frequency over some lines, NaN without any."""
+    count = where.sum(axis=0)
+    return np.asarray(np.where(where, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
+
+
+def _verdict(agreements: Sequence[Agreement]) -> str:
+    fitted, left_out = ([a for a in agreements if a.is_validation is is_out] for is_out in (False, True))
+    judged = left_out or fitted
+    (db, deg), (ratio, dof), p, white = _over(judged), power_ratio(judged), noise_p(judged), are_white(judged)
+    if math.isnan(db):
+        return "Validation not possible: no line of the measured FRFs is above 2 sigma."
+    is_less = exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM
+    color = f"{'white' if white else 'coloured'}{' (noise overestimated, intervals too wide)' if is_less else ''}"
+    error = f"{db:.2g} dB and {deg:.2g} deg rms"
+    if not left_out:  # the residual test of the fit judges these residuals
+        return f"Error of the fitted FRFs: {error}. No configuration is reserved for validation."
+    names, is_larger = ", ".join(a.configuration for a in left_out), False
+    if fitted:
+        fitted_db, fitted_deg = _over(fitted)
+        # A configuration with more noise than the fitted ones has an error that is not the model's.
+        is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
+        error += f" (fitted: {fitted_db:.2g} dB and {fitted_deg:.2g} deg)" if is_larger else ""
+    verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"
+    test = "the noise is unknown"
+    if not math.isnan(p):
+        test = f"residuals {color}, {math.sqrt(ratio):.3g} times the noise (rms)"
+    where = f"configuration {names}, which was not fitted"
+    return f"Validation {verdict}. The model predicts {where}: {test}. Error of the FRFs: {error} including noise."
+
+
+def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
+    db, deg, lines = np.array([(a.overall_rms_log_db, a.overall_phase_rms_deg, a.lines.sum()) for a in agreements]).T
+    return pooled_rms(db, lines), pooled_rms(deg, lines)

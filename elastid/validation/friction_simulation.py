@@ -1,0 +1,291 @@
+r"""The torque of motions part by part, and the twin along their logs, with the identified friction.
+
+Of a motion the parts are those of its regression. A joint that moved alone has inertia and gravity of its own; of
+joints that moved together the rigid body is what their regression took out of the log, gravity and offset with it.
+
+Along the log of a motion
+
+.. math:: M(q) \ddot q + f(q, \dot q) + \tau_f(\dot q, z) = B\, [u - (\tau_r - \hat \tau_r)]
+
+tau_r is the rigid body's torque that the identification found in the log (for a joint alone its inertia, gravity and
+offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
+lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
+Logs are judged by the numbers of others, too (`predict_logs`).
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.base.execution import Execution
+from elastid.experiment.simulated.plant import Plant
+from elastid.experiment.specs.logs import CascadeSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.friction_study.inverse_dynamics_regression import (
+    TORQUE_COMPONENTS,
+    MotionFriction,
+    rigid_body_torques,
+    torque_components,
+)
+from elastid.friction_study.joint_levels import motion_log, motion_logs, simulated_commands
+from elastid.friction_study.motion_signals import MotionSignals
+from elastid.friction_study.regressor import columns_of, full_rate_columns
+from elastid.friction_study.result import JointFriction
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import formulate
+from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
+from elastid.robot import Robot
+from elastid.robot.simplified import without_friction
+from elastid.simulation.closed_loop import Commands, Trajectory
+from elastid.simulation.controller import feed_forward, gains_of
+from elastid.validation.simulation import (
+    LINK,
+    LONGEST_S,
+    MOTION,
+    TORQUE,
+    Drive,
+    SignalKind,
+    TwinFindings,
+    TwinRun,
+    TwinSignal,
+    follow,
+    holding_gains,
+    run_along,
+)
+from elastid.validation.torque_balance import DRY, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
+
+# Parts of a regression as the twin names them.
+PART_OF = dict(zip(TORQUE_COMPONENTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
+
+
+def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
+    """Balances of joints with a regression of their motions, over the first log, in the regression's passband."""
+    return tuple(
+        _balance(joint.motion, _record_of(joint.motion, measured.of(joint.joint, "motion")))
+        for joint in joints
+        if joint.motion is not None and not joint.motion.motion.is_run_down
+    )
+
+
+def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> FrictionRecord:
+    lightest = sorted(records, key=lambda record: record.payload)
+    return next(record for record in lightest if np.array_equal(record.position, motion.motion.position))
+
+
+def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
+    signals = MotionSignals.of(fit.motion, fit.passband_hz)
+    parts: dict[str, FloatArray] = {}
+    if "inertia" not in fit.regression.names:
+        parts[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
+    numbers = torque_components(fit.regression, columns_of(signals, fit.terms))
+    parts |= {PART_OF[name]: numbers[name] for name in TORQUE_COMPONENTS if name in numbers}
+    rate_hz = record.rate_hz / int(signals.decimation.step)
+    torque, band_hz = signals.filtered(record.torque), (0.0, fit.passband_hz)
+    return torque_balance(
+        f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, parts, band_hz
+    )
+
+
+# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
+HELD_HZ = 0.5
+
+
+@frozen_value
+class _Log:
+    """A log of n samples along which the joints `moving`, of n_u, move: their regressions, records and signals.
+
+    rest (n_u,): angles of the posture, at which the others are held.
+    """
+
+    n: int
+    rest: FloatArray
+    moving: tuple[int, ...]
+    regressions: tuple[MotionFriction, ...]
+    records: tuple[FrictionRecord, ...]
+    signals: tuple[MotionSignals, ...]
+
+    @classmethod
+    def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> "_Log":
+        """The log of joints that moved together, up to LONGEST_S."""
+        names, (regressions, records) = robot.driven_names, zip(*members, strict=True)
+        n, rest = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
+        signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
+        moving = tuple(names.index(record.joint) for record in records)
+        return cls(min(len(records[0].position), n), rest, moving, regressions, records, signals)
+
+    def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
+        """Signals (n, n_u) of all joints from the moving joints. rest: values of the other joints."""
+        values = np.full((self.n, len(self.rest)), rest)
+        for i, column in zip(self.moving, columns, strict=True):
+            values[:, i] = column[: self.n]
+        return values
+
+    @property
+    def position(self) -> FloatArray:
+        """Angles (n, n_u) of the motors."""
+        return self.whole((signals.position for signals in self.signals), self.rest)
+
+
+def friction_twin(
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    measured: FrictionRecords,
+    controller: CascadeSpec | None,
+    execution: Execution,
+) -> TwinFindings:
+    """Torque of motions part by part, and the twin along the first log of each group of joints that moved together.
+
+    Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
+    no reference drives the twin then.
+    """
+    groups: dict[str, list[tuple[MotionFriction, FrictionRecord]]] = {}
+    for joint in joints:
+        if joint.motion is not None and not joint.motion.motion.is_run_down and joint.friction is not None:
+            record = _record_of(joint.motion, measured.of(joint.joint, "motion"))
+            groups.setdefault(record.name, []).append((joint.motion, record))
+    driven: list[tuple[_Log, CascadeSpec | None]] = []
+    for members in groups.values():
+        log = _Log.of(robot, members)
+        driven.append((log, None))
+        if controller is not None and all(record.reference is not None for record in log.records):
+            driven.append((log, controller))
+    runs = execution.ordered(partial(_run, robot), driven)
+    by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands")[:1])
+    return TwinFindings(friction_balances(joints, measured), (*runs, *by_commands))
+
+
+def _commanded_runs(
+    robot: Robot, joints: Sequence[JointFriction], logs: Iterable[Mapping[str, FrictionRecord]]
+) -> Iterator[TwinRun]:
+    """Runs along logs without torques, simulated from their commands alone."""
+    known = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
+    for records in logs:
+        log = {name: record for name, record in records.items() if name in known}
+        if not log:
+            continue
+        first, moved = next(iter(log.values())), simulated_commands(robot, log, known)
+        signals = tuple(
+            TwinSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
+            for (name, record), simulated in zip(log.items(), moved.T, strict=True)
+        )
+        yield TwinRun(first.name, "reference", 0.0, first.duration_s, first.rate_hz, signals)
+
+
+def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionRecord) -> FloatArray:
+    """The torque (n,) at full rate of all that is no friction in its log: rigid body, gravity and offset.
+
+    A joint that moved with others has no numbers of its own of the rigid body.
+    """
+    if fit.rigid_body is not None:
+        return record.torque - fit.motion.torque
+    parts = torque_components(fit.regression, full_rate_columns(signals, fit.terms))
+    return parts["inertia"] + parts.get("gravity", 0.0)
+
+
+def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
+    log, controller = driven
+    drive: Drive = "torque" if controller is None else "reference"
+    held_hz = HELD_HZ if controller is None else 0.0
+    name, rate_hz = log.records[0].name, log.records[0].rate_hz
+    empty = TwinRun(name, drive, held_hz, log.n / rate_hz, rate_hz)
+    start = Configuration(name, log.position[0])
+    spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
+    run = run_along(empty, robot, start, spec, partial(_along_motion, log, controller))
+    return replace(run, rate_hz=rate_hz / int(log.signals[0].decimation.step)) if run.signals else run
+
+
+def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[TwinSignal]:
+    """Signals of a plant under reference, torque and gains; joints that rest have the same in all."""
+    q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
+    smooth, path = formulate(without_friction(plant.model.robot)), log.position
+    rate, curvature = (log.whole(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration"))
+    torque = log.whole(record.torque for record in log.records)
+    demand = feed_forward(smooth, q, path - path[0], rate, curvature)
+    rigid = log.whole(map(_rigid_torque, log.regressions, log.signals, log.records))
+    if controller is None:
+        # The plant holds a torque from sample to sample: the mean of both ends acts on it.
+        acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
+        held = holding_gains(plant, HELD_HZ)
+        # As the loop differentiates what it reads, so that its torque is of the error alone.
+        position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
+    else:
+        held, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
+        position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
+        known = log.whole(still if record.disturbance is None else record.disturbance for record in log.records)
+        velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
+        # The torque that the controller's integral holds at the start; 0 without an integral.
+        error = held.kp * (position[0] - path[0]) + held.kd * (velocity[0] - rate[0])
+        acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)
+    lacking = np.where(moving, demand - rigid, 0.0)
+    commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, np.zeros_like(demand))
+    return _in_passband(log, plant.model, follow(plant, commands, moving, held, path[0], rate[0]))
+
+
+def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[TwinSignal]:
+    """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
+    for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
+        # Of a log that is not simulated to its end, without the rest.
+        kept = replace(
+            signals,
+            decimation=slice(signals.decimation.start, min(signals.decimation.stop, log.n), signals.decimation.step),
+        )
+        motor, link = f"motor {record.joint}", f"joint {record.joint}"
+        turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
+        rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
+            (MOTION, motor, turning, record.position, moved.reading[:, i]),
+            (TORQUE, motor, driving, record.torque, moved.u[:, i]),
+            (LINK, link, turning, record.link_position, moved.q[:, model.index(link)]),
+        )
+        for kind, place, unit, y, y_twin in rows:
+            if y is not None:
+                yield TwinSignal(kind, place, unit, kept.filtered(y[: log.n]), kept.filtered(y_twin[: log.n]))
+
+
+def predict_logs(
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    measured: FrictionRecords,
+    controller: CascadeSpec | None,
+    execution: Execution,
+) -> TwinFindings:
+    """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
+    known, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
+    reasons = dict[str, list[str]]()
+    for log in motion_logs(measured):
+        for name, record in log.items():
+            try:
+                judged.append(_along(robot, known.get(name), record, log))
+            except DataError as error:
+                reasons.setdefault(name, []).append(f"{record.name}: {error}")
+    missing = {name: "; ".join(texts) for name, texts in reasons.items()}
+    findings = friction_twin(robot, judged, measured, controller, execution)
+    by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands"))
+    return replace(findings, runs=(*findings.runs, *by_commands), missing=missing)
+
+
+def _along(
+    robot: Robot, source: JointFriction | None, record: FrictionRecord, log: Mapping[str, FrictionRecord]
+) -> JointFriction:
+    """The joint with its motion of a log, less the torque of a rigid body where it shares one; else DataError."""
+    if source is None or source.motion is None:
+        raise DataError("predict/mismatch", "the result has no regression of a motion of it")
+    if source.slides != record.slides:
+        raise DataError("predict/mismatch", "it slides in one of the two robots and turns in the other")
+    fit = source.motion
+    signals = motion_log(robot, log, fit.passband_hz)
+    motion = signals.of_joints[record.joint].motion
+    if fit.rigid_body is not None:
+        rigid = rigid_body_torques(robot, fit.rigid_body, signals)
+        motion = replace(motion, torque=motion.torque - rigid[record.joint])
+    elif len(log) > 1:
+        raise DataError(
+            "predict/mismatch",
+            "it moves with others, and alone in the logs of the result, which know no rigid body of all",
+        )
+    else:
+        motion = replace(motion, turns_against_gravity="gravity.cos" in fit.regression.names)
+    return replace(source, motion=replace(fit, motion=motion))

@@ -1,0 +1,390 @@
+"""The formats of log files, and channels of a log by name."""
+
+import gzip
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from plants.lab_logs import CHANNELS, RATE, RATIO, N, P, measured, save_csv, study_of, with_names, write_csv
+from plants.notes import said
+from plants.refusals import refused
+from plants.ros_bag import LogArrays, write_bag
+from scipy.io import savemat
+
+from elastid.base import entry_points
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.files import binary_formats, reader_process, ros_bag
+from elastid.logs.files.formats import Format, contents, opened_log, read_channels
+from elastid.logs.files.log import ArrayLog, StoredArray
+
+
+def write_matlab(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    struct = {"cur": np.stack([log["i1"], log["i2"]]), "phi": log["phi"], "note": "run 7"}
+    runs = np.array([(log["w2"],), (2 * log["w2"],)], dtype=[("w", object)])
+    cells = np.array([np.ones(50), "text"], dtype=object)
+    savemat(base / "log.mat", {"rec": struct, "run": runs, "fs": 100.0, "cells": cells})
+    channels = with_names({"i1": "rec.cur", "i2": "rec.cur", "phi": "rec.phi", "w2": "run(1).w"})
+    return study_of("log.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
+
+
+def write_matlab_73(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    with h5py.File(base / "new.mat", "w", userblock_size=512) as file:
+        file["rec/cur"] = np.stack([log["i1"], log["i2"]])  # a 800 x 2 matrix, as MATLAB writes it
+        file["rec/phi"] = log["phi"][None]
+        file["w2"] = log["w2"][None]
+        file["#refs#/junk"] = np.zeros(3)
+    with (base / "new.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
+    channels = with_names({"i1": "rec.cur", "i2": "rec.cur", "phi": "rec.phi", "w2": "w2"})
+    return study_of("new.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
+
+
+def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+    """Names and shapes as a channel would be written in a study; no texts, scalars or references."""
+    text = TextFormatSpec()
+    write_matlab(tmp_path, log)
+    assert contents(tmp_path / "log.mat", text) == {
+        "rec.cur": (2, 800),
+        "rec.phi": (1, 800),
+        "run(1).w": (1, 800),
+        "run(2).w": (1, 800),
+        "cells{1}": (1, 50),
+    }
+    write_matlab_73(tmp_path, log)
+    assert contents(tmp_path / "new.mat", text) == {"rec.cur": (800, 2), "rec.phi": (800, 1), "w2": (800, 1)}
+    write_csv(tmp_path, log)
+    assert contents(tmp_path / "log.csv", text) == dict.fromkeys(("t", "i1", "i2", "phi", "w2"), (800,))
+
+
+def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
+    """A damaged MATLAB file, bytes of no format, a text without numbers, formats that no text can have."""
+    (tmp_path / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file, but not really".ljust(200, b"x"))
+    (tmp_path / "bytes.h5").write_bytes(bytes(range(256)) * 8)
+    (tmp_path / "cut.csv.gz").write_bytes(gzip.compress(b"a,b\n1,2\n" * 9)[:30])
+    (tmp_path / "words.csv").write_text("no,numbers\nin,here\n")
+    (tmp_path / "empty.csv").write_text("\n")
+    for name, text, code, place in (
+        ("bad.mat", TextFormatSpec(), "files/damaged", ""),
+        ("bytes.h5", TextFormatSpec(), "files/damaged", "bytes.h5"),
+        ("cut.csv.gz", TextFormatSpec(), "files/damaged", "cut.csv.gz"),
+        ("words.csv", TextFormatSpec(), "records/text", "words.csv"),
+        ("empty.csv", TextFormatSpec(), "records/text", "empty.csv"),
+        ("words.csv", TextFormatSpec(",", ","), "study/recorded", "text"),
+        ("words.csv", TextFormatSpec(",,"), "study/recorded", "text"),
+    ):
+        with refused(code, place=place):
+            measured(tmp_path, study_of(name, text=text))
+
+
+TEXT = TextFormatSpec()
+
+
+def write_hdf5(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    table = np.zeros(len(log["i1"]), dtype=[("i1", "f8"), ("i2", "f8")])
+    table["i1"], table["i2"] = log["i1"], log["i2"]
+    with h5py.File(base / "log.h5", "w") as file:
+        file["drive/currents"], file["drive/phi"], file["w2"] = table, log["phi"], log["w2"]
+    return study_of(
+        "log.h5",
+        with_names({"i1": "drive/currents.i1", "i2": "drive/currents.i2", "phi": "/drive/phi", "w2": "w2"}),
+    )
+
+
+def _write_csv_with_a_delimiter_at_every_end(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    save_csv(base / "log.csv", log)
+    lines = (base / "log.csv").read_text().splitlines()
+    (base / "log.csv").write_text("\r\n".join([lines[0], "", *(f"{line}," for line in lines[1:])]))
+    return study_of("log.csv")
+
+
+def _write_german_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    save_csv(base / "log.txt", log, ";", comma=True, head="Messung 7\n3 Achsen\n")
+    return study_of("log.txt", text=TextFormatSpec(";", ",", header_lines=3))
+
+
+def _write_commented_table(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    np.savetxt(base / "log.dat", np.stack(list(log.values()), axis=1), fmt="%.17g", header="a b c d")
+    columns = {"i1": 1, "i2": 2, "phi": 3, "w2": 4}
+    channels = tuple(replace(c, channel="", column=columns[c.channel]) for c in CHANNELS)
+    return study_of("log.dat", channels, text=TextFormatSpec("whitespace"))
+
+
+def _write_tab_table_with_units(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    stamped = ["\t".join(["12:30:01", *(f"{v:.17g}" for v in row), "ok"]) for row in zip(*log.values(), strict=True)]
+    (base / "log.tsv").write_text("\n".join(["time\ti1\ti2\tphi\tw2\tstate", "\tmA\tmA\tdeg\trad/s\t", *stamped]))
+    return study_of("log.tsv", text=TextFormatSpec("tab"))
+
+
+def write_tdms(base: Path, log: LogArrays) -> ExperimentSpec:
+    from nptdms import ChannelObject, TdmsWriter
+
+    properties = {"wf_increment": 1 / RATE, "unit_string": "mA"}
+    with TdmsWriter(base / "log.tdms") as writer:
+        # Two segments, as a logger writes them.
+        for half in (slice(0, 400), slice(400, None)):
+            writer.write_segment(
+                [ChannelObject("drive", name, values[half], properties) for name, values in log.items()]
+            )
+    return study_of("log.tdms", with_names({name: f"drive/{name}" for name in log}))
+
+
+def write_parquet(base: Path, log: LogArrays) -> ExperimentSpec:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    drive = pa.StructArray.from_arrays([pa.array(log["i1"]), pa.array(log["i2"])], ["i1", "i2"])
+    instants = np.datetime64("2026-05-01T10:00:00", "ns") + np.arange(len(log["i1"])) * np.timedelta64(10_000_000, "ns")
+    table = pa.table({"drive": drive, "phi": log["phi"], "w2": log["w2"], "at": instants})
+    pq.write_table(table, base / "log.parquet", row_group_size=300)
+    return study_of("log.parquet", with_names({"i1": "drive.i1", "i2": "drive.i2", "phi": "phi", "w2": "w2"}))
+
+
+BAG_NAMES = {
+    "i1": "joint_states.effort.shoulder",
+    "i2": "joint_states.effort.elbow",
+    "phi": "joint_states.position.shoulder",
+    "w2": "joint_states.position.elbow",
+}
+
+
+def write_bag_folder(base: Path, log: LogArrays) -> ExperimentSpec:
+    write_bag(base / "bag", log)
+    return study_of("bag", with_names(BAG_NAMES), time="joint_states.time")
+
+
+def write_mcap_file(base: Path, log: LogArrays) -> ExperimentSpec:
+    (file,) = write_bag(base / "bag", log, "MCAP").glob("*.mcap")
+    return study_of(str(file.relative_to(base)), with_names(BAG_NAMES), time="joint_states.time")
+
+
+def write_npz(base: Path, log: LogArrays) -> ExperimentSpec:
+    currents = np.array([*zip(log["i1"], log["i2"], strict=True)], dtype=[("i1", "f8"), ("i2", "f8")])
+    np.savez(base / "log.npz", rec=currents, phi=log["phi"], w2=log["w2"], who=np.array(["a", None], dtype=object))
+    return study_of("log.npz", with_names({"i1": "rec.i1", "i2": "rec.i2", "phi": "phi", "w2": "w2"}))
+
+
+def _write_gzip(base: Path, log: LogArrays) -> ExperimentSpec:
+    save_csv(base / "log.csv", log)
+    (base / "log.csv.gz").write_bytes(gzip.compress((base / "log.csv").read_bytes()))
+    return study_of("log.csv.gz")
+
+
+WRITERS = [
+    write_npz,
+    _write_gzip,
+    write_matlab,
+    write_matlab_73,
+    write_hdf5,
+    write_csv,
+    _write_csv_with_a_delimiter_at_every_end,
+    _write_german_csv,
+    _write_commented_table,
+    _write_tab_table_with_units,
+    write_tdms,
+    write_parquet,
+]
+BAGS = [write_bag_folder, write_mcap_file]
+
+
+@pytest.mark.parametrize("write", [*WRITERS, *BAGS])
+def test_every_format_gives_the_same_record_in_si_on_the_link_side(
+    write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """Current * constant * ratio, motor angle / ratio (which is negative), signs, scales, units, order of channels."""
+    record = measured(tmp_path, write(tmp_path, log))
+    assert record.inputs == ("motor 2", "motor 1")
+    assert record.outputs == ("motor 1", "joint 2")
+    assert record.quantities == ("position", "velocity")
+    expected_u = np.stack([-log["i2"] * 1e-3 * 0.5, log["i1"] * 1e-3 * 0.5 * RATIO], axis=1)
+    expected_y = np.stack([np.radians(log["phi"]) / RATIO, 0.1 * log["w2"]], axis=1)
+    # Time stamps of bags in ns put samples at 1e-7 of their distance.
+    tolerance = {"rtol": 1e-6, "atol": 1e-6} if write in BAGS else {"rtol": 1e-12, "atol": 1e-15}
+    np.testing.assert_allclose(record.u, expected_u, **tolerance)
+    np.testing.assert_allclose(record.y, expected_y, **tolerance)
+    assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
+    assert record.has_rate
+    assert said(record.notes) == ()
+
+
+@pytest.mark.parametrize(
+    ("write", "opened"),
+    [
+        (write_matlab, binary_formats.opened_matlab),
+        (write_npz, binary_formats.opened_numpy),
+        (write_tdms, binary_formats.opened_tdms),
+        (write_parquet, binary_formats.opened_parquet),
+        (write_bag_folder, ros_bag.opened),
+    ],
+)
+def test_a_file_holds_the_same_here_and_in_the_process_that_reads(
+    write: Callable[[Path, LogArrays], ExperimentSpec], opened: Any, tmp_path: Path, log: LogArrays
+) -> None:
+    """Names, shapes, units, rates and values, whole and in pieces."""
+    path = tmp_path / write(tmp_path, log).as_recorded().files[0].path
+    with opened(path, TEXT) as here, opened_log(path, TEXT) as there:
+        assert here.shapes() == there.shapes()
+        for name, ours in here.arrays.items():
+            theirs = there.arrays[name]
+            assert (ours.dtype, ours.units, ours.rate_hz) == (theirs.dtype, theirs.units, theirs.rate_hz)
+            np.testing.assert_array_equal(ours, theirs)
+            np.testing.assert_array_equal(np.concatenate(list(ours.blocks())), theirs)
+            if theirs.rows is not None:
+                np.testing.assert_array_equal(theirs.rows(slice(300, 500)), np.asarray(ours)[300:500])
+
+
+@pytest.mark.parametrize(
+    ("start", "module", "extra"),
+    [
+        (b"TDSm", "nptdms", "tdms"),
+        (b"PAR1", "pyarrow.parquet", "parquet"),
+        (b"\x89MCAP0\r\n", "rosbags.highlevel", "ros"),
+    ],
+)
+def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
+    start: bytes, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "log").write_bytes(start)
+    package, _, rest = module.partition(".")
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").write_text("" if rest else "raise ImportError")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    with refused("install/missing-package", place="log", holds=f"--extra {extra}"):
+        contents(tmp_path / "log", TEXT)
+
+
+@contextmanager
+def _opened_doubles(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    values = np.frombuffer(path.read_bytes()[4:])
+    yield ArrayLog(path, {"x": StoredArray(values.shape, values.dtype, lambda: values)})
+
+
+DOUBLES = Format("raw", lambda path, head: head.startswith(b"RAW!"), _opened_doubles, "export it again")
+NO_FORMAT = 7
+
+
+def _register(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setitem(sys.modules, "elastid_doubles", sys.modules[__name__])
+    point = EntryPoint("doubles", f"elastid_doubles:{name}", "elastid.readers")
+    monkeypatch.setattr(entry_points, "points", lambda group: (point,))
+
+
+def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file is read; files of other formats are read as before."""
+    _register(monkeypatch, "DOUBLES")
+    (tmp_path / "log.raw").write_bytes(b"RAW!" + np.arange(5.0).tobytes())
+    assert contents(tmp_path / "log.raw", TEXT) == {"x": (5,)}
+    (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
+    assert contents(tmp_path / "log.csv", TEXT) == {"a": (2,), "b": (2,)}
+
+
+@pytest.mark.parametrize("name", ["ABSENT", "NO_FORMAT"])
+def test_an_entry_point_that_holds_no_format_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What cannot be imported, and what is something else."""
+    _register(monkeypatch, name)
+    (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
+    with refused("install/missing-package", holds=("doubles", name)):
+        contents(tmp_path / "log.csv", TEXT)
+
+
+def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
+    """Time stamps of Parquet, its null, and whole numbers and floats of 32 bits as they are."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    at = np.datetime64("2026-05-01T10:00:00", "ns") + np.arange(4) * np.timedelta64(2_500_000, "ns")
+    table = pa.table(
+        {"t": at, "x": pa.array([1, None, 3, 4]), "f": np.arange(4, dtype=np.float32), "who": ["a", "b", "c", "d"]}
+    )
+    pq.write_table(table, tmp_path / "log.dat")
+    assert contents(tmp_path / "log.dat", TEXT) == dict.fromkeys(("t", "x", "f"), (4,))
+    read = read_channels(tmp_path / "log.dat", [ChannelSpec("u", "motor 1", name) for name in ("t", "x", "f")], TEXT)
+    np.testing.assert_array_equal(read, [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]])
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "message"),
+    [
+        ("rec.psi", None, ("rec.psi", "rec.phi", "rec.cur (2 x 800)")),
+        ("rec.cur", None, ("2 signals", "column: 1 to 2")),
+        ("rec.cur", 3, "not 3"),
+        ("rec.note", None, ("rec.note", "<U5")),
+        ("fs", None, "fs"),
+        ("cells{1}", None, ("800", "50 samples")),
+        ("", None, ()),
+    ],
+)
+def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
+    name: str, column: int | None, message: str, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """Missing, a matrix without a column, a wrong column, a text, a scalar, another length, no name at all."""
+    write_matlab(tmp_path, log)
+    u = ChannelSpec("u", "motor 1", "run(1).w")
+    y = ChannelSpec("y", "motor 1", name, column or (None if name else 1), "position")
+    with refused("records/channels", holds=message):
+        measured(tmp_path, study_of("log.mat", (u, y)))
+
+
+def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
+    """Of two channels at 500 Hz the second begins 20 samples later, and both have 200."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    x, start = np.arange(220.0), np.datetime64("2024-05-01T10:00:00.000000")
+    with TdmsWriter(tmp_path / "log.tdms") as writer:
+        channels = (("a", x[:200], start), ("b", x[20:], start + np.timedelta64(40, "ms")))
+        objects = [
+            ChannelObject("g", name, values, {"wf_start_time": begin, "wf_start_offset": 0.0, "wf_increment": 0.002})
+            for name, values, begin in channels
+        ]
+        writer.write_segment(objects)
+    with binary_formats.opened_tdms(tmp_path / "log.tdms", TextFormatSpec()) as log:
+        names = [ChannelSpec("y", "any", f"g/{name}", quantity="position") for name in "ab"]
+        values = log.values(names, slice(None))
+    assert np.array_equal(values[:, 0], x[20:200])
+    assert np.array_equal(values[:, 1], x[20:200])
+
+
+def test_time_histories_of_a_universal_file_are_a_log(tmp_path: Path) -> None:
+    """Function type 1, with the rate and the units of the file; a file of responses is no log."""
+    import pyuff
+
+    rng, path = np.random.default_rng(0), tmp_path / "a.uff"
+    signals = {"1z": (rng.standard_normal(300), 13, "N"), "2z": (rng.standard_normal(300), 12, "m/s^2")}
+    for i, (x, kind, unit) in enumerate(signals.values()):
+        data_set = {
+            "type": 58, "func_type": 1, "rsp_node": 1 + i, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0, "data": x,
+            "x": np.arange(300) / 512, "id1": "t", "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+            "abscissa_spacing": 1, "abscissa_inc": 1 / 512, "abscissa_spec_data_type": 17,
+            "ordinate_spec_data_type": kind, "orddenom_spec_data_type": 0, "ordinate_axis_units_lab": unit,
+        }  # fmt: skip
+        pyuff.UFF(str(path)).write_sets(data_set, "add" if i else "overwrite")
+    with opened_log(path, TextFormatSpec()) as log:
+        assert {name: (array.units, array.rate_hz) for name, array in log.arrays.items()} == {
+            "1z": ("N", 512.0),
+            "2z": ("m/s^2", 512.0),
+        }
+        values = log.values([ChannelSpec("y", "any", name, quantity="position") for name in signals], slice(None))
+    np.testing.assert_allclose(values, np.stack([x for x, _, _ in signals.values()], axis=1), rtol=1e-5, atol=1e-6)
+
+
+def test_a_system_without_memory_limits_is_stated_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """At the first file that a guarded process reads."""
+    monkeypatch.setattr(reader_process, "limits_memory", lambda: False)
+    monkeypatch.setattr(reader_process, "_readers", {})
+    for name in ("one.mat", "two.mat"):
+        savemat(tmp_path / name, {"q": np.arange(10.0)})
+        with opened_log(tmp_path / name, TextFormatSpec()) as log:
+            assert len(log.arrays) == 1
+    assert [record.name for record in caplog.records] == [reader_process.__name__]

@@ -1,0 +1,67 @@
+"""ROS bags."""
+
+from pathlib import Path
+
+import numpy as np
+from plants.lab_logs import RATE
+from plants.refusals import refused
+from plants.ros_bag import JOINTS, LogArrays, write_bag
+
+from elastid.app.run import file_hash
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.files.formats import contents, read_channels
+
+TEXT = TextFormatSpec()
+
+
+def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
+    return read_channels(path, [ChannelSpec("u", "motor 1", name, column) for name in names], TEXT)
+
+
+def test_a_bag_lists_joints_fields_and_sequences_by_topic(tmp_path: Path, log: LogArrays) -> None:
+    """Joints by name, numbers by the path of their field, sequences as columns; texts are left out."""
+    bag, n = write_bag(tmp_path / "bag", log), len(log["i1"])
+    expected = {f"joint_states.{field}.{joint}": (n,) for field in ("position", "effort") for joint in JOINTS}
+    expected |= {"joint_states.time": (n,), "arm/commands.time": (n,), "arm/commands.data": (n, 2)}
+    expected |= {"arm/commands.layout.data_offset": (n,), "wrench.time": (n,)}
+    expected |= {f"wrench.wrench.{part}.{axis}": (n,) for part in ("force", "torque") for axis in "xyz"}
+    assert contents(bag, TEXT) == expected
+    np.testing.assert_array_equal(_read(bag, "/arm/commands.data", column=2)[:, 0], log["i2"])
+    np.testing.assert_array_equal(_read(bag, "wrench.wrench.force.z")[:, 0], -np.arange(n))
+
+
+def test_the_time_of_a_topic_is_the_stamp_of_its_messages(tmp_path: Path, log: LogArrays) -> None:
+    """Exact to the ns although the stamps count from 1970, and not when the bag received them; else that."""
+    bag = write_bag(tmp_path / "bag", log)
+    at = np.arange(len(log["i1"])) / RATE
+    np.testing.assert_allclose(_read(bag, "joint_states.time")[:, 0], at, atol=2e-9)
+    np.testing.assert_allclose(_read(bag, "arm/commands.time")[:, 0], at, atol=2e-9)
+
+
+def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(tmp_path: Path, log: LogArrays) -> None:
+    bag = write_bag(tmp_path / "bag", log, publishers=2)
+    found = contents(bag, TEXT)
+    assert "joint_states.time" not in found
+    assert found["joint_states.time.elbow"] == found["joint_states.effort.elbow"] == (len(log["i2"]),)
+    np.testing.assert_array_equal(_read(bag, "joint_states.effort.elbow")[:, 0], log["i2"])
+
+
+def test_a_folder_that_is_no_bag_and_a_damaged_bag_are_refused(tmp_path: Path, log: LogArrays) -> None:
+    (tmp_path / "logs").mkdir()
+    with refused("files/missing", holds=("logs", "metadata.yaml")):
+        contents(tmp_path / "logs", TEXT)
+    bag = write_bag(tmp_path / "bag", log)
+    next(bag.glob("*.db3")).unlink()
+    with refused("files/damaged"):
+        contents(bag, TEXT)
+
+
+def test_a_bag_of_other_content_is_another_input(tmp_path: Path, log: LogArrays) -> None:
+    """The hash of a folder is that of its files."""
+    bag = write_bag(tmp_path / "bag", log)
+    before = file_hash(bag)
+    assert before == file_hash(bag)
+    with (bag / "metadata.yaml").open("a") as file:
+        file.write("\n")
+    assert file_hash(bag) != before
