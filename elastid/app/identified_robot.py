@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -16,8 +17,10 @@ from elastid.report.content import WITH_COULOMB
 from elastid.robot import Friction, Robot, channel_name
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
+from elastid.store.files import write_text
 from elastid.study.robots import yaml_text
 from elastid.targets.numbers import lines_of
+from elastid.targets.target import Target
 
 if TYPE_CHECKING:
     from elastid.friction_study.result import FrictionResult
@@ -178,3 +181,12 @@ def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) ->
     except ValueError:
         return law
     return completed
+
+
+def write_robot(folder: Path, robot_file: str) -> tuple[Path]:
+    """Write robot.yml."""
+    write_text(folder / "robot.yml", robot_file)
+    return (folder / "robot.yml",)
+
+
+TARGETS = (Target("robot", ("robot_file",), "robot model with the identified parameters", write_robot, True),)

@@ -25,6 +25,7 @@ from elastid.robot import Friction, Joint, Robot
 from elastid.robot.friction_numbers import TERMS, law_of
 from elastid.store.files import write_text
 from elastid.targets.numbers import known_numbers
+from elastid.targets.target import Target
 
 # Ends of 95 % intervals by joint and quantity.
 Intervals: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
@@ -338,3 +339,13 @@ def _table(actuators: Actuators) -> Iterator[str]:
             if value is not None:
                 interval = "not identified" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}"
                 yield f"| {one_line(row.joint)} | {quantity} | {value:.6g} | {units[row.slides]} | {interval} |"
+
+
+TARGETS = (
+    Target(
+        "actuators",
+        ("actuators",),
+        "joint numbers for MJCF, Isaac Lab, URDF, Gazebo, Drake and ROS 2, with their mapping",
+        write_actuators,
+    ),
+)
