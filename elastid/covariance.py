@@ -21,7 +21,7 @@ class Covariance(Kept):
     kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
     diagonal:   the others are None; variance (F, n_y, n_u) only.
     variance is E|dG|^2 of the complex number: each real component carries half of it.  dof are complex, too: the
-    variance scatters by 1 / sqrt(dof) of itself.  level_lines: lines over which errors have one level by chance, so
+    variance scatters by 1 / sqrt(dof) of itself.  averaging_lines: lines over which errors have one level by chance, so
     that the sum of their squares over all lines has so many times the variance; 1 where each has its own.
     """
 
@@ -30,7 +30,7 @@ class Covariance(Kept):
     left: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None)
     right: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None)
     matrix: ComplexArray | None = labelled("covariance of vec G", "({unit})^2", "freq_hz element element", default=None)
-    level_lines: float = 1.0
+    averaging_lines: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse negative or non-finite variances."""
@@ -75,7 +75,7 @@ class Covariance(Kept):
 
     @property
     def in_file(self) -> ComplexArray | None:
-        """The part that says in which folder its file is, if it is in one (`base.arrays.kept_beside`)."""
+        """The part that says in which folder its file is, if it is in one (`base.arrays.stored_beside`)."""
         return next((part for part in (self.matrix, self.right) if part is not None), None)
 
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> "Covariance":

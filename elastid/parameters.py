@@ -250,20 +250,20 @@ class Parameters:
         return np.array([p.log for p in self.free], dtype=np.bool_)
 
     def _chain(self, configuration: str) -> "_Chain":
-        if (local := self.configuration_of_its_own(configuration)) not in self._chains:
+        if (local := self.configuration_of_stand_in(configuration)) not in self._chains:
             standing = {p.stands_for: p for p in self.parameters if local in p.only}
             self._chains[local] = _chain([standing.get(name, self[name]) for name in self.names], self)
         return self._chains[local]
 
-    def configuration_of_its_own(self, configuration: str) -> str:
+    def configuration_of_stand_in(self, configuration: str) -> str:
         """The name of a configuration for which a parameter has a stand-in; empty for all others.
 
         Of a configuration that is measured at several amplitudes that of its posture, whose parameters are the same.
         """
-        return next((name for name in (configuration, posture_of(configuration)) if name in self._with_their_own), "")
+        return next((name for name in (configuration, posture_of(configuration)) if name in self._stand_ins), "")
 
     @cached_property
-    def _with_their_own(self) -> frozenset[str]:
+    def _stand_ins(self) -> frozenset[str]:
         return frozenset(name for p in self.parameters for name in p.only)
 
     @cached_property

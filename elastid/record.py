@@ -40,7 +40,7 @@ def drive_unit(slides: bool) -> str:
 
 
 @frozen_value
-class HeldTorque:
+class ZohTorque:
     """Torques held between their samples, and the outputs in which images of them are.
 
     rates_hz (n_u,): at which each torque is renewed, 0 where it is not held.  sampled (n_y,): whether an output is an
@@ -169,7 +169,7 @@ class Record:
         Posture of the measurement.
     realisation, experiment : int
         Number of the phase realisation, and of the experiment in it.
-    rate_hz, rate_is_known : float, bool
+    rate_hz, has_rate : float, bool
         Sampling rate; 1 and False if it is unknown, so that frequencies are relative to it.
     period_samples : int
         Samples per period; the length of the record without a period.
@@ -229,7 +229,7 @@ class Record:
     y: FloatArray = labelled("motion, link side", "{output_units}", "time_s outputs")
     r: FloatArray | None = labelled("injected torque or reference, link side", "SI", "time_s inputs", default=None)
     r_is_reference: bool = False
-    rate_is_known: bool = True
+    has_rate: bool = True
     notes: tuple[Note, ...] = field(default=())
     hold: Hold = "band-limited"
     half_wave: bool = False
@@ -277,7 +277,7 @@ class Record:
     def display(self) -> Display:
         """Length, rate and periods, and each signal with its unit."""
         length = f"{self.n_periods} periods of {self.period_samples}" if self.is_periodic else "no period"
-        rate = f"{self.n_samples / self.rate_hz:.4g} s at {self.rate_hz:g} Hz" if self.rate_is_known else "rate unknown"
+        rate = f"{self.n_samples / self.rate_hz:.4g} s at {self.rate_hz:g} Hz" if self.has_rate else "rate unknown"
         rows = [("input", place, "drive", unit) for place, unit in zip(self.inputs, self.units_of_inputs, strict=True)]
         outputs = zip(self.outputs, self.quantities, self.output_units, strict=True)
         rows += [("output", place, quantity, unit) for place, quantity, unit in outputs]
@@ -336,7 +336,7 @@ class Record:
         return np.stack([H[held] for held in self._held], axis=1)
 
     @property
-    def images(self) -> HeldTorque | None:
+    def images(self) -> ZohTorque | None:
         """The torques whose images are in sampled motions: those held from sample to sample of this very record.
 
         None where none is held.  Nothing is known of images, and none are assumed, in a log at another rate than that
@@ -345,7 +345,7 @@ class Record:
         """
         rates = tuple(self.rate_hz if math.isclose(held, 1.0, rel_tol=1e-5) else 0.0 for held in self._held)
         sampled = self.sampled or tuple(quantity == "position" for quantity in self.quantities)
-        return HeldTorque(rates, sampled) if any(rates) else None
+        return ZohTorque(rates, sampled) if any(rates) else None
 
     @property
     def _held(self) -> tuple[float, ...]:

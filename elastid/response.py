@@ -22,11 +22,11 @@ from elastid.covariance import scaled
 from elastid.record import (
     MOTION_ORDER,
     Configuration,
-    HeldTorque,
     JointLoop,
     Motion,
     Motors,
     ReferenceLoop,
+    ZohTorque,
     drive_unit,
     motion_unit,
 )
@@ -119,7 +119,7 @@ class Response(Kept):
 
     Parameters
     ----------
-    freq_hz, rate_is_known : array (F,), bool
+    freq_hz, has_rate : array (F,), bool
         Increasing frequencies of the lines; relative to an unknown sampling rate if False.
     G : complex array (F, n_y, n_u)
         Response of the outputs, in `quantity`, per Nm (N for sliding joints).
@@ -146,7 +146,7 @@ class Response(Kept):
         Number of the first systematic errors in `bias` that are images of references instead of friction.
     correlated_lines : float
         Number of lines over which the noise of G is correlated (sum of the autocorrelation), 1 for independent lines.
-    hold : HeldTorque or None
+    hold : ZohTorque or None
         Zero-order hold of the torques whose aliases G contains.
     leakage : complex array (F, n_y, n_u) or None
         First-order leakage error of segments; `total` includes its square.
@@ -183,7 +183,7 @@ class Response(Kept):
     configuration: Configuration
     noise: Covariance | None = None
     total: Covariance | None = None
-    rate_is_known: bool = True
+    has_rate: bool = True
     notes: tuple[Note, ...] = field(default=())
     quality: Quality | None = None
     repairs: Mapping[str, int] = field(default_factory=dict)
@@ -194,7 +194,7 @@ class Response(Kept):
     )
     image_errors: int = 0
     correlated_lines: float = 1.0
-    hold: HeldTorque | None = None
+    hold: ZohTorque | None = None
     leakage: ComplexArray | None = labelled(
         "error by leakage of windows, to first order", "{unit}", "freq_hz outputs inputs", default=None
     )
@@ -233,7 +233,7 @@ class Response(Kept):
     @property
     def display(self) -> Display:
         """Lines, quantity and configuration, and each element with its range and its relative standard deviation."""
-        unit = "Hz" if self.rate_is_known else "times the sampling rate"
+        unit = "Hz" if self.has_rate else "times the sampling rate"
         band = f"{self.freq_hz[0]:.4g} to {self.freq_hz[-1]:.4g} {unit}" if self.n_lines else "none"
         magnitude = np.abs(self.G)
         rows = [

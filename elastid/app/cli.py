@@ -239,14 +239,14 @@ def predict(
     if not logs:
         raise click.UsageError("give the logs with --log, or the result of another run with --with")
     from elastid.app.console import Console
-    from elastid.app.predict_commands import Given, predict_from_commands
+    from elastid.app.predict_commands import CommandSettings, predict_from_commands
     from elastid.app.run import all_cores
     from elastid.study import load
 
     folder = options["folder"] or Path("runs") / f"{model.stem}_{logs[0].stem}"
     console = Console(options["verbose"] - options["quiet"])
     recorded = None if study is None else load(study, options["overrides"]).study.experiment.as_recorded()
-    given = Given(rate_hz, kp, kd, delay, recorded)
+    given = CommandSettings(rate_hz, kp, kd, delay, recorded)
     predict_from_commands(model, logs, given, folder, options["jobs"] or all_cores(), console)
 
 

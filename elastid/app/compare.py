@@ -15,7 +15,7 @@ from elastid.app.run import Run, carry_out, hash_of, logged_in
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
-from elastid.base.files import clear_folder, own_path
+from elastid.base.files import clear_folder, path_below
 from elastid.fit.parameter_selection import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, unseen
@@ -172,7 +172,7 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) 
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
     parts = ((), *divide(responses.names, run.study.compare.folds))
     tasks = [(variant, part) for variant in models for part in parts]
-    finished = Checkpoint(own_path(run.folder, PARTIAL), run.stamps["estimate"].code)
+    finished = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
     # Of everything that a fit depends on except the code.
     keys = [f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}" for task in tasks]
     if n_finished := sum(key in finished for key in keys):

@@ -191,7 +191,7 @@ def _deviation(std: float, value: float) -> str:
 
 def forecast_table(forecast: "Forecast") -> list[list[str]]:
     """Headings, then a line for each parameter: predicted std, parts of it by noise and by the file, correlation."""
-    columns = {**forecast.std_parts, "expected std": forecast.std}
+    columns = {**forecast.std_contributions, "expected std": forecast.std}
     rows = [["parameter", "unit", "nominal", *columns, "most correlated with"]]
     for i, name in enumerate(forecast.parameters):
         partner, correlation = forecast.strongest(name)

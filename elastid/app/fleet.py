@@ -16,7 +16,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, logged_in, run_all, software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
-from elastid.base.files import own_path, replacing
+from elastid.base.files import path_below, replacing
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.report.fleet import Outcome, answer_of_fleet, drawings_of_fleet
 from elastid.report.page.page import write_page
@@ -81,12 +81,12 @@ def _check(fleet: Fleet, folder: Path) -> None:
     if wrong:
         raise StudyError("study/invalid", first_of(wrong))
     try:
-        own_path(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
+        path_below(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ElastidError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
     for member in fleet.members:
-        own_path(folder, MEMBERS, member.name)
+        path_below(folder, MEMBERS, member.name)
 
 
 def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:

@@ -391,7 +391,7 @@ def _period(drives: FloatArray) -> list[str]:
         samples = N if abs(best.best_samples - N) < 0.1 else best.best_samples
         why = f"the drives repeat (correlation {best.best_correlation:.3f})"
         return [f"    period_samples: {samples:.8g} # guessed: {why}"]
-    if n % 2 == 0 and repetition(drives, n // 2, sign=-1).is_as_stated:
+    if n % 2 == 0 and repetition(drives, n // 2, sign=-1).matches_stated_period:
         why = "one period, since its second half is minus the first"
         return [f"    period_samples: {n} # guessed: {why}", "    half_wave: true"]
     return ["    period: none # guessed: the drives do not repeat"]

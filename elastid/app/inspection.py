@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.arrays import FloatArray, shown_values, value_range
+from elastid.base.arrays import FloatArray, format_values, value_range
 from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.logs import TextFormatSpec
@@ -18,7 +18,7 @@ from elastid.logs.clocks import is_clock
 from elastid.logs.files.formats import is_log, naming, opened_log
 from elastid.logs.files.text import BLOCK_LINES, TextLog, described_format, guess_format
 from elastid.logs.files.universal import is_universal_file
-from elastid.logs.repair.time_stamps import even_grid, steps_in_words
+from elastid.logs.repair.time_stamps import describe_steps, even_grid
 from elastid.logs.responses.reading import contents_of
 from elastid.logs.responses.table import HOW_TO_SAVE
 from elastid.store.artefacts import kind_of
@@ -78,7 +78,7 @@ def _rise(start: NDArray[Any]) -> str:
     grid = even_grid(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:
         return f"rises evenly: {grid[1]:.6g} Hz if it is the time in s"
-    return f"rises unevenly: {steps_in_words(time_s)}, if it is the time in s; a study resamples where `time` names it"
+    return f"rises unevenly: {describe_steps(time_s)}, if it is the time in s; a study resamples where `time` names it"
 
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
@@ -147,6 +147,6 @@ def _other(array: Any) -> str:
     if array.dtype.kind not in "fiubcU" or np.prod(array.shape, dtype=int) > 1:
         return f"{array.dtype} ({shape})"
     try:
-        return shown_values(np.asarray(array.read()))
+        return format_values(np.asarray(array.read()))
     except DataError as error:
         return str(error)

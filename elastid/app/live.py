@@ -21,7 +21,7 @@ from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
-from elastid.base.execution import Execution, lasting_workers
+from elastid.base.execution import Execution, persistent_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
@@ -35,7 +35,7 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.fit.fitted_robot import estimated_robot
 from elastid.fit.parameter_selection import choose
 from elastid.fit.result import Result
-from elastid.friction.robot_friction import coulomb_levels
+from elastid.friction.robot_friction import coulomb_torques
 from elastid.logs.files.formats import is_log
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
@@ -72,7 +72,7 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
     another study; DataError for a log that contradicts its plan.
     """
     session = Session.of(run, goals, simulate, robot_time)
-    with logged_in(run.folder, run.jobs, run.console), lasting_workers():
+    with logged_in(run.folder, run.jobs, run.console), persistent_workers():
         plans, reached, words = session.work()
         study = session.write_study(plans)
         run.console.say(f"live: {words}")
@@ -112,7 +112,7 @@ class Session:
         outputs = study.experiment.as_simulated().outputs or robot.motor_locations
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
         # Friction, before any log shows it: in one realisation, relative to |G|.
-        distortion = study.design.distortion if study.design else 0.03 * float(coulomb_levels(robot).any())
+        distortion = study.design.distortion if study.design else 0.03 * float(coulomb_torques(robot).any())
         design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths), distortion=distortion)
         experiment = replace(study.experiment, configurations={}, without_payload=())
         problem = DesignProblem(
@@ -276,7 +276,7 @@ class Session:
 
     def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
         """DataError for a record that contradicts its plan."""
-        coulomb = coulomb_levels(problem.robot)
+        coulomb = coulomb_torques(problem.robot)
         with self._execution(f"rehearsal of {plan.configurations[0].name}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
         measured = {record.name: record for record in read_records(records, plan.configurations[0].name)}

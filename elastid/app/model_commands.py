@@ -51,7 +51,7 @@ from elastid.use.loops import Loops, design_loops
 from elastid.use.map import Cut, map_workspace
 from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
-from elastid.use.tune import Given, TunedMove, tune_move
+from elastid.use.tune import MoveRobots, TunedMove, tune_move
 from elastid.validation.friction_simulation import predict_logs
 from elastid.validation.simulation import TwinFindings
 from elastid.validation.spec import ValidationSpec
@@ -147,7 +147,9 @@ def tune_study(
     use_fit(run, "tune", work)
 
 
-def _given(run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]) -> Given:
+def _given(
+    run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]
+) -> MoveRobots:
     """The robots of a study with the frame that is asked for.  asked: rate and bandwidth in Hz, error in m."""
     study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
     family = result.family(posture.Asked(frame=frame))
@@ -164,7 +166,7 @@ def _given(run: Run, result: Result, frame: str | None, draws: int, asked: tuple
     drawn = draw_robots(result, draws, study.seed).robots if draws else ()
     # Where the rate of the study's controller is not known 500 Hz are usual.
     study_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
-    return Given(
+    return MoveRobots(
         identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, drawn)), family.frame,
         rate_hz or study_rate, bandwidth_hz, error_m,
     )  # fmt: skip

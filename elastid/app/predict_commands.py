@@ -65,7 +65,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Given:
+class CommandSettings:
     """Options: rate of the logs, gains (N*m/rad, N*m*s/rad; one for all joints or one each), delay of the commands.
 
     recorded: section of a study, with the channels of the logs and the controller.
@@ -108,7 +108,7 @@ def _of_result(path: Path) -> Model:
 
 
 def predict_from_commands(
-    model_path: Path, logs: Sequence[Path], given: Given, folder: Path, jobs: int, console: Console
+    model_path: Path, logs: Sequence[Path], given: CommandSettings, folder: Path, jobs: int, console: Console
 ) -> None:
     """Simulate a model along logs from their commands, compare with trivial predictors, and test the replay.
 
@@ -142,7 +142,7 @@ def _replay(robot: Robot, work: tuple[CommandedMotion, bool]) -> Replay:
     return replay(robot, *work)
 
 
-def _motion(model: Model, path: Path, given: Given, console: Console) -> CommandedMotion:
+def _motion(model: Model, path: Path, given: CommandSettings, console: Console) -> CommandedMotion:
     if given.recorded is None:
         log = read_command_log(path, model.robot.driven_names, given.rate_hz)
     else:
@@ -163,7 +163,7 @@ def _motion(model: Model, path: Path, given: Given, console: Console) -> Command
     return CommandedMotion(path.stem, log.rate_hz, *signals, loop, delay_s, controller, model.offsets)
 
 
-def _gains(model: Model, log: CommandLog, given: Given, path: Path, console: Console) -> JointLoop:
+def _gains(model: Model, log: CommandLog, given: CommandSettings, path: Path, console: Console) -> JointLoop:
     """Gains of the options, else of the model's servos, else of the log; a warning if the last two differ."""
     names = model.robot.driven_names
     gains, by_log = [], (log.kp, log.kd)

@@ -31,8 +31,8 @@ from elastid.app.console import Console
 from elastid.app.stage_table import Stage, files_of, stages_of, stages_of_study
 from elastid.base import kernels
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution, lasting_workers
-from elastid.base.files import own_path
+from elastid.base.execution import Execution, persistent_workers
+from elastid.base.files import path_below
 from elastid.base.workers import load_for_workers
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import (
@@ -41,7 +41,7 @@ from elastid.store.files import (
     has_checksum,
     is_intact,
     keep_checksums,
-    one_writer,
+    lock_folder,
     remove_leftovers,
     remove_texts,
     write_text,
@@ -195,7 +195,7 @@ class Run:
 
     def partial(self, stage: str) -> Path:
         """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""
-        return own_path(self.folder, self.path(stage).with_suffix(".partial").name)
+        return path_below(self.folder, self.path(stage).with_suffix(".partial").name)
 
     def work(self, stage: str) -> Work:
         """Files of a stage and ways of working on it; without the result of an earlier one that may be missing."""
@@ -280,7 +280,7 @@ class Run:
 @contextmanager
 def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
     """run.log of a folder with date, command and versions, and how the work ended; ElastidError for a second writer."""
-    with one_writer(folder), console.logging_to(folder):
+    with lock_folder(folder), console.logging_to(folder):
         command = shlex.join(["elastid", *sys.argv[1:]])
         console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {jobs} processes")
         console.detail(software())
@@ -307,7 +307,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
     modules = [stage.module for name, stage in stages.items() if names or not run.is_current(name)]
     if run.jobs > 1 and modules:
         load_for_workers(modules)
-    with logged_in(run.folder, run.jobs, run.console), lasting_workers():
+    with logged_in(run.folder, run.jobs, run.console), persistent_workers():
         run.console.shows_tables = bool(names) or run.console.verbosity > 0
         for name, stage in stages.items():
             if names:
@@ -346,7 +346,7 @@ def carry_out(run: Run, name: str) -> None:
         result.unlink(missing_ok=True)
     for file, write in artefacts.files.items():
         # A link in place of a file is replaced, one in place of a folder refused.
-        path = run.folder / file if Path(file).suffix else own_path(run.folder, file)
+        path = run.folder / file if Path(file).suffix else path_below(run.folder, file)
         write(path, run.stamps[name])
     shutil.rmtree(run.partial(name), ignore_errors=True)
     artefacts.report(run.console)

@@ -271,7 +271,7 @@ def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[
             for name in ("truth", "contains", "verdict")
             if getattr(row, name) not in (None, "")
         }
-        | {name: json_value(part) for name, part in row.std_parts.items()}
+        | {name: json_value(part) for name, part in row.std_contributions.items()}
         | ({"std_with_base": json_value(result.std_with_base[row.name])} if result.assumed_rigid else {})
         | {
             name: json_value(ends)

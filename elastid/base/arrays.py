@@ -226,7 +226,7 @@ class FileArray(np.memmap):
         if hasattr(self, "place"):
             return FileArray.at, (*self.place, self.dtype, self.shape)
         values = np.array(self)
-        return (kept_in, (self.folder, values)) if hasattr(self, "folder") else values.__reduce__()
+        return (stored_in, (self.folder, values)) if hasattr(self, "folder") else values.__reduce__()
 
 
 # Bytes of a temporary file, which arrays share: each mapped file takes a descriptor, and there may be thousands.
@@ -256,16 +256,16 @@ class _Room:
 _ROOMS: WeakValueDictionary[tuple[int, Path], _Room] = WeakValueDictionary()
 
 
-def kept_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[Any]:
+def stored_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[Any]:
     """Move values, read-only, into a temporary file if their source is in a file; otherwise return them.
 
     `release` gives its memory back. In memory, too, where the folder takes no file.
     """
     folder = getattr(source, "folder", None)
-    return values if folder is None else kept_in(folder, values)
+    return values if folder is None else stored_in(folder, values)
 
 
-def kept_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
+def stored_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
     """The numbers in a temporary file of a folder."""
     if not hasattr(mmap, "MADV_DONTNEED"):
         return values
@@ -339,12 +339,12 @@ def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
     )
 
 
-def shown_values(values: NDArray[Any]) -> str:
+def format_values(values: NDArray[Any]) -> str:
     """An array in a line: all values where they are few, else their range.
 
-    >>> shown_values(np.array([0, 1, 2]))
+    >>> format_values(np.array([0, 1, 2]))
     '0, 1, 2'
-    >>> shown_values(np.linspace(0, 1j, 100))
+    >>> format_values(np.linspace(0, 1j, 100))
     'magnitude 0 to 1'
     """
     most = 40
@@ -355,10 +355,10 @@ def shown_values(values: NDArray[Any]) -> str:
         return ", ".join(texts) + (f" and {values.size - most} more" if values.size > most else "")
     if values.size == 1 or (values.ndim < 2 and values.size <= most):
         return ", ".join(str(v) if values.dtype.kind == "b" else f"{v:.6g}" for v in values.ravel())
-    return shown_range(value_range([values]), values.dtype.kind == "c")
+    return format_range(value_range([values]), values.dtype.kind == "c")
 
 
-def shown_range(ends: ValueRange, is_complex: bool = False) -> str:
+def format_range(ends: ValueRange, is_complex: bool = False) -> str:
     """A range in words."""
     if np.isnan(ends.low):
         return "no finite number"

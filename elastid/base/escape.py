@@ -50,7 +50,7 @@ def c_comment(lines: Iterable[str]) -> str:
     /* x* / #error
      */
     """
-    safe = (_apart(one_line(line), "*/", "/*") for line in lines)
+    safe = (_separate_pairs(one_line(line), "*/", "/*") for line in lines)
     return "/* " + "\n * ".join(safe).replace(" * \n", " *\n") + "\n */\n"
 
 
@@ -60,10 +60,10 @@ def xml_comment(text: str) -> str:
     >>> xml_comment("a---b")
     'a- - -b'
     """
-    return _apart(printable(text), "--").rstrip("-")
+    return _separate_pairs(printable(text), "--").rstrip("-")
 
 
-def _apart(text: str, *pairs: str) -> str:
+def _separate_pairs(text: str, *pairs: str) -> str:
     """The text with a blank inside each of these pairs of characters, also where they overlap."""
     for pair in pairs:
         text = re.sub(f"{re.escape(pair[0])}(?={re.escape(pair[1])})", f"{pair[0]} ", text)

@@ -32,12 +32,12 @@ WORKERS_S = 120.0
 SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
 
-# Workers at rest inside `lasting_workers()`, which any work inside takes from and returns to.
+# Workers at rest inside `persistent_workers()`, which any work inside takes from and returns to.
 _AT_REST: ContextVar[list[Worker] | None] = ContextVar("workers at rest", default=None)
 
 
 @contextmanager
-def lasting_workers() -> Iterator[None]:
+def persistent_workers() -> Iterator[None]:
     """Inside, workers that have ended one work rest until the next; all of them until the outermost ends."""
     if _AT_REST.get() is not None:
         yield

@@ -22,7 +22,7 @@ from typing import Any
 from elastid.base.errors import DataError, ElastidError, StudyError
 
 
-def own_path(run_folder: Path, *names: str) -> Path:
+def path_below(run_folder: Path, *names: str) -> Path:
     """The path of a file or folder below a run folder; ElastidError where a folder on the way or itself is a link."""
     path = run_folder
     for name in names:
@@ -34,7 +34,7 @@ def own_path(run_folder: Path, *names: str) -> Path:
 
 def clear_folder(run_folder: Path, *names: str) -> Path:
     """The path of a folder below a run folder, removed with its files; ElastidError for a link on the way."""
-    path = own_path(run_folder, *names)
+    path = path_below(run_folder, *names)
     shutil.rmtree(path, ignore_errors=True)
     return path
 
@@ -98,7 +98,7 @@ def _rename(temporary: Path, path: Path) -> None:
     temporary.replace(path)
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_atomically(path: Path, data: bytes) -> None:
     """A new file, whole or absent."""
     with replacing(path) as temporary:
         temporary.write_bytes(data)
@@ -114,7 +114,7 @@ def _flush_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def require_own_data(file: Any) -> None:
+def check_self_contained(file: Any) -> None:
     """Refuse an open HDF5 file that names data elsewhere, contains itself, or claims more data than it can hold.
 
     file: h5py.File.  Raises DataError with the place inside the file.
@@ -147,7 +147,7 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
         except KeyError:  # a link inside the file that leads nowhere
             item = None
         if isinstance(item, h5d.DatasetID):
-            _require_own_values(path, name, item)
+            _check_dataset(path, name, item)
         elif isinstance(item, h5g.GroupID):
             if _address(item) in above or len(above) > 32:
                 raise DataError(
@@ -157,7 +157,7 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
         yield name
 
 
-def _require_own_values(path: str, name: str, dataset: Any) -> None:
+def _check_dataset(path: str, name: str, dataset: Any) -> None:
     from h5py import h5d
 
     layout = dataset.get_create_plist()

@@ -175,7 +175,7 @@ class Combination:
 MAX_COMBINATION_STD, MIN_MEMBER = 0.25, 0.25
 
 
-def known_combinations(values: FloatArray, covariance: FloatArray, largest: int = 3) -> tuple[Combination, ...]:
+def identifiable_combinations(values: FloatArray, covariance: FloatArray, largest: int = 3) -> tuple[Combination, ...]:
     r"""Combinations of up to `largest` of n correlated values, each from a small eigenvalue of their correlation.
 
     .. math:: c = x_i - C_{iJ} C_{JJ}^{-1} x_J, \qquad \mathrm{var}\, c = w^T C w
@@ -183,7 +183,7 @@ def known_combinations(values: FloatArray, covariance: FloatArray, largest: int 
     the conditional mean of the member i whose variance the others J explain, with weights of two digits.
 
     >>> C = np.array([[1.0, -1.99], [-1.99, 4.0]])
-    >>> [(c.weights, round(c.std, 2)) for c in known_combinations(np.array([3.0, 1.0]), C)]
+    >>> [(c.weights, round(c.std, 2)) for c in identifiable_combinations(np.array([3.0, 1.0]), C)]
     [((1.0, 0.5), 0.1)]
     """
     std = np.sqrt(np.diag(covariance))

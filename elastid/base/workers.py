@@ -1,7 +1,7 @@
 """Worker processes of this machine: copies of one preloaded process, terminated immediately on Ctrl-C.
 
 They start from nothing where the system has no copies. Some stay for the next work, with the models that they have
-built and the values that they have (`lasting_workers` of `base.execution`). Workers of a Dask cluster are asked by the
+built and the values that they have (`execution.persistent_workers`). Workers of a Dask cluster are asked by the
 same messages (`base.execution`).
 
 Large frozen arrays, and instances of `Kept`, which stay there as here, go to another process once: both ends of a pipe
@@ -28,7 +28,7 @@ from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 
-from elastid.base.arrays import MIN_PART_BYTES, FileArray, kept_in
+from elastid.base.arrays import MIN_PART_BYTES, FileArray, stored_in
 
 
 class Kept:
@@ -103,7 +103,7 @@ class _Pickler(pickle.Pickler):
         elif type(value) is np.ndarray and value.flags.owndata and not value.dtype.hasobject:
             parts = (_frozen, value.view())
         elif type(value) is FileArray and hasattr(value, "room"):
-            parts = (kept_in, value.folder, np.array(value))
+            parts = (stored_in, value.folder, np.array(value))
         else:
             return NotImplemented
         name = _NAMES.get(id(value)) or _named(os.urandom(8), value)

@@ -13,7 +13,7 @@ from elastid.base.execution import Execution
 from elastid.design.optimal import DesignCriterion, best_experiments
 from elastid.design.predicted_response import Prospect
 from elastid.design.spec import CandidateSpec
-from elastid.experiment.plan.plan import ChosenConfiguration
+from elastid.experiment.plan.plan import DesignedConfiguration
 from elastid.model.kinematics import Skeleton, skeleton
 from elastid.parameters import Parameters
 from elastid.record import Configuration
@@ -111,7 +111,7 @@ def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator
     """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
     if spec.floor is None and not spec.boxes:
         return
-    points = _along(skeleton(robot, angles))
+    points = _link_points(skeleton(robot, angles))
     if spec.floor is not None:
         yield "reach the floor", (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
     for box in spec.boxes:
@@ -126,7 +126,7 @@ def upwards(robot: Robot) -> FloatArray:
     return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def _along(skeleton: Skeleton) -> FloatArray:
+def _link_points(skeleton: Skeleton) -> FloatArray:
     """The points that move and points on the links between two that do (Q, n, 3)."""
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
@@ -139,7 +139,7 @@ def _along(skeleton: Skeleton) -> FloatArray:
 def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
     configurations: Sequence[Configuration], taken: Sequence[str], execution: Execution,
-) -> tuple[tuple[ChosenConfiguration, ...], str]:  # fmt: skip
+) -> tuple[tuple[DesignedConfiguration, ...], str]:  # fmt: skip
     """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
 
     elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  taken: names
@@ -203,13 +203,13 @@ def visible(
 
 def _named(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
-) -> tuple[ChosenConfiguration, ...]:
+) -> tuple[DesignedConfiguration, ...]:
     """Chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
-    chosen: list[ChosenConfiguration] = []
+    chosen: list[DesignedConfiguration] = []
     used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
     for configuration, number in zip(configurations, numbers.tolist(), strict=True):
         if number:
             name = next(free) if configuration.name.startswith("candidate") else configuration.name
-            chosen.append(ChosenConfiguration(replace(configuration, name=name), number * realisations))
+            chosen.append(DesignedConfiguration(replace(configuration, name=name), number * realisations))
     return tuple(chosen)

@@ -15,12 +15,12 @@ from elastid.design.forecast import COULOMB_RATIO, Forecast, LimitUse, check_lin
 from elastid.design.limits import within_limits
 from elastid.design.predicted_response import Prospect
 from elastid.design.problem import DesignProblem, Measurement, best_spectra_of, with_torques, with_typical_spectrum
-from elastid.design.spec import DesignSpec, room, unit_time_s
-from elastid.experiment.plan.plan import ChosenConfiguration, Plan
+from elastid.design.spec import DesignSpec, n_free_configurations, unit_time_s
+from elastid.experiment.plan.plan import DesignedConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.parameter_selection import with_tolerances
-from elastid.friction.robot_friction import coulomb_levels, frictions
+from elastid.friction.robot_friction import coulomb_torques, frictions
 from elastid.linear.presliding import AMPLITUDES
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
@@ -37,7 +37,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
     notes = []
-    for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
+    for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_torques(robot).tolist(), strict=True):
         if coulomb > COULOMB_RATIO * torque:
             unit = drive_unit(joint.slides)
             text = (
@@ -90,7 +90,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     """
     execution = execution or Execution()
     excitation, experiment = problem.excitation, problem.experiment
-    settled = settled_problem(problem)
+    settled = completed_problem(problem)
     chosen, choice = ((), "") if problem.design is None else _choose(settled, problem.design, execution)
     spectra = best_spectra_of(settled, experiment, chosen, excitation.torque_rms)
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
@@ -100,14 +100,14 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
     responses = [replace(model, parameters=known).expected(c, known.x) for model, c in fitted]
-    is_taken_out = not settled.friction_is_left and bool(coulomb_levels(settled.robot).any())
+    is_taken_out = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
     expected = forecast(responses, known.x, is_taken_out)
     notes = (*sticking(plan, truth, problem.simulated.carrier), *presliding(fitted, truth), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
 
 
-def settled_problem(problem: DesignProblem) -> DesignProblem:
+def completed_problem(problem: DesignProblem) -> DesignProblem:
     """Problem with defaults for open settings: torques, typical spectrum, damping by friction."""
     return with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
 
@@ -147,10 +147,10 @@ def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
 
 def _choose(
     problem: DesignProblem, spec: DesignSpec, execution: Execution
-) -> tuple[tuple[ChosenConfiguration, ...], str]:
+) -> tuple[tuple[DesignedConfiguration, ...], str]:
     candidates = problem.candidates(spec)
     sections = problem.excitation, problem.experiment, len(problem.robot.driven)
-    count = room(spec, *sections)
+    count = n_free_configurations(spec, *sections)
     if count < 1:
         raise StudyError(
             "design/limits",

@@ -61,7 +61,7 @@ class Forecast:
         return np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0)
 
     @property
-    def std_parts(self) -> dict[str, FloatArray]:
+    def std_contributions(self) -> dict[str, FloatArray]:
         """Contributions (n,) to `std` by name, as in a `Result`; empty for an exact robot model."""
         names = ("std_noise", "std_prior", "std_systematic")
         return {name: self.std * np.sqrt(part) for name, part in zip(names, self.parts, strict=False)}

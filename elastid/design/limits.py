@@ -144,9 +144,9 @@ GAIN_ERROR = 0.3
 GAINS = [*product((1.0, 1 + GAIN_ERROR, 1 - GAIN_ERROR), repeat=2)]
 
 
-FILL_SHARE = 0.98  # of the room that a rescaled configuration is to fill
+MAX_RANGE_FRACTION = 0.98  # of the room that a rescaled configuration is to fill
 # Of what is allowed, from which on a run is rehearsed. Peaks of drawn robots were at most 15 % above the linear ones.
-NEAR_SHARE = 0.8
+MIN_ADVICE_FRACTION = 0.8
 
 
 def within_limits(
@@ -292,7 +292,7 @@ def _rehearse(
         for q in np.flatnonzero(open_).tolist():
             expected = expected_peaks(rig, factor, base[q], q)
             used = {run: (peak / allowed[q]).max() for run, peak in expected.items()}
-            least = min(NEAR_SHARE, max(used.values()))
+            least = min(MIN_ADVICE_FRACTION, max(used.values()))
             near |= {run for run, share in used.items() if share >= least > 0}
             runs |= expected
         runs |= rehearsed_peaks(rig, factor, near, execution)
@@ -301,10 +301,10 @@ def _rehearse(
             growth = np.where(peak > base, (allowed - base) / (peak - base), np.inf).min(axis=(1, 2))
         # Amplitudes are raised once, and not by less than 5 %.
         may_grow = is_free and rehearsal == 0
-        open_ = (peak > allowed).any(axis=(1, 2)) | (may_grow & (FILL_SHARE * growth > 1.05))
+        open_ = (peak > allowed).any(axis=(1, 2)) | (may_grow & (MAX_RANGE_FRACTION * growth > 1.05))
         if not open_.any():
             return factor, runs
-        factor = np.where(open_[:, None], factor * (FILL_SHARE * np.minimum(growth, 10.0))[:, None], factor)
+        factor = np.where(open_[:, None], factor * (MAX_RANGE_FRACTION * np.minimum(growth, 10.0))[:, None], factor)
     names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
     raise StudyError(
         "design/limits",

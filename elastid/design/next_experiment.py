@@ -27,12 +27,12 @@ from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.base.units import to_si
 from elastid.design.configuration_selection import Candidates, informations, obstacles
-from elastid.design.design import settled_problem
+from elastid.design.design import completed_problem
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of
 from elastid.design.spec import unit_time_s
-from elastid.experiment.plan.plan import ChosenConfiguration, Plan
+from elastid.experiment.plan.plan import DesignedConfiguration, Plan
 from elastid.fit.parameter_selection import with_tolerances
 from elastid.fit.result import Result
 from elastid.parameters import Parameters
@@ -182,7 +182,7 @@ def next_experiment(
     of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed
     only where none is so short.  StudyError where no candidate has an experiment within limits.
     """
-    settled = settled_problem(problem)
+    settled = completed_problem(problem)
     options = _ranked(settled, candidates, known, goal, execution)
     options = [option for option in options if option.time_s <= left_s] or options
     refused: list[str] = []
@@ -190,7 +190,7 @@ def next_experiment(
         drawn = replace(settled, seed=phase_seed)
         experiment = replace(settled.experiment, periods=option.periods)
         configuration = replace(option.configuration, name=name)
-        chosen = [ChosenConfiguration(configuration, experiment.realisations)]
+        chosen = [DesignedConfiguration(configuration, experiment.realisations)]
         try:
             spectra = best_spectra_of(settled, experiment, chosen, problem.excitation.torque_rms)
             plan = replace(drawn, excitation=problem.excitation).plan(experiment, chosen, spectra)

@@ -64,7 +64,7 @@ class DesignCriterion:
         return float(self._of_covariance(C).mean()), gradient / len(M)
 
 
-def best_shares(H: FloatArray, criterion: DesignCriterion, known: FloatArray) -> "Powers":
+def optimal_weights(H: FloatArray, criterion: DesignCriterion, known: FloatArray) -> "Powers":
     """The shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
 
     known (S, d, d): earlier information, divided by the number of experiments to be shared.
@@ -80,7 +80,7 @@ def best_experiments(
 
     Drawn from the shares, then exchanged one by one: the best of several starts.  known (S, d, d): earlier information.
     """
-    best = best_shares(H, criterion, known / count)
+    best = optimal_weights(H, criterion, known / count)
     weights = best.P[0, :, 0]
     _, gradient = criterion.slope(known / count + np.tensordot(weights, H, (0, 1)))
     searched = np.argsort(-_gains(H, gradient) - weights, kind="stable")[:400]

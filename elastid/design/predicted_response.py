@@ -6,7 +6,7 @@ r"""A prospect: the frequency response that a plan will measure and its covarian
 R (n_u, E): the torques injected in the E experiments of a realisation, F: the sampled joint controller, G_q: from held
 torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
 line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that is not in the log,
-C_s: scatter of Coulomb friction (`friction_level`), the same in all periods; rho: further nonlinear distortion. The
+C_s: scatter of Coulomb friction (`friction_linearisation`), equal in all periods; rho: further distortion. The
 estimator's own covariance is in `frf.estimators`.
 """
 
@@ -29,7 +29,7 @@ from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.spec import FitSpec
 from elastid.frf.distortion import of_sign
-from elastid.friction.robot_friction import coulomb_levels
+from elastid.friction.robot_friction import coulomb_torques
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -65,7 +65,7 @@ def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
     return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
 
 
-def friction_level(
+def friction_linearisation(
     V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     r"""Damping d (n_u,) and E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) in K experiments, link side.
@@ -83,7 +83,7 @@ def friction_level(
 
 
 # Of the power of friction's distortion, what is left where it is taken out: 0.1 and 1.4 % in two studies.
-TAKEN_OUT = 0.004
+COMPENSATED_FRICTION = 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ class Prospect:
     """All that the information of a configuration depends on, but for the configuration; it pickles.
 
     plan: of one configuration, in realisations that stand for all.  outputs and quantity: what is estimated.
-    distortion: std of G over |G| in one realisation.  friction_is_left: in the responses, with its damping and its
-    scatter; else TAKEN_OUT of the latter.
+    distortion: std of G over |G| in one realisation.  includes_friction: in the responses, with its damping and its
+    scatter; else COMPENSATED_FRICTION of the latter.
     """
 
     robot: Robot
@@ -106,7 +106,7 @@ class Prospect:
     plan: Plan
     realisations: int
     carrier_velocity: FloatArray
-    friction_is_left: bool
+    includes_friction: bool
 
     @property
     def R(self) -> ComplexArray:
@@ -233,12 +233,12 @@ class Prospect:
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
-        coulomb, lines = coulomb_levels(self.robot), self.plan.lines
+        coulomb, lines = coulomb_torques(self.robot), self.plan.lines
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(lines), len(coulomb)))
         V = self._velocities(U, motion)
-        d, scatter = friction_level(V, lines, self.plan.period_samples, coulomb, self.carrier_velocity)
-        return (d, scatter) if self.friction_is_left else (0 * d, TAKEN_OUT * scatter)
+        d, scatter = friction_linearisation(V, lines, self.plan.period_samples, coulomb, self.carrier_velocity)
+        return (d, scatter) if self.includes_friction else (0 * d, COMPENSATED_FRICTION * scatter)
 
     def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
         """C_V (F, n_y, n_y), of the mean over the periods, with the scatter of friction."""

@@ -14,8 +14,8 @@ from elastid.design.optimal import DesignCriterion, best_powers, even_powers
 from elastid.design.predicted_response import Prospect
 from elastid.design.spec import DesignSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec
-from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
-from elastid.experiment.plan.reference_trajectory import movement, reach
+from elastid.experiment.plan.plan import DesignedConfiguration, Plan, make_plan
+from elastid.experiment.plan.reference_trajectory import max_excursion, movement
 from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -88,13 +88,13 @@ class DesignProblem:
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods / 2
             before_s = periods * excitation.period + experiment.ramp / 2
-            swing = reach(carrier, len(swing), excitation.period, before_s) / (1 - excitation.margin)
+            swing = max_excursion(carrier, len(swing), excitation.period, before_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(
         self,
         experiment: ExperimentSpec,
-        chosen: Sequence[ChosenConfiguration] = (),
+        chosen: Sequence[DesignedConfiguration] = (),
         spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
         """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
@@ -122,7 +122,8 @@ class DesignProblem:
             return drawn.plan(experiment)
         probes = self.candidates(self.design).configurations[:8]
         return drawn.plan(
-            experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)]
+            experiment,
+            [DesignedConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)],
         )
 
     def at_equilibria(
@@ -152,7 +153,7 @@ class DesignProblem:
         part = plan.at(q, plan.realisations[q])
         fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
         velocity = movement(self.simulated.carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
-        return Prospect(*fixed, distortion, part, self.experiment.realisations, velocity, self.friction_is_left)
+        return Prospect(*fixed, distortion, part, self.experiment.realisations, velocity, self.includes_friction)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -160,7 +161,7 @@ class DesignProblem:
         return self.simulated.outputs or self.robot.motor_locations
 
     @property
-    def friction_is_left(self) -> bool:
+    def includes_friction(self) -> bool:
         """True if the responses will include the motors' friction, uncompensated or not identifiable."""
         n_u, M = len(self.robot.driven), self.experiment.realisations
         E = self.experiment.runs(n_u)
@@ -208,7 +209,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
 
 
 def best_spectra_of(
-    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration], torque_rms: AskedTorque
+    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[DesignedConfiguration], torque_rms: AskedTorque
 ) -> dict[str, FloatArray]:
     """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
 

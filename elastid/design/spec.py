@@ -112,7 +112,7 @@ def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int,
     return runs * ((periods + experiment.transient_periods) * excitation.period + at_ends)
 
 
-def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> int:
+def n_free_configurations(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> int:
     """The number of configurations that can be chosen in addition to those given."""
     if spec.robot_time is None:
         return spec.count or 0

@@ -63,7 +63,7 @@ def grid_lines(
     return (_quasi_logarithmic(lines, ratio) if grid.endswith("quasi-log") else lines).astype(np.int64)
 
 
-def chosen_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: float, period_samples: int) -> IntArray:
+def user_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: float, period_samples: int) -> IntArray:
     """The user's own lines (F,) in ascending order; StudyError where one is outside the band or given twice."""
     band = grid_lines("full", band_hz, rate_hz, period_samples)
     outside = [k for k in lines if k not in band]

@@ -7,7 +7,7 @@ import numpy as np
 
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointTorque, Time
-from elastid.excitation.grids import Grid, Lines, chosen_lines, grid_lines, with_detection
+from elastid.excitation.grids import Grid, Lines, grid_lines, user_lines, with_detection
 from elastid.excitation.phases import Orthogonal
 
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
@@ -169,7 +169,7 @@ def planned_lines(excitation: MultisineSpec, seed: int) -> Lines:
     """The lines of a study, those left free for detection drawn from its seed; StudyError where the band holds none."""
     N = excitation.period_samples
     if excitation.grid == "lines":
-        chosen = chosen_lines(excitation.lines, excitation.band_hz, excitation.rate_hz, N)
+        chosen = user_lines(excitation.lines, excitation.band_hz, excitation.rate_hz, N)
         return Lines(chosen, np.zeros(0, np.int64))
     lines = grid_lines(excitation.grid, excitation.band_hz, excitation.rate_hz, N, excitation.ratio)
     if excitation.grid != "odd-random":

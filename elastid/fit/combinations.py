@@ -6,7 +6,7 @@ import numpy as np
 
 from elastid.base.display import digits, number
 from elastid.base.errors import Note
-from elastid.base.statistics import QUANTILE_95, known_combinations
+from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.fit.result import Result
 from elastid.record import JointLoop
 from elastid.robot import Robot, channel_name
@@ -21,7 +21,7 @@ def combination_notes(result: Result) -> Iterator[Note]:
     names, std, values = result.parameters.free_names, result.std, result.values
     x, scale = np.array([values[name] for name in names]), np.array([std[name] for name in names])
     correlation = result.covariance / np.sqrt(np.outer(*[np.diag(result.covariance)] * 2))
-    for combination in known_combinations(x, correlation * np.outer(scale, scale)):
+    for combination in identifiable_combinations(x, correlation * np.outer(scale, scale)):
         members = [names[i] for i in combination.members]
         relative = [std[name] / max(abs(values[name]), 1e-300) for name in members]
         if max(relative) < _WIDE:

@@ -96,7 +96,7 @@ class FittedRobot:
         """`responses`; effects: motion-induced bias (F, n_y, n_u) by configuration, if known."""
         responses = []
         for i, (model, G) in enumerate(zip(self.models, self.measured, strict=True)):
-            modelled = replace(model.response(G.freq_hz, sampled=True), rate_is_known=G.rate_is_known)
+            modelled = replace(model.response(G.freq_hz, sampled=True), has_rate=G.has_rate)
             effect = effects.get(name := G.configuration.name)
             if effect is None:
                 effect = effect_of_motion(self.model, model.linear, self.theta_of(name), G)
@@ -128,7 +128,7 @@ def models_by_group(
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
     """Parameters of a configuration, without other groups' and without parameters that its group replaces."""
-    local = result.parameters.configuration_of_its_own(configuration)
+    local = result.parameters.configuration_of_stand_in(configuration)
     local_names = [p.stands_for for p in result.parameters if local in p.only]
     return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in local_names))
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, FitError, StudyError, check_kind
-from elastid.base.execution import Execution, lasting_workers
+from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.channel_hypotheses import common_delay
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
@@ -83,7 +83,7 @@ def identify(
     return identified(responses, robot, spec, model, execution, hypotheses, parameters, loads)[0]
 
 
-@lasting_workers()
+@persistent_workers()
 def identified(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec = EXACT,
     execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
@@ -226,8 +226,8 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
                 f"the responses of {known[numbers]} and {name} are the same numbers: "
                 "one measurement under two names, or one file for two postures; leave one of them out",
             )
-    if len({response.rate_is_known for response in responses}) > 1:
-        unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
+    if len({response.has_rate for response in responses}) > 1:
+        unknown = ", ".join(r.configuration.name for r in responses if not r.has_rate)
         text = f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz"
         raise DataError("fit/responses", text)
 

@@ -69,7 +69,7 @@ def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[
     """
     groups: dict[str, list[str]] = {}
     for configuration in configurations:
-        local = parameters.configuration_of_its_own(configuration)
+        local = parameters.configuration_of_stand_in(configuration)
         mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if local in p.only)
         groups.setdefault("-".join(mine), []).append(configuration)
     if list(groups) == [""]:

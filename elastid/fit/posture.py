@@ -21,7 +21,7 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
-from elastid.robot.robot import parts_of_place, with_frames
+from elastid.robot.robot import split_place, with_frames
 from elastid.simulation.controller import gains_of
 from elastid.simulation.spec import ControllerSpec
 
@@ -147,7 +147,7 @@ class Family:
         def row(place: str) -> FloatArray:
             """Row of a place, as a sum of `places`."""
             weights = np.zeros(len(rows) + model.n_u)
-            kind, name, axis = parts_of_place(place)
+            kind, name, axis = split_place(place)
             if kind in ("motor", "joint", "body") or self.asked.axes == "own":
                 weights[rows[place]] = 1.0
                 return weights
@@ -207,7 +207,7 @@ def default_frame(robot: Robot) -> str:
 
 
 def _frame_of(place: str) -> str:
-    kind, name, _ = parts_of_place(place)
+    kind, name, _ = split_place(place)
     return name if kind in ("frame", "accelerometer", "force", "torque") else ""
 
 

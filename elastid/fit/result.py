@@ -321,7 +321,7 @@ class Result:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std
         rows, least = [], {name: ROUNDING * number for name, number in std.items()}
-        parts = {kind: part for kind, part in self.std_parts.items() if any(part[p] > least[p] for p in part)}
+        parts = {kind: part for kind, part in self.std_contributions.items() if any(part[p] > least[p] for p in part)}
         for p in self.parameters.asked:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
@@ -496,7 +496,7 @@ class Result:
         return self._part(self._shared(1 - self.averaging_fraction - self.persistent_fraction, 0.0))
 
     @property
-    def std_parts(self) -> dict[str, dict[str, float]]:
+    def std_contributions(self) -> dict[str, dict[str, float]]:
         """The contributions to `std` by name; none for an exact robot model."""
         names = ("std_noise", "std_prior", "std_systematic") if self.has_tolerances else ()
         return {name: getattr(self, name) for name in names}
@@ -567,7 +567,7 @@ class Result:
         ends = {name: self.interval(name) for name in free}
         nan, names = math.nan, ("std_noise", "std_prior", "std_systematic")
         columns = ["value", *names, "std", "low", "high", "unit", "free"]
-        parts = [self.std_parts.get(name, {}) for name in names]
+        parts = [self.std_contributions.get(name, {}) for name in names]
         rows = {
             p.name: (
                 values[p.name], *(each.get(p.name, nan) for each in (*parts, std)), *ends.get(p.name, (nan, nan)),

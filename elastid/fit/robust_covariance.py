@@ -123,7 +123,7 @@ def sum_lines(
         is_exact = weights.noise.smooth is weights.noise.measured
         smooth = S if is_exact else T @ weights.noise.covariance @ T.mT.conj()
         dof = weights.noise.measured.dof
-        together_in_power = max(together, weights.noise.measured.level_lines)
+        together_in_power = max(together, weights.noise.measured.averaging_lines)
         spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
     rows = _rows(J)

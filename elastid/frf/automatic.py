@@ -26,7 +26,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.base.statistics import interpolated
 from elastid.frf.local.fitted_response import local_mean
-from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
+from elastid.frf.period_selection import TRANSIENT_DISCARDED
 from elastid.frf.spec import Method
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
@@ -42,7 +42,7 @@ class AutomaticLimits:
     """
 
     lines: int = 128  # of the preview of a local method, for its time
-    power_share: float = 1e-4  # of the strongest line's input power, below which a line does not count
+    min_power_fraction: float = 1e-4  # of the strongest line's input power, below which a line does not count
     margin: float = 1.5  # by which a local method must be better than a mean of periods, or where it takes long
     long_lines: int = 50_000  # take a local method about half a minute for one input
     long_values: int = 200_000  # of G: beyond, a local method is no candidate for so many lines
@@ -82,8 +82,8 @@ def choose_by_error(
         return chosen("local_rational", f"{method} rejects the records ({refusal})")
     if min(response.n_lines, local.n_lines) < 2:
         return chosen("local_rational", f"{method} has only {response.n_lines} lines")
-    error, error_l, resolution = stated_errors(response, local, has_bias=method == "h1")
-    unit = "Hz" if local.rate_is_known else "of the sampling rate"
+    error, error_l, resolution = relative_errors(response, local, has_bias=method == "h1")
+    unit = "Hz" if local.has_rate else "of the sampling rate"
     scale = f"(of |G|, averaged over {resolution:.2g} {unit})"
     if error_l * margin < error:
         errors = f"{100 * error_l:.2g} % {scale} instead of {100 * error:.2g} % with {method}"
@@ -93,7 +93,7 @@ def choose_by_error(
     return chosen(method, f"its relative std is {errors}{missed}")
 
 
-def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:
+def relative_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:
     """Relative errors of a response and of local_rational at some of its lines, and their resolution, Hz.
 
     has_bias: True for segments; the scatter of periods shows a transient, and a local method has it in its model.
@@ -129,7 +129,7 @@ def may_hold_transient(records: Sequence[Record], response: Response) -> bool:
     """
     if any(RecordSpectra(record).is_large for record in records):
         return False
-    if any(note.code == TRANSIENT_LEFT_OUT for note in response.notes):
+    if any(note.code == TRANSIENT_DISCARDED for note in response.notes):
         return True
     is_short = min(record.n_repeats for record in records) < LIMITS.periods and response.G[0].size <= LIMITS.elements
     return is_short and _mean_root(_variance(response) / np.maximum(np.abs(response.G) ** 2, 1e-300)) > LIMITS.scatter
@@ -139,7 +139,7 @@ def _has_power(response: Response) -> BoolArray:
     """Flags (F,) of the lines where the weakest combination of inputs has power."""
     assert response.quality is not None
     power = response.quality.input_singular_values[:, -1] ** 2
-    return np.asarray(power >= LIMITS.power_share * power.max())
+    return np.asarray(power >= LIMITS.min_power_fraction * power.max())
 
 
 def within_excitation(response: Response) -> Response:

@@ -64,7 +64,7 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
                 )
 
 
-def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
+def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> None:
     """DataError where a record holds less than two periods, which leave no noise level, or experiments are too few.
 
     groups: the records by realisation, each of which needs as many as there are inputs, but for a method that pools.
@@ -141,7 +141,7 @@ def _surely_separated(block: Block, least: FloatArray) -> BoolArray:
     return np.asarray(block.U.shape[2] * np.sum(squares * least, axis=1) < 1)
 
 
-def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
+def repeated_phase_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
     """A note on each pair of realisations of the same excitation, which do not show nonlinear distortion."""
     notes = []
     for m in range(1, len(blocks)):
@@ -155,7 +155,7 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
     return notes
 
 
-def unlike_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[Note]:
+def inconsistent_experiment_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[Note]:
     r"""A note on a record whose realisation the others contradict, M >= 3 of them, by far more than each other.
 
     With G_m = sum_{j != m} Y_j U_j^H (sum_{j != m} U_j U_j^H)^-1 an experiment outside has the error D = Y - G_m U, of
@@ -167,7 +167,7 @@ def unlike_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[
     n_u, K = blocks[0].U.shape[1], sum(block.U.shape[2] for block in blocks[1:])
     if len(blocks) < 3 or n_u >= K or any(block.U.shape != blocks[0].U.shape for block in blocks):
         return []
-    ratios = np.array([_power_unlike(data, m) for m in range(len(blocks))])
+    ratios = np.array([_relative_power(data, m) for m in range(len(blocks))])
     m, e = divmod(int(np.argmax(ratios)), ratios.shape[1])
     if ratios[m, e] < MAX_ERROR_RATIO:
         return []
@@ -196,7 +196,7 @@ def scatter_notes(response: Response) -> list[Note]:
     return [Note("frf/records", text)]
 
 
-def _power_unlike(data: MeanSpectra, m: int) -> FloatArray:
+def _relative_power(data: MeanSpectra, m: int) -> FloatArray:
     """Power of the experiments (E,) of block m relative to the other blocks."""
     blocks = data.blocks
     step = -(-len(blocks[0].U) // PHASE_LINES)

@@ -19,11 +19,11 @@ constant,
 p_2(tau): density of (v(t), v(t - tau)) at (0, 0), which falls as 1 / tau; a slow carrier c(t) moves both densities, and
 their means over t count. delta Z rises with frequency as a mass and a loss do: stiffness and damping absorb some of it.
 It is the same in all configurations. 2 F p(0) is not: where the arm moves less, it is more; a fit that shares one
-viscous friction between configurations lacks the difference, some OWN_SHARE of it.
+viscous friction between configurations lacks the difference, some MIN_OWN_CHANNEL_FRACTION of it.
 
 F^2 is the distortion's power over that of sgn(v) less its linear part, both as torques at the motor. Sizes are right
-to about a third up to F of 0.3 rms torques, phases of delta Z to some TURNED_SHARE rad; what makes the distortion need
-not be Coulomb friction. So a fit takes the sizes for the standard deviations of factors, of j delta Z also.
+to about a third up to F of 0.3 rms torques, phases of delta Z to some MAX_ROTATED_FRACTION rad. Other nonlinearities
+than Coulomb friction may cause the distortion. A fit uses the sizes as standard deviations of factors and j delta Z.
 """
 
 from collections.abc import Sequence
@@ -106,9 +106,9 @@ def fast_total_error(
 SYSTEMATIC_ERRORS = 3
 # Share of the second order that is turned by a quarter of a circle: its phase differs from the prediction by 0.3 to 0.4
 # rad in many realisations, in one direction.
-TURNED_SHARE = 0.35
+MAX_ROTATED_FRACTION = 0.35
 # Share of the equivalent viscous friction by which configurations differ.
-OWN_SHARE = 0.2
+MIN_OWN_CHANNEL_FRACTION = 0.2
 
 
 def friction_bias(
@@ -156,8 +156,8 @@ def friction_bias(
         density, second = unit_impedance(V[:, :, j], mobility, lines, first)
         twice = -G[:, :, j, None] * G[:, rows[j], None, :] * omega[:, None, None] ** (1 - MOTION_ORDER[quantity])
         bias[0, j] = F_squared * second[:, None, None] * twice
-        bias[1, j] = TURNED_SHARE * 1j * bias[0, j]
-        bias[2, j] = OWN_SHARE * 2 * np.sqrt(F_squared) * density * twice
+        bias[1, j] = MAX_ROTATED_FRACTION * 1j * bias[0, j]
+        bias[2, j] = MIN_OWN_CHANNEL_FRACTION * 2 * np.sqrt(F_squared) * density * twice
     return bias
 
 

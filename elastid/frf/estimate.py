@@ -21,21 +21,21 @@ from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
 from elastid.frf.checks import (
+    check_number_of_periods,
     hit_notes,
-    refuse_few,
+    inconsistent_experiment_notes,
     refuse_mismatch,
-    same_phases_notes,
+    repeated_phase_notes,
     scatter_notes,
     separated_lines,
-    unlike_notes,
 )
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.estimators import (
     METHODS,
     Estimate,
+    averaging_lines,
     equation_error,
     kronecker,
-    level_lines,
     noise_covariance,
     total_covariance,
     total_error,
@@ -47,8 +47,8 @@ from elastid.frf.matrices import power, squared_magnitude
 from elastid.frf.moved_sensors import by_outputs, stacked
 from elastid.frf.quality import (
     described_lines,
+    discarded_lines_note,
     input_notes,
-    left_out_note,
     measured_quality,
     measured_response,
     output_notes,
@@ -60,9 +60,9 @@ from elastid.record import MOTION_ORDER, Record
 from elastid.response import MotorMotion, Response
 
 LOCAL = ("local_polynomial", "local_rational")
-LEVEL_LINES = 1024  # of which `level_lines` are found
+MAX_AVERAGING_LINES = 1024  # of which `averaging_lines` are found
 # Lines with less than this part of the motion's power are noise, or move no posture.
-_LEAST_SHARE = 1e-5
+_MIN_LINE_FRACTION = 1e-5
 _LEAST_RECORDS = 6  # that show the motion, where there are more
 _MOST_LINES = 128  # that are kept, or from which the feedback is found
 # Part of the power of u - r that the feedback must explain; noise alone is explained by less.
@@ -157,7 +157,7 @@ def _with_period(
 def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None) -> Response:
     """Response by a mean over realisations or a pooling method: each line on its own, from its periods."""
     method = spec.method
-    refuse_few(groups, method)
+    check_number_of_periods(groups, method)
     first = groups[0][0]
     spectra = [spectra_of(group, spec, planned_lines) for group in groups]
     lines = analysed_lines([record_spectra for group in spectra for record_spectra in group], spec, planned_lines)
@@ -170,8 +170,8 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     notes = [*(note for group in groups for note in notes_of(group)), *data.notes]
     if not usable.all():
         why = "the inputs are less than 6 dB above the noise there, or not independent"
-        notes.append(left_out_note(lines[~usable], first, why))
-    notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data, groups)]
+        notes.append(discarded_lines_note(lines[~usable], first, why))
+    notes += [*repeated_phase_notes(data.blocks, groups), *inconsistent_experiment_notes(data, groups)]
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, fitted.G)
@@ -256,15 +256,17 @@ def _with_covariances(
     noise = noise_covariance(data, fitted, C_V)
     of_noise = C_V * np.mean(1 / data.periods)
     total, stochastic, bias = None, None, None
-    noise = replace(noise, level_lines=_level_lines(data.scatter, fitted.G))
+    noise = replace(noise, averaging_lines=_averaging_lines(data.scatter, fitted.G))
     if error is not None:
-        few = slice(LEVEL_LINES)
+        few = slice(MAX_AVERAGING_LINES)
         of_experiments = [np.concatenate([Y[few], U[few]], axis=1) for Y, U in zip(data.Y, data.U, strict=True)]
-        of_level = _level_lines([np.concatenate(of_experiments, axis=2).transpose(2, 0, 1)], fitted.G)
-        total = replace(total_covariance(data, fitted, *error), level_lines=of_level)
+        of_level = _averaging_lines([np.concatenate(of_experiments, axis=2).transpose(2, 0, 1)], fitted.G)
+        total = replace(total_covariance(data, fitted, *error), averaging_lines=of_level)
     elif levels is not None:
         error = fast_total_error(levels, lines, of_noise, data.dof)
-        total = None if error is None else replace(kronecker(fitted.left, *error), level_lines=noise.level_lines)
+        total = (
+            None if error is None else replace(kronecker(fitted.left, *error), averaging_lines=noise.averaging_lines)
+        )
     if total is not None and error is not None:
         bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], of_noise, error[1])
         stochastic = np.sqrt(power(error[0] - of_noise))
@@ -274,11 +276,11 @@ def _with_covariances(
     return replace(response, noise=noise, total=total, quality=quality, bias=bias)
 
 
-def _level_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
-    """`level_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
-    n_y, few = G.shape[1], slice(LEVEL_LINES)
+def _averaging_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
+    """`averaging_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
+    n_y, few = G.shape[1], slice(MAX_AVERAGING_LINES)
     V = [z[:, few, :n_y] - np.einsum("fyu,kfu->kfy", G[few], z[:, few, n_y:]) for z in Z]
-    return level_lines(np.concatenate(V), G[few]) if V else 1.0
+    return averaging_lines(np.concatenate(V), G[few]) if V else 1.0
 
 
 def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion | None:
@@ -286,7 +288,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     records = _representative(records)
     first = records[0]
     columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]
-    if not columns or not first.rate_is_known or not first.is_periodic:
+    if not columns or not first.has_rate or not first.is_periodic:
         return None
     N = first.period_samples
     lines = np.rint(response.freq_hz * N / first.rate_hz).astype(np.int64)
@@ -298,7 +300,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     q = y[:, 1:] * over
     excited = lines[lines < K] - 1
     power = np.sum(squared_magnitude(q), axis=(0, 2))
-    moving = power > _LEAST_SHARE * power[excited].sum()
+    moving = power > _MIN_LINE_FRACTION * power[excited].sum()
     moving[excited] = True
     of_lines = q[:, moving].transpose(1, 2, 0)
     spectra = of_lines @ of_lines.mT.conj() / (2 * len(records))

@@ -38,8 +38,8 @@ from elastid.frf.matrices import (
 )
 from elastid.response import Covariance
 
-LEVEL_WIDTH = 9  # lines whose mean square is the level of an error in the middle
-MIN_LEVEL_POWER = 7.0  # |rho|^2 of white errors in its expectation, which one in a thousand exceeds
+AVERAGING_LINES = 9  # lines whose mean square is the level of an error in the middle
+MIN_CORRELATION_POWER = 7.0  # |rho|^2 of white errors in its expectation, which one in a thousand exceeds
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance
     return Covariance(variance, dof, left, right)
 
 
-def level_lines(V: ComplexArray, G: ComplexArray) -> float:
+def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
     r"""Lines over which the errors V (K, F, n_y) of K experiments or periods have one level by chance.
 
     .. math:: 1 + 2 \sum_l (1 - l / F) |\rho(l)|^2, \qquad \rho(l) = \text{autocorrelation of } G^+ V
@@ -193,13 +193,13 @@ def level_lines(V: ComplexArray, G: ComplexArray) -> float:
     """
     F = len(G)
     torque = (V.swapaxes(0, 1) @ np.linalg.pinv(G).swapaxes(1, 2)).swapaxes(0, 1)
-    level = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), LEVEL_WIDTH)
+    level = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), AVERAGING_LINES)
     torque = np.divide(torque, np.sqrt(level), out=np.zeros_like(torque), where=level > 0)
     spectrum = np.sum(squared_magnitude(np.fft.fft(torque, 2 * F, axis=1)), axis=0)
     R = np.abs(np.fft.ifft(spectrum, axis=0)[: F // 2]) ** 2
     lag = np.arange(1, len(R))[:, None]
     squared = R[1:] / np.maximum(R[0], 1e-300) * (F / (F - lag)) ** 2
-    counts = np.cumprod(squared > MIN_LEVEL_POWER / (len(V) * F), axis=0)
+    counts = np.cumprod(squared > MIN_CORRELATION_POWER / (len(V) * F), axis=0)
     return float(np.max(1 + 2 * np.sum((1 - lag / F) * counts * squared, axis=0)))
 
 

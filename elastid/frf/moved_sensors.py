@@ -66,4 +66,6 @@ def _covariance(parts: Sequence[Covariance | None]) -> Covariance | None:
     if len(known) < len(parts):
         return None
     variance = np.concatenate([part.variance for part in known], axis=1)
-    return Covariance(variance, min(part.dof for part in known), level_lines=max(part.level_lines for part in known))
+    return Covariance(
+        variance, min(part.dof for part in known), averaging_lines=max(part.averaging_lines for part in known)
+    )

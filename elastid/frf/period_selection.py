@@ -39,7 +39,7 @@ PREDICTION_ORDER = 8  # of the prediction of noise from its samples before
 # and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
 MAX_SETTLING = 300.0
 MIN_UNSETTLED = 1e-3  # of a signal, that its difference between two periods has in the first eighth, at least
-TRANSIENT_LEFT_OUT = "frf/transient-discarded"
+TRANSIENT_DISCARDED = "frf/transient-discarded"
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     lines as carry it, which are counted only where a period is far without them.
     """
     size = np.sqrt(np.maximum(np.median(compared.power[:, good], axis=1), 1e-300))
-    D = _median_of_others(compared, good) / size
+    D = _leave_one_out_median(compared, good) / size
     typical = np.median(D[good], axis=0)
     spread = STD_OVER_MAD * np.median(np.abs(D[good] - typical), axis=0)
     limit = typical + compared.outlier_sigma * np.maximum(spread, MIN_SPREAD * typical)
@@ -203,7 +203,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     return replace(distant, limit=typical + sigmas * np.maximum(spread, least))
 
 
-def _median_of_others(compared: Compared, good: IntArray) -> FloatArray:
+def _leave_one_out_median(compared: Compared, good: IntArray) -> FloatArray:
     """Median (P, c) over the good periods, of those compared with, of the distances of each period from the others."""
     columns = np.flatnonzero(np.isin(compared.references, good))
     of_good = compared.apart[:, :, columns]
@@ -252,7 +252,7 @@ def _leading(
         return leading, ()
     halves_later = f"the periods in the second half of {'the log' if len(logs) == 1 else 'each log'}"
     note = _note(spectra, np.flatnonzero(leading), measured, halves_later, " as the transient")
-    note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
+    note = replace(note, code=TRANSIENT_DISCARDED, severity="information")
     return leading, (note,)
 
 

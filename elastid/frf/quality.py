@@ -40,7 +40,7 @@ def measured_response(
         outputs=first.outputs,
         quantity=quantity,
         configuration=first.configuration,
-        rate_is_known=first.rate_is_known,
+        has_rate=first.has_rate,
         sliding=first.sliding,
         input_units=first.input_units,
         hold=first.images,
@@ -100,12 +100,12 @@ def coherences_of_powers(
 def described_lines(lines: IntArray, record: Record) -> str:
     """Lines as messages name them: their number and their range."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    unit = "Hz" if record.rate_is_known else "of the sampling rate"
+    unit = "Hz" if record.has_rate else "of the sampling rate"
     end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""
     return f"{len(lines)} DFT line{'s' * (len(lines) > 1)} ({freq_hz[0]:.5g}{end} {unit})"
 
 
-def left_out_note(lines: IntArray, first: Record, why: str) -> Note:
+def discarded_lines_note(lines: IntArray, first: Record, why: str) -> Note:
     """A note on lines of records like the first at which G is not estimated."""
     return Note("frf/lines-discarded", f"{described_lines(lines, first)} discarded, because {why}")
 
@@ -201,7 +201,7 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
     if not narrow.size:
         return []
     worst = narrow[np.argmin(width[narrow])]
-    unit = "Hz" if first.rate_is_known else "of the sampling rate"
+    unit = "Hz" if first.has_rate else "of the sampling rate"
     text = (
         f"segments of {1 / spacing:.3g} s are too short for {narrow.size} of {len(f_0)} resonances, above all at "
         f"{f_0[worst]:.4g} {unit}: the peak is too low and the damping too large. Set "

@@ -52,7 +52,7 @@ def single_logs(record: Record) -> tuple[Record, ...]:
     )  # fmt: skip
 
 
-def whole_logs(records: Sequence[Record]) -> list[Record]:
+def undivided_logs(records: Sequence[Record]) -> list[Record]:
     """The record of each log of some records, for methods that take a log as one piece; DataError where parts miss."""
     logs = [log for record in records for log in single_logs(record)]
     for log in logs:

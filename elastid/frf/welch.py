@@ -321,7 +321,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     if not usable.all():
         text = f"DFT lines discarded ({np.sum(~usable)}): an input has no power there, or two are proportional"
         notes.append(Note("frf/lines-discarded", text))
-    length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
+    length = f"{L / first.rate_hz:g} s ({L} samples)" if first.has_rate else f"{L} samples"
     text = (
         f"h1 from {data.K} segments of {length}, window {spec.window}, overlap {percent(1 - segments.step / L, 2)}; "
         f"equivalent to {data.K_e:.3g} independent segments"

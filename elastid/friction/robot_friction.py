@@ -128,7 +128,7 @@ def laws_of_joint(robot: Robot, joint: str) -> list[PlacedLaw]:
     return [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
 
 
-def coulomb_levels(robot: Robot) -> FloatArray:
+def coulomb_torques(robot: Robot) -> FloatArray:
     """Return the break-away torque F_c (n_u,) of each motor and its rigidly driven joint, in Nm, link side.
 
     A gear spring lets the motor move against a joint that sticks: there the friction of the joint does not count.

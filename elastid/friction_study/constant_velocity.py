@@ -196,7 +196,7 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
 
 
 @frozen_value
-class Levels:
+class FrictionCurve:
     """Friction of one place at n conditions, each at steady sliding; numbers on the side of the place, SI.
 
     speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the level is the mean of both directions.
@@ -227,12 +227,12 @@ class Levels:
             )
 
     @property
-    def n_levels(self) -> int:
+    def n_conditions(self) -> int:
         """Number of conditions."""
         return len(self.speed)
 
     @property
-    def known_temperatures(self) -> FloatArray:
+    def measured_temperatures(self) -> FloatArray:
         """Temperatures of the levels that have one, degC."""
         return self.temperature[np.isfinite(self.temperature)]
 
@@ -242,7 +242,7 @@ class Levels:
         return Conditions(self.speed, self.direction, self.load, self.temperature)
 
 
-def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> Levels:
+def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> FrictionCurve:
     """The levels of all pairs of one place, by direction.
 
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
@@ -278,7 +278,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     speed, load, temperature = np.tile(conditions.T, len(signs))
     torque, std = np.concatenate([g + s * uneven for s in signs]), np.tile(stds[:n_k] * np.sqrt(len(signs)), len(signs))
     directions, slides = np.repeat(signs, n_k), used[0].slides
-    return Levels(place, speed, directions, torque, std, load, temperature, slides, shared, tuple(notes))
+    return FrictionCurve(place, speed, directions, torque, std, load, temperature, slides, shared, tuple(notes))
 
 
 def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:

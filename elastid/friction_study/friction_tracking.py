@@ -21,7 +21,7 @@ from elastid.friction_study.extended_kalman_filter import (
     estimate_noise,
 )
 from elastid.friction_study.filter_consistency import LAGS, Consistency, consistency, filter_notes, unknown
-from elastid.friction_study.result import JointFriction, held_spring
+from elastid.friction_study.result import JointFriction, joint_spring
 from elastid.friction_study.spec import FilterSpec
 from elastid.record import FrictionRecord
 from elastid.robot import Robot
@@ -200,7 +200,7 @@ def _joints(
     viscous, known = max(viscous, 1e-6 * F_c), {"stiction_ratio": F_s / F_c}
     known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
     known["correlation_s"] = spec.correlation_time
-    elastic = held_spring(robot, records[0])
+    elastic = joint_spring(robot, records[0])
     if elastic is not None:
         inertia = elastic.motor_inertia
         known |= {"link_inertia": elastic.link_inertia, "stiffness": elastic.stiffness, "damping": elastic.damping}

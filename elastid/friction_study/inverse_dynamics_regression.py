@@ -50,12 +50,12 @@ from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSigna
 from elastid.friction_study.regressor import (
     ANGLE,
     MotionTerms,
+    add_curve_uncertainty,
     axis_equations,
     change_of,
     equations_of,
     regressed,
-    shown_terms,
-    with_other_curves,
+    select_terms,
 )
 from elastid.friction_study.static_model_fit import (
     ABSENT,
@@ -63,7 +63,7 @@ from elastid.friction_study.static_model_fit import (
     MIN_SPEEDS,
     STRIBECK_NUMBERS,
     TEMPERATURE_STEP_K,
-    Held,
+    UnidentifiedTerm,
     above_stribeck,
     extrapolates,
     friction_of,
@@ -74,9 +74,9 @@ from elastid.robot import Friction, MeasuredRange, Robot
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
 # Share of the time of sliding at lower speeds, which is short.
-_SLOWEST_SHARE = 0.02
+_LOWEST_SPEED_QUANTILE = 0.02
 # Numbers that are compared between both bands.
-JUDGED = ("inertia", "viscous", "coulomb")
+COMPARED_PARAMETERS = ("inertia", "viscous", "coulomb")
 
 
 # Limits of the judgement of a motion (scripts/studies/results.csv).
@@ -130,7 +130,7 @@ class MotionFriction:
     plateaus: tuple[Plateau, ...]
     passband_hz: float
     seconds: Mapping[str, float]
-    held: tuple[Held, ...] = ()
+    held: tuple[UnidentifiedTerm, ...] = ()
     notes: tuple[Note, ...] = ()
     misfit: str = ""
     rigid_body: RigidBody | None = None
@@ -151,7 +151,7 @@ class MotionFriction:
         return replace(fit, held=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
 
     @property
-    def seconds_words(self) -> str:
+    def time_summary(self) -> str:
         """Words on each second of the logs: in the regression or why not."""
         rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
         total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
@@ -204,11 +204,11 @@ def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
                     "directions. If the joint coasts and its inertia is known, set files[].purpose: coast_down",
                     f"motion of {signal.motion.place}",
                 )
-    terms = shown_terms(signals)
-    chosen = with_other_curves(signals, terms, regressed(signals, terms))
+    terms = select_terms(signals)
+    chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
     if terms.apart and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
         terms = replace(terms, apart=False)
-        chosen = with_other_curves(signals, terms, regressed(signals, terms))
+        chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
     if motions[0].spring is not None:
         stiff = [replace(motion, spring=None) for motion in motions]
         rigid = regressed([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
@@ -219,7 +219,7 @@ def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
     if fit.motion.is_run_down:
         return fit
     bands = both_bands([MotionLog({"": signal}) for signal in signals], NARROW_BAND)
-    result = judged(fit, "", moved_numbers(bands, lambda log: axis_equations(log.first, fit.terms)))
+    result = assess_motion(fit, "", band_differences(bands, lambda log: axis_equations(log.first, fit.terms)))
     if not bands:
         return result
     change, text = _by_spring(fit.chosen, [log.first for log in bands[1]], fit.terms)
@@ -254,34 +254,38 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         yield Note("friction/rigid-body", text, place, "warning" if dominates else "information")
 
 
-def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:
+def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:
     """Parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
     if fit.motion.is_run_down:
         return
     terms, low, high = fit.terms, *(fit.terms.measured or (0.0, 0.0))
     speed = np.concatenate([np.abs(s.filtered(s.velocity))[s.used] for s in signals])
-    lowest = float(np.quantile(speed, _SLOWEST_SHARE))
+    lowest = float(np.quantile(speed, _LOWEST_SPEED_QUANTILE))
     speeds = len(distinct_speeds(plateau.velocity for plateau in fit.plateaus))
     if not terms.stribeck_velocity and speeds < MIN_SPEEDS:
         text = (
             f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the "
             f"Stribeck velocity; measure passes at more speeds; {extrapolates(lowest)}"
         )
-        yield Held("stribeck", text)
+        yield UnidentifiedTerm("stribeck", text)
     if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
-        yield Held("stribeck", above_stribeck(lowest, terms.stribeck_velocity))
+        yield UnidentifiedTerm("stribeck", above_stribeck(lowest, terms.stribeck_velocity))
     if terms.friction_only:
         text = "joints that move together are regressed without; record this joint alone, cold and warm"
-        yield Held("temperature", text)
+        yield UnidentifiedTerm("temperature", text)
     elif not terms.heat and high - low < TEMPERATURE_STEP_K:
-        yield Held("temperature", "no temperature that varies was logged; log it, and record motions cold and warm")
+        yield UnidentifiedTerm(
+            "temperature", "no temperature that varies was logged; log it, and record motions cold and warm"
+        )
     elif not terms.heat:
-        yield Held("temperature", f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC")
+        yield UnidentifiedTerm(
+            "temperature", f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC"
+        )
     if not terms.load:
-        yield Held("load", "one load shows none; record motions with other payloads, or in other postures")
+        yield UnidentifiedTerm("load", "one load shows none; record motions with other payloads, or in other postures")
     if terms.friction_only:
         text = "Coulomb friction by direction cannot be distinguished from offset and gravity"
-        yield Held("directions.coulomb", text)
+        yield UnidentifiedTerm("directions.coulomb", text)
 
 
 def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: MotionTerms) -> tuple[FloatArray, str]:
@@ -303,19 +307,19 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
 Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
 
 
-def moved_numbers(bands: Sequence[Sequence[MotionLog]], equations: Callable[[MotionLog], Equations]) -> Moved:
+def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[MotionLog], Equations]) -> Moved:
     """Shift between both bands, and its std, of numbers by joint and name; empty without bands."""
     if not bands:
         return {}
-    rate_hz = bands[0][0].first.kept_hz
+    rate_hz = bands[0][0].first.decimated_hz
     wide, slow = (solve([equations(log) for log in band], rate_hz) for band in bands)
     return shift_between(wide, slow, rate_hz)
 
 
-def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
+def assess_motion(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
     """Friction with the change between bands in its intervals where it is beyond chance, and a misfit's reason."""
     numbers, passband_hz = fit.chosen, fit.passband_hz
-    changes = {name: change for (of, name), change in moved.items() if of == joint and name in JUDGED}
+    changes = {name: change for (of, name), change in moved.items() if of == joint and name in COMPARED_PARAMETERS}
     shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
     stds, worst = max(((abs(change) / std, name) for name, (change, std) in changes.items()), default=(0.0, ""))
     texts = []
@@ -326,7 +330,7 @@ def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
         )
     if numbers.widening > 1:
         texts.append(f"the torque that is left repeats with angle or velocity, {numbers.widening:.2g} times chance")
-    known = [name for name in JUDGED if name in numbers.names]
+    known = [name for name in COMPARED_PARAMETERS if name in numbers.names]
     error, name = max((numbers.std(name) / max(abs(numbers[name]), 1e-300), name) for name in known)
     text = (
         f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: law or rigid body lack a part; measure "
@@ -335,10 +339,10 @@ def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
     return replace(fit, chosen=numbers, misfit=text if texts and error > MAX_ERROR else "")
 
 
-PARTS = ("inertia", "gravity", "viscous", "coulomb")
+TORQUE_COMPONENTS = ("inertia", "gravity", "viscous", "coulomb")
 
 
-def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def torque_components(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Torque (n,) of PARTS from the columns of a regression; for joints that moved together, the friction torque.
 
     Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
@@ -378,14 +382,14 @@ def regress_robot_motion(
     def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
         return [equations_of(log, terms, block, sliding) for log, block in zip(logs, rigid, strict=True)]
 
-    terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.kept_hz
+    terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.decimated_hz
     every = solve(equations(terms), rate_hz)
     terms = {
         joint: replace(rule, apart=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
         for joint, rule in terms.items()
     }
     least = solve(equations(terms), rate_hz)
-    moved = moved_numbers(
+    moved = band_differences(
         both_bands(logs, NARROW_BAND),
         lambda log: equations_of(log, terms, _columns(robot, joints, joints, log, chosen)),
     )
@@ -404,7 +408,7 @@ def regress_robot_motion(
     friction = {
         joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
     }
-    return {joint: replace(judged(fit, joint, moved), rigid_body=body) for joint, fit in friction.items()}, alone
+    return {joint: replace(assess_motion(fit, joint, moved), rigid_body=body) for joint, fit in friction.items()}, alone
 
 
 def _states(robot: Robot, log: MotionLog) -> FloatArray:

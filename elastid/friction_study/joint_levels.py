@@ -22,7 +22,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
 from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.execution import Progress, silent
-from elastid.base.statistics import QUANTILE_95, known_combinations
+from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_study.commanded import (
     DELAY,
     CommandedJoint,
@@ -32,20 +32,20 @@ from elastid.friction_study.commanded import (
     simulate_commanded,
     smoothed_motion,
 )
-from elastid.friction_study.constant_velocity import find_levels, passes_of
+from elastid.friction_study.constant_velocity import estimate_friction_curve, passes_of
 from elastid.friction_study.inverse_dynamics_regression import (
     PASSBAND_HZ,
     ROBOT_PASSBAND_HZ,
     MotionFriction,
-    motion_parts,
     regress_motion,
     regress_robot_motion,
+    torque_components,
     torques_in_file,
 )
 from elastid.friction_study.least_squares import FALSE_ALARM
-from elastid.friction_study.motion_signals import STEADY_SHARE, Motion, MotionLog, MotionSignals, detect_passes
+from elastid.friction_study.motion_signals import MAX_STEADY_CHANGE, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.regressor import full_rate_columns
-from elastid.friction_study.result import RIGID_TERMS, JointLevels, held_spring, noted
+from elastid.friction_study.result import RIGID_TERMS, SlidingFriction, joint_spring, noted
 from elastid.friction_study.static_model_fit import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, Purpose
@@ -61,17 +61,17 @@ MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
 STILL = ("presliding_loops", "presliding_test")
 
 
-def find_joint_levels(
+def identify_sliding_friction(
     robot: Robot, joints: Sequence[Joint], measured: FrictionRecords, progress: Progress = silent
-) -> tuple[JointLevels, ...]:
-    """Levels and motions of each measured joint; DataError where a joint has no record, or one that cannot be used."""
+) -> tuple[SlidingFriction, ...]:
+    """Identify friction curve and motion of each joint; DataError for a joint without a usable record."""
     progress(0, 1 + len(joints))
     motions, commanded = _motions(robot, joints, measured), _commanded(robot, measured)
-    levels = list[JointLevels]()
+    levels = list[SlidingFriction]()
     for done, joint in enumerate(joints, start=1):
         progress(done, 1 + len(joints))
         if joint.name in commanded:
-            levels.append(_commanded_levels(joint, commanded[joint.name], measured))
+            levels.append(_commanded_friction(joint, commanded[joint.name], measured))
         else:
             levels.append(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())))
     return tuple(levels)
@@ -84,7 +84,7 @@ GAINS_EXACT = (
 )
 
 
-def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> JointLevels:
+def _commanded_friction(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> SlidingFriction:
     records = measured.of(joint.name, "commands")
     notes, text = notes_of(records), GAINS_EXACT
     if not records[0].feedback_delays_s[0]:
@@ -95,7 +95,9 @@ def _commanded_levels(joint: Joint, fit: CommandedJoint, measured: FrictionRecor
             "friction, or state controller.reference.cycle and controller.ticks"
         )
     gains = Note("friction/gains", text, f"joint {joint.name}", severity="information")
-    return JointLevels(joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit)
+    return SlidingFriction(
+        joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit
+    )
 
 
 # The parameters of a combination, what separates them; the first row with all of its names in it counts.
@@ -113,7 +115,7 @@ def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> I
     hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
     terms, last = {**TERMS, **RIGID_TERMS}, [*range(-1, len(fit.names) - 1)]  # the delay, then the others
     std, of_names = np.sqrt(np.diag(fit.covariance))[last], [fit.names[i] for i in last]
-    for known in known_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
+    for known in identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
         names = [of_names[i] for i in known.members]
         relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in known.members]
         if max(relative) < WIDE:
@@ -236,7 +238,7 @@ def _first_velocity(record: FrictionRecord) -> float:
     return float(np.polyfit(np.arange(5) / record.rate_hz, record.position[:5], 1)[0])
 
 
-def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> JointLevels:
+def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> SlidingFriction:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     runs = measured.of(joint.name, "constant_velocity")
     planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
@@ -246,7 +248,9 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "Jo
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
-        levels = find_levels([part for record in records for part in passes_of(record)], against, _turn(joint))
+        levels = estimate_friction_curve(
+            [part for record in records for part in passes_of(record)], against, _turn(joint)
+        )
         notes += levels.notes
     elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in of_joint)):
         raise DataError(
@@ -254,7 +258,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "Jo
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
             f"joint {joint.name}",
         )
-    return JointLevels(joint.name, joint.slides, levels, motion.friction, tuple(notes))
+    return SlidingFriction(joint.name, joint.slides, levels, motion.friction, tuple(notes))
 
 
 def _turn(joint: Joint) -> float:
@@ -323,14 +327,14 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
     if friction is not None and not robot.loops and friction.chosen.chance("inertia", 1) < FALSE_ALARM:
         log, signals = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ), friction.motion
         columns = full_rate_columns(MotionSignals.of(signals, PASSBAND_HZ), friction.terms)
-        parts = motion_parts(friction.chosen, columns)
+        parts = torque_components(friction.chosen, columns)
         rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
         check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
     return JointMotion(friction, passes, (*(friction.notes if friction is not None else ()), *notes))
 
 
 def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], against: bool) -> MotionFriction:
-    spring = held_spring(robot, records[0])
+    spring = joint_spring(robot, records[0])
     motions = [replace(_motion(record, against, _turn(joint)), spring=spring) for record in records]
     if len({record.payload for record in records}) > 1:
         # The torque that a mass at the last frame adds, by the robot's geometry.
@@ -363,7 +367,7 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
 def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     numbers = ((part, np.log(part.speed or 1.0), np.nan_to_num(part.mean_temperature)) for part in passes)
     conditions = {
-        (round(log / STEADY_SHARE), part.load, round(degc / TEMPERATURE_STEP_K)) for part, log, degc in numbers
+        (round(log / MAX_STEADY_CHANGE), part.load, round(degc / TEMPERATURE_STEP_K)) for part, log, degc in numbers
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 

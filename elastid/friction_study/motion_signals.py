@@ -40,15 +40,15 @@ def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray,
 
 
 # Thresholds of plateaus and their pairs, and of the judgement of passes.
-STEADY_SHARE = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
+MAX_STEADY_CHANGE = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
 SHORTEST_S = 0.15
-REST_SHARE = 0.005  # of the highest speed, below which a joint is at rest
-COMMON_SHARE = 0.1  # of the shorter plateau's travel, that there and back share under gravity
-OTHER_SPEED = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
+MAX_REST_FRACTION = 0.005  # of the highest speed, below which a joint is at rest
+MIN_OVERLAP = 0.1  # of the shorter plateau's travel, that there and back share under gravity
+MAX_SPEED_DIFFERENCE = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
 STEADY_HZ = 15.0  # band in which a plateau is steady, about as long as the shortest one
-TURN_SHARE = 0.01  # of the travel of a log, by which it goes back after a turning point at least
+MIN_RETURN_FRACTION = 0.01  # of the travel of a log, by which it goes back after a turning point at least
 WAY_WINDOWS = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
-LINE_SHARE = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
+MAX_LINE_RATIO = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
 MIN_CHANGE = 0.03  # of friction with the angle, relative, that is worth a note
 MIN_COUNTS = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
 
@@ -65,8 +65,8 @@ class Plateau:
 def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float) -> tuple[Plateau, ...]:
     """The plateaus of a smooth motion (n,), in their order."""
     speed = np.abs(velocity)
-    steady = speed > REST_SHARE * speed.max(initial=0.0)
-    steady &= np.abs(acceleration) * SHORTEST_S < STEADY_SHARE * speed
+    steady = speed > MAX_REST_FRACTION * speed.max(initial=0.0)
+    steady &= np.abs(acceleration) * SHORTEST_S < MAX_STEADY_CHANGE * speed
     return tuple(
         Plateau(start, stop, float(velocity[start:stop].mean()))
         for start, stop in runs(steady).tolist()
@@ -84,7 +84,7 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
     """The speeds without sign, each once, lowest first: the mean of those that are the same."""
     groups: list[list[float]] = []
     for speed in sorted(abs(float(speed)) for speed in speeds):
-        if groups and speed < groups[-1][0] * (1 + STEADY_SHARE):
+        if groups and speed < groups[-1][0] * (1 + MAX_STEADY_CHANGE):
             groups[-1].append(speed)
         else:
             groups.append([speed])
@@ -117,7 +117,7 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     parts = [part for part in steady if not any(part.start < way.stop and way.start < part.stop for way in ways)]
     plateaus = [*ways, *parts]
     if record.speed is not None:
-        reach = OTHER_SPEED * record.speed
+        reach = MAX_SPEED_DIFFERENCE * record.speed
         plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= reach]
     return tuple(sorted(plateaus, key=lambda part: part.start))
 
@@ -127,7 +127,7 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 
     What is not as far, stick-slip and noise at rest, turns no way.
     """
-    far = TURN_SHARE * float(np.ptp(position))
+    far = MIN_RETURN_FRACTION * float(np.ptp(position))
     slope = np.sign(np.diff(position))
     peaks = [0, *(np.flatnonzero(slope[1:] != slope[:-1]) + 1).tolist(), len(position) - 1]
     turns, low, high, sign = list[int](), 0, 0, 0  # sign: of the way, 0 before the first
@@ -145,15 +145,15 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """The plateau of a way of which half of the time at least is spent at one speed, if means over windows are."""
     way = position[start:stop]
-    travelled = np.abs(way - way[0]) > STEADY_SHARE * np.ptp(way)
-    ahead = np.abs(way - way[-1]) > STEADY_SHARE * np.ptp(way)
+    travelled = np.abs(way - way[0]) > MAX_STEADY_CHANGE * np.ptp(way)
+    ahead = np.abs(way - way[-1]) > MAX_STEADY_CHANGE * np.ptp(way)
     first, last = int(np.argmax(travelled)), len(way) - int(np.argmax(ahead[::-1]))
     w = (last - first) // WAY_WINDOWS
     if WAY_WINDOWS * w < 2 * SHORTEST_S * rate_hz:
         return None
     steps = way[first + w : last] - way[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
-    steady = runs(change < STEADY_SHARE * travel, w).tolist()
+    steady = runs(change < MAX_STEADY_CHANGE * travel, w).tolist()
     if not steady:
         return None
     begin, end = max(steady, key=lambda run: run[1] - run[0])
@@ -162,7 +162,7 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
     t = np.arange(len(way)) / rate_hz
     speed, offset = np.polyfit(t[inner], way[inner], 1)
     away = np.abs(way - speed * t - offset)
-    on_line = away <= LINE_SHARE * away[inner].max()
+    on_line = away <= MAX_LINE_RATIO * away[inner].max()
     before, after = on_line[: inner.start][::-1], on_line[inner.stop :]
     begin = inner.start - int(np.argmin(np.append(before, False)))
     return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(after, False))), float(speed))
@@ -172,12 +172,12 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
     """Pairs of each plateau with the next one back at the same speed, each used once."""
 
     def is_way_back(first: Plateau, other: Plateau) -> bool:
-        limit = STEADY_SHARE * abs(first.velocity)
+        limit = MAX_STEADY_CHANGE * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
         q, q_back = (record.position[part.start : part.stop] for part in (first, other))
         common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
-        return not has_gravity or bool(common > COMMON_SHARE * min(np.ptp(q), np.ptp(q_back)))
+        return not has_gravity or bool(common > MIN_OVERLAP * min(np.ptp(q), np.ptp(q_back)))
 
     pairs: list[tuple[Plateau, Plateau]] = []
     free = list(plateaus)
@@ -306,7 +306,7 @@ class MotionSignals:
         return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
 
     @property
-    def kept_hz(self) -> float:
+    def decimated_hz(self) -> float:
         """The rate of the samples that are kept."""
         return self.motion.rate_hz / int(self.kept.step)
 
@@ -314,7 +314,7 @@ class MotionSignals:
     def rests(self) -> BoolArray:
         """Flags at full rate (n,), true at rest."""
         speed = np.abs(self.velocity)
-        return np.asarray(speed < REST_SHARE * speed.max())
+        return np.asarray(speed < MAX_REST_FRACTION * speed.max())
 
     @cached_property
     def slides(self) -> BoolArray:
@@ -335,7 +335,7 @@ class MotionSignals:
     @property
     def seconds(self) -> dict[str, float]:
         """Durations that sum to the duration of the log: used in the regression, and rejected with the reason."""
-        total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.kept_hz
+        total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.decimated_hz
         rest = min(float(self.rests.mean()) * total, total - used)
         return {"used": used, "at rest": rest, "near a reversal, rest or end": total - used - rest}
 

@@ -168,7 +168,7 @@ OF_FILE = np.array([0.05, 0.1, 1.0, 1.0])
 
 
 @frozen_value
-class AtRest:
+class PreslidingFit:
     """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude, of `amplitudes`; covariance (2, 2)."""
 
     sigma_0: float
@@ -178,12 +178,12 @@ class AtRest:
     notes: tuple[Note, ...] = ()
 
 
-def fit_at_rest(
+def fit_presliding_responses(
     place: str,
-    responses: "Sequence[RestResponse]",
+    responses: "Sequence[PreslidingResponse]",
     joint: ElasticJoint | None = None,
     viscous: tuple[float, float] = (0.0, 0.0),
-) -> AtRest:
+) -> PreslidingFit:
     """Estimate presliding from responses at one amplitude or more. joint: None for a rigid joint with unknown inertia.
 
     viscous: alpha_2 of sliding with its std, Nms/rad.  An elastic joint is near that of the robot's file, `OF_FILE`.
@@ -208,7 +208,7 @@ def fit_at_rest(
         "over amplitude does not hold: lower the torque at rest"
     )
     notes = (Note("friction/presliding-test", text, f"{place} at rest"),) if slip > MAX_SLIP else ()
-    return AtRest(float(scale[0]), float(fit.x[-1] * scale[1]), covariance, len(responses), notes)
+    return PreslidingFit(float(scale[0]), float(fit.x[-1] * scale[1]), covariance, len(responses), notes)
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ class _Model:
     Then ln sigma_0, s_q / z_s of the largest motion, sigma_1 / unit.
     """
 
-    responses: "tuple[RestResponse, ...]"
+    responses: "tuple[PreslidingResponse, ...]"
     joint: ElasticJoint | None
     viscous: float
 
@@ -238,7 +238,7 @@ class _Model:
         middle = len(first.freq_hz) // 2
         return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
 
-    def receptance(self, x: FloatArray, response: "RestResponse") -> ComplexArray:
+    def receptance(self, x: FloatArray, response: "PreslidingResponse") -> ComplexArray:
         """G (F,) at one amplitude."""
         omega = 2 * np.pi * response.freq_hz
         per_bend = x[-2] / max(G.rms_position for G in self.responses)  # 1 / z_s
@@ -277,7 +277,7 @@ class _Model:
         return np.concatenate([*left, of_file])
 
 
-def slipped(omega: FloatArray, response: "RestResponse", per_bend: float) -> ComplexArray:
+def slipped(omega: FloatArray, response: "PreslidingResponse", per_bend: float) -> ComplexArray:
     """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response; at most half of it slips."""
     rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
     epsilon = min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5)
@@ -285,7 +285,7 @@ def slipped(omega: FloatArray, response: "RestResponse", per_bend: float) -> Com
 
 
 @frozen_value
-class RestResponse:
+class PreslidingResponse:
     """Receptance G (F,), rad/Nm at freq_hz (F,), with its variance E|dG|^2 (F,), at one amplitude.
 
     By noise it is that of neighbouring lines, times correlated_lines: those over which errors are correlated.
@@ -302,7 +302,7 @@ class RestResponse:
     correlated_lines: float = 1.0
 
     @classmethod
-    def of(cls, records: Sequence[FrictionRecord]) -> "RestResponse":
+    def of(cls, records: Sequence[FrictionRecord]) -> "PreslidingResponse":
         """Response from the records of one amplitude, each a realisation of a multisine.
 
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
@@ -338,12 +338,14 @@ class RestResponse:
         return cls(G.freq_hz, G.G[:, 0, 0], variance, expansion, position, velocity, G.correlated_lines)
 
 
-def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
+def presliding_responses(records: Sequence[FrictionRecord]) -> tuple[PreslidingResponse, ...]:
     """One response for each amplitude of the torque, the smallest first."""
     ordered = sorted(records, key=lambda record: float(np.std(record.torque)))
     sizes = np.array([np.std(record.torque) for record in ordered])
     ends = np.flatnonzero(sizes[1:] > SAME_AMPLITUDE * sizes[:-1]) + 1
-    return tuple(RestResponse.of(ordered[start:stop]) for start, stop in pairwise([0, *ends.tolist(), len(ordered)]))
+    return tuple(
+        PreslidingResponse.of(ordered[start:stop]) for start, stop in pairwise([0, *ends.tolist(), len(ordered)])
+    )
 
 
 def _motion(records: Sequence[Record], band_hz: tuple[float, float]) -> tuple[float, float]:

@@ -84,7 +84,7 @@ class MotionTerms:
         return replace(self, stribeck_velocity=velocity, decay=ends.get("temperature.decay", self.decay))
 
 
-def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
+def select_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     """The parts that the data show beyond chance, one after the other."""
     if signals[0].motion.is_run_down:
         return _curve(signals, MotionTerms(apart=False, friction_only=True))
@@ -126,7 +126,7 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     return chosen.at(fits[chosen])
 
 
-def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
+def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
     """Regression with the change to other curves over speed that are not excluded in its covariance.
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
@@ -218,7 +218,7 @@ def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int =
     """steps: number of Gauss-Newton steps of the search for the Stribeck velocity, by its column in the Jacobian."""
 
     def solved(about: Regression | None) -> Regression:
-        return solve([axis_equations(axis, terms, about) for axis in signals], signals[0].kept_hz).at("")
+        return solve([axis_equations(axis, terms, about) for axis in signals], signals[0].decimated_hz).at("")
 
     fit = solved(None)
     for _ in range(steps if terms.searched else 0):

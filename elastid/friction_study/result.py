@@ -20,13 +20,19 @@ from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.commanded import DELAY, CommandedJoint
-from elastid.friction_study.constant_velocity import Levels
+from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.inverse_dynamics_regression import MotionFriction, RigidBody
-from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
+from elastid.friction_study.presliding import (
+    Elements,
+    PreslidingFit,
+    fit_presliding,
+    fit_presliding_responses,
+    presliding_responses,
+)
 from elastid.friction_study.spec import FrictionSpec, LawSpec
-from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, Held, StaticLaw
+from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
-from elastid.model.formulation import ElasticJoint, held_joint
+from elastid.model.formulation import ElasticJoint, locked_joint
 from elastid.record import FrictionRecord, FrictionRecords, motion_unit
 from elastid.robot import Friction, LuGre, Robot, channel_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
@@ -59,12 +65,12 @@ class FrictionNumber:
 
 
 @dataclass(frozen=True)
-class JointLevels:
+class SlidingFriction:
     """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both."""
 
     joint: str
     slides: bool
-    constant_velocity: Levels | None = None
+    constant_velocity: FrictionCurve | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
     commanded: CommandedJoint | None = None
@@ -80,16 +86,16 @@ class JointFriction:
 
     joint: str
     slides: bool
-    constant_velocity: Levels | None = None
+    constant_velocity: FrictionCurve | None = None
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Elements | None = None
-    presliding_test: AtRest | None = None
+    presliding_test: PreslidingFit | None = None
     thermal: ThermalModel | None = None
     friction: Friction | None = None
     viscous: float | None = None
     numbers: tuple[FrictionNumber, ...] = ()
-    held: tuple[Held, ...] = ()
+    held: tuple[UnidentifiedTerm, ...] = ()
     notes: tuple[Note, ...] = ()
     commanded: CommandedJoint | None = None
 
@@ -109,17 +115,17 @@ class JointFriction:
         return self.motion.misfit if self.motion is not None and self.static is None else ""
 
     @property
-    def is_of_one_speed(self) -> bool:
+    def has_one_speed(self) -> bool:
         """True if the torque at one speed was identified, and so no law."""
-        return self.static is not None and self.static.is_of_one_speed
+        return self.static is not None and self.static.has_one_speed
 
     @property
-    def missing(self) -> tuple[Held, ...]:
+    def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
-        if self.friction is None and not self.is_of_one_speed:
+        if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
-            return (Held("friction", why),)
+            return (UnidentifiedTerm("friction", why),)
         return tuple(
             held
             for held in self.held
@@ -185,9 +191,9 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
     """Numbers of the static law, and of each direction where they differ."""
     levels, values = law.levels, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", levels.slides)
-    learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
+    learnt = f"{levels.n_conditions} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
     at, terms = f"friction torque at {levels.speed.mean():.3g} {unit}", dict(TERMS)
-    if law.is_of_one_speed:
+    if law.has_one_speed:
         by_heat = f"{at}: change with temperature"
         terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
         terms["temperature.coulomb"] = replace(
@@ -256,7 +262,7 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
         return {}
     paths = {path: known[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in known}
     if static is not None:
-        degc, by_load = static.levels.known_temperatures, law.load is not None and "load.coulomb" not in static.names
+        degc, by_load = static.levels.measured_temperatures, law.load is not None and "load.coulomb" not in static.names
         placed = next(law for law in frictions(robot) if law.place == f"motor {joint}")
         load = float(np.mean(static.levels.load)) if by_load else 0.0
         curve = placed.curve(load, float(np.mean(degc)) if len(degc) else None)
@@ -269,7 +275,7 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
 
 def identify_friction(
     robot: Robot,
-    levels: Sequence[JointLevels],
+    levels: Sequence[SlidingFriction],
     measured: FrictionRecords,
     spec: FrictionSpec,
     truth: Robot | None = None,
@@ -279,7 +285,7 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
-    parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.is_of_one_speed) for j in joints)
+    parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
     if not any(map(any, parts)):
         status = "failed"
     message = "; ".join([*misfits, *(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)])
@@ -287,7 +293,7 @@ def identify_friction(
 
 
 def _joint(
-    robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
+    robot: Robot, levels: SlidingFriction, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
     name, curve, static = levels.joint, levels.constant_velocity, None
     if curve is not None:
@@ -309,7 +315,7 @@ def _joint(
     notes += () if at_rest is None else at_rest.notes
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     if presliding is None and at_rest is None:  # logs that were recorded for it, and give no number
-        held += tuple(Held("presliding", note.text) for note in notes if note.code in PRESLIDING)
+        held += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
     return JointFriction(
         name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
         None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
@@ -331,11 +337,15 @@ def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: 
 
 
 def _law(
-    levels: JointLevels, static: StaticLaw | None, presliding: Elements | None, at_rest: AtRest | None, spec: LawSpec
+    levels: SlidingFriction,
+    static: StaticLaw | None,
+    presliding: Elements | None,
+    at_rest: PreslidingFit | None,
+    spec: LawSpec,
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
     """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
     sliding = static if static is not None else levels.motion or levels.commanded
-    if sliding is None or (static is not None and static.is_of_one_speed):
+    if sliding is None or (static is not None and static.has_one_speed):
         return None, None, ()
     try:
         friction = sliding.to_friction()
@@ -354,7 +364,7 @@ def _law(
 
 
 def _numbers(
-    levels: JointLevels, static: StaticLaw | None, at_rest: AtRest | None, truth: Truth
+    levels: SlidingFriction, static: StaticLaw | None, at_rest: PreslidingFit | None, truth: Truth
 ) -> Iterator[FrictionNumber]:
     """Table of parameters; of two experiments for one, the later counts, and constant-velocity runs over motions."""
     if static is not None:
@@ -390,7 +400,7 @@ def _first_numbers(joint: JointFriction) -> str:
     return numbers or next((note.text for note in joint.notes if note.severity == "warning"), "nothing was found")
 
 
-def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec) -> Elements | None:
+def _presliding(loops: Sequence[FrictionRecord], at_rest: PreslidingFit | None, spec: FrictionSpec) -> Elements | None:
     if not loops or spec.law.presliding == "no" or (spec.law.presliding == "lugre" and at_rest is not None):
         return None
     if spec.law.presliding == "lugre":
@@ -403,16 +413,16 @@ def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: F
     return fit_presliding(loops[0], hz, spec.law.elements)
 
 
-def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> AtRest | None:
+def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> PreslidingFit | None:
     if not records:
         return None
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
         viscous = static.viscous, static.known("viscous")[1]
-    spring = held_spring(robot, records[0])
-    return fit_at_rest(f"joint {records[0].joint}", rest_responses(records), spring, viscous)
+    spring = joint_spring(robot, records[0])
+    return fit_presliding_responses(f"joint {records[0].joint}", presliding_responses(records), spring, viscous)
 
 
-def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
+def joint_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
     """The joint with its spring, the others held; None for a rigid one."""
-    return held_joint(robot, record.joint, record.angles(len(robot.driven)))
+    return locked_joint(robot, record.joint, record.angles(len(robot.driven)))

@@ -17,7 +17,7 @@ from scipy.special import chdtrc, ndtri, stdtrit
 from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import FitError
 from elastid.friction.static import FALLING, Conditions, columns, slopes
-from elastid.friction_study.constant_velocity import MAX_RELATIVE_STD, Levels
+from elastid.friction_study.constant_velocity import MAX_RELATIVE_STD, FrictionCurve
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
 from elastid.friction_study.spec import LawSpec, Part
 from elastid.robot.friction import (
@@ -33,7 +33,7 @@ from elastid.robot.friction import (
 START_DECAY_K = 20.0
 DECAY_RANGE_K = (1.0, 500.0)
 # Of the largest speed, within which speeds are one: a line through them has its end anywhere.
-ONE_SPEED = 0.1
+SAME_SPEED_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,22 @@ class StaticLaw:
     among `held`: its own numbers are extrapolations.
     """
 
-    levels: Levels
+    levels: FrictionCurve
     terms: Terms
     T_0: float
     values: Mapping[str, float]
     covariance: FloatArray
     cost: float
     dof: int
-    held: "tuple[Held, ...]" = ()
+    held: "tuple[UnidentifiedTerm, ...]" = ()
 
     @staticmethod
-    def of(levels: Levels, spec: LawSpec) -> "StaticLaw":
+    def of(levels: FrictionCurve, spec: LawSpec) -> "StaticLaw":
         """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
         # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
-        names = ("coulomb", "viscous") if np.ptp(levels.speed) > ONE_SPEED * levels.speed.max() else ("coulomb",)
+        names = (
+            ("coulomb", "viscous") if np.ptp(levels.speed) > SAME_SPEED_TOLERANCE * levels.speed.max() else ("coulomb",)
+        )
         fit, parts = fit_curve(levels, Terms(names, (), {})), _parts(levels)
         held, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
@@ -91,8 +93,8 @@ class StaticLaw:
             if getattr(spec, name) == "yes":
                 text = f"law.{name} cannot be identified: {reason}"
                 raise FitError("friction/law", text, f"friction of {levels.place}")
-        fit = _with_other_curves(levels, fit, parts[0], spec)
-        return replace(fit, held=tuple(Held(name, reason) for name, reason in shown.items()))
+        fit = _add_curve_uncertainty(levels, fit, parts[0], spec)
+        return replace(fit, held=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
 
     @property
     def reach(self) -> float:
@@ -135,12 +137,12 @@ class StaticLaw:
     @property
     def measured(self) -> MeasuredRange:
         """The ranges of the conditions."""
-        levels, known = self.levels, self.levels.known_temperatures
+        levels, known = self.levels, self.levels.measured_temperatures
         load = _range(levels.load) if levels.load.any() else None
         return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
 
     @property
-    def is_of_one_speed(self) -> bool:
+    def has_one_speed(self) -> bool:
         """True if the levels are of one speed: Coulomb friction is then the whole torque there, and no law follows."""
         return "viscous" not in self.values
 
@@ -154,16 +156,16 @@ class StaticLaw:
         return friction_of(self.values, self.T_0, self.measured)
 
 
-def fit_curve(levels: Levels, terms: Terms) -> StaticLaw:
+def fit_curve(levels: FrictionCurve, terms: Terms) -> StaticLaw:
     """The law nearest to the levels in units of their std; FitError for too few levels, or searches without an end."""
     n_numbers = len(terms.linear) + len(terms.searched)
-    if levels.n_levels <= n_numbers:
+    if levels.n_conditions <= n_numbers:
         numbers = ", ".join((*terms.linear, *terms.searched))
         text = (
-            f"{levels.n_levels} levels for {n_numbers} numbers of its law ({numbers}); measure more speeds, or leave "
+            f"{levels.n_conditions} levels for {n_numbers} parameters of its law ({numbers}). Measure more speeds, or "
         )
-        raise FitError("friction/law", f"{text}out parts of the law", f"friction of {levels.place}")
-    known = levels.known_temperatures
+        raise FitError("friction/law", f"{text}switch terms of the law off", f"friction of {levels.place}")
+    known = levels.measured_temperatures
     T_0 = float(known.mean()) if len(known) else 0.0
     search = _Search(levels, terms, T_0)
     starts, ranges = list(search.starts()), {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
@@ -180,7 +182,7 @@ def fit_curve(levels: Levels, terms: Terms) -> StaticLaw:
         x = min(optima, key=lambda end: end.cost).x
     eta = search.eta(x)
     linear, left = search.project(eta)
-    cost, dof = float(left @ left), levels.n_levels - n_numbers
+    cost, dof = float(left @ left), levels.n_conditions - n_numbers
     values = named(terms.linear, linear) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
@@ -203,7 +205,7 @@ def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float]
 class _Search:
     """The variables x: ln of each searched number; the Stribeck velocity over temperature by its ln at both ends."""
 
-    levels: Levels
+    levels: FrictionCurve
     terms: Terms
     T_0: float
 
@@ -212,7 +214,7 @@ class _Search:
         eta = dict(self.terms.held) | named(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
-            known = self.levels.known_temperatures - self.T_0
+            known = self.levels.measured_temperatures - self.T_0
             low, high = float(known.min()), float(known.max())
             eta["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
             eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
@@ -280,7 +282,7 @@ STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
 
 
 @dataclass(frozen=True)
-class Held:
+class UnidentifiedTerm:
     """Term of the friction model that is not identified: the reason, and the required data."""
 
     part: str
@@ -311,7 +313,7 @@ class _Part:
         return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), held)
 
 
-def _tried(levels: Levels, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
+def _tried(levels: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
     """The law with a part, or the reason why not; both where it is there and its own numbers are extrapolations."""
     if key == "no":
         return None, NOT_ASKED
@@ -345,7 +347,7 @@ def above_stribeck(lowest: float, nu_s: float) -> str:
     )
 
 
-def _with_other_curves(levels: Levels, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
+def _add_curve_uncertainty(levels: FrictionCurve, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
     """Fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
@@ -385,10 +387,10 @@ def _widest(fit: StaticLaw, names: list[str]) -> str | None:
     return None
 
 
-def _parts(levels: Levels) -> tuple[_Part, ...]:
+def _parts(levels: FrictionCurve) -> tuple[_Part, ...]:
     speeds, temperatures, loads = (
         _distinct(np.log(levels.speed), 0.05),
-        _distinct(levels.known_temperatures, TEMPERATURE_STEP_K),
+        _distinct(levels.measured_temperatures, TEMPERATURE_STEP_K),
         _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05),
     )
 

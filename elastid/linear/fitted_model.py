@@ -34,7 +34,7 @@ from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
 from elastid.parameters import Parameters
-from elastid.record import HeldTorque
+from elastid.record import ZohTorque
 from elastid.response import Response
 from elastid.robot import FRAME_AXES
 
@@ -281,7 +281,7 @@ class FittedModel:
         """
         hold = self.linear.hold if sampled else None
         if sampled_hz is not None:
-            hold = HeldTorque((float(sampled_hz),) * len(self.linear.inputs), (True,) * len(self.linear.outputs))
+            hold = ZohTorque((float(sampled_hz),) * len(self.linear.inputs), (True,) * len(self.linear.outputs))
         return to_response(replace(self.linear, hold=hold), self.theta, checked_frequencies(freq_hz))
 
     def response_band(self, freq_hz: FloatArray, level: float = 0.95) -> ResponseBand:

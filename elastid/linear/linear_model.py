@@ -35,7 +35,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, froz
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
 from elastid.base.escape import control_labels
-from elastid.record import MOTION_ORDER, REFERENCE, Configuration, HeldTorque, JointLoop, Motion, Motors, ReferenceLoop
+from elastid.record import MOTION_ORDER, REFERENCE, Configuration, JointLoop, Motion, Motors, ReferenceLoop, ZohTorque
 from elastid.robot import CHANNEL_NUMBERS, Chain, channel_name, low_pass_response
 
 # The one element between command and torque.
@@ -171,7 +171,7 @@ class LinearModel:
     chain: tuple[Element, ...] = ()
     Z: FloatArray | None = None
     channel_numbers: tuple[str, ...] = ()
-    hold: HeldTorque | None = None
+    hold: ZohTorque | None = None
     sliding: tuple[str, ...] = ()
     motors: Motors = "free"
     loop: JointLoop | None = None

@@ -35,7 +35,7 @@ from elastid.linear.response.transfer import change_of_angles
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.response import MotorMotion, Response
-from elastid.robot.robot import parts_of_place
+from elastid.robot.robot import split_place
 
 # Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
 MOST_LINES, _FEW = 48, 8
@@ -321,13 +321,13 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
 
 def is_point(place: str) -> bool:
     """True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
-    kind, _, axis = parts_of_place(place)
+    kind, _, axis = split_place(place)
     return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
 
 
 def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
     """Acceleration of a point along its turning axis, v' + omega x v in the axes of the frame; less gravity."""
-    kind, name, axis = parts_of_place(place)
+    kind, name, axis = split_place(place)
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
     J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
     velocity, turning = J[:3, :] @ v, J[3:, :] @ v

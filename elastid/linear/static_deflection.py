@@ -34,7 +34,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import position, rotation, tree, turns
 from elastid.model.loop_closure import null_space
 from elastid.record import Configuration, JointLoop, Motors
-from elastid.robot.robot import parts_of_place
+from elastid.robot.robot import split_place
 
 _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
 
@@ -193,7 +193,7 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
 
 def moved_by(place: str) -> str:
     """The motion on which a force or torque works."""
-    kind, name, axis = parts_of_place(place)
+    kind, name, axis = split_place(place)
     return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
 
 

@@ -94,7 +94,7 @@ def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequen
 
 
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
-MAX_STATED_CORRELATION = 0.5  # of one motion with another as the quantity that is stated
+MAX_QUANTITY_CORRELATION = 0.5  # of one motion with another as the quantity that is stated
 # |log| of a gain that is as stated, and of its distance from a known factor.
 MAX_GAIN, MAX_FACTOR = 0.3, 0.1
 MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
@@ -185,7 +185,7 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
         stated_order = joint.order(b) - joint.order(a)
         stated, best = relations[stated_order], max(relations, key=lambda k: abs(relations[k].correlation))
         gain, order = abs(stated.gain), joint.order(a) + best
-        if abs(stated.correlation) < MAX_STATED_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
+        if abs(stated.correlation) < MAX_QUANTITY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
             i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best)
             text = f"{joint.named(b)} is proportional to the derivative of order {best} of {joint.named(a)}"
             yield Doubt(

@@ -16,7 +16,7 @@ from elastid.base.errors import DataError
 from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
 from elastid.logs.channel_names import ChannelGuess, ChannelKey, guess_by_name
-from elastid.logs.clocks import is_clock, own_rates, slowest_ms
+from elastid.logs.clocks import channel_rates, is_clock, slowest_ms
 from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.motion_relations import (
@@ -36,7 +36,7 @@ from elastid.logs.units_and_sides import MAX_COMPUTABLE
 
 DRIVES = ("torque", "force", "current", "voltage")
 MIN_SAMPLES = 100  # of a log
-_MIN_KNOWN_FRACTION = 2 / 3  # of a signal's samples, the others missing
+_MIN_MEASURED_FRACTION = 2 / 3  # of a signal's samples, the others missing
 _GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
@@ -111,8 +111,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
 
     with_constant: also signals that do not change.
     """
-    if channels_ms := own_rates(log):
-        return _signals_at_one_rate(log, channels_ms, most)
+    if channels_ms := channel_rates(log):
+        return _resample_to_slowest(log, channels_ms, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     usual = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
@@ -132,7 +132,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 is_position = [True] if guess.quantity == "position" else []
                 x = without_lone(x[:, None], RepairLog("", ("",)), is_position)[:, 0]
-            is_known = np.isfinite(x).sum() > _MIN_KNOWN_FRACTION * len(x)
+            is_known = np.isfinite(x).sum() > _MIN_MEASURED_FRACTION * len(x)
             if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
                 result.append((replace(_with_counts(guess, whole), name=name), whole))
     return _with_gravity(_with_commands(result))
@@ -175,7 +175,7 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
     return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
 
 
-def _signals_at_one_rate(
+def _resample_to_slowest(
     log: Log, channels: Sequence[tuple[str, str, float]], most: int
 ) -> list[tuple[ChannelGuess, FloatArray]]:
     """Signals that have a quantity, interpolated at the times of the slowest one; DataError if these begin later."""
@@ -234,7 +234,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     given, slides = motions[0].quantity, all(g.quantity == "force" for g in drives)
     speeds = {g.parts[1]: g for g in _best_family([g for g in guesses if g.quantity == "velocity"], MOTIONS)}
     motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
-    motions = _in_one_unit(motions)
+    motions = _with_common_unit(motions)
     by_label = {m.parts[1]: m for m in motions}
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
@@ -290,14 +290,14 @@ def guess_commands(
     """Measured and commanded position of each joint, by their names; empty unless every measured one has a command."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     measured = _best_family([g for g in guesses if g.rank >= 0], ("position",))
-    measured = _in_one_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
+    measured = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
     commanded = _commanded_positions(guesses)
     pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
     pairs = _by_number(pairs, [g.parts[1] for g, _ in pairs])
     return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
 
 
-def _in_one_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
+def _with_common_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
     if in_deg := next((m.name for m in motions if m.unit == "deg"), ""):
         return [replace(m, unit="deg", why=f"deg as {in_deg}") if "assumed" in m.why else m for m in motions]
     return motions

@@ -19,7 +19,7 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.clocks import TIME_UNITS, corrected_stamps, stamp_unit
 from elastid.logs.files.formats import contents, read_channels
 from elastid.logs.repair import Findings, Log
-from elastid.logs.repair.masks import rest_before
+from elastid.logs.repair.masks import samples_before_motion
 from elastid.logs.repair.missing import bridged_gaps, filled
 from elastid.logs.repair.periodicity import period_samples, rounded_samples
 from elastid.logs.repair.time_stamps import (
@@ -107,7 +107,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     lowest = min(part.rate_hz for part in parts)
     period_s = _period_s(converted, experiment)
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
-    period = None if period_s is None else own_samples(period_s, lowest, recorded, file)
+    period = None if period_s is None else period_samples_of_channel(period_s, lowest, recorded, file)
     known_hz = None if recorded.rate_hz == "unknown" else lowest
     if period is not None and recorded.period_of(file) == "find":
         seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
@@ -147,7 +147,7 @@ def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Se
 
 def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
     """The sample with which the first period begins that is not all rest before the excitation (n, d)."""
-    rest = 0 if period is None else rest_before(drivers)
+    rest = 0 if period is None else samples_before_motion(drivers)
     count = int(rest / period) if period else 0
     if count == 0:
         return 0
@@ -157,7 +157,7 @@ def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
     return math.ceil(count * (period or 0))
 
 
-def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
+def period_samples_of_channel(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
     """Samples of a period at a channel's own rate; raise StudyError if only the study's rate gives a whole number."""
     samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
@@ -176,7 +176,7 @@ def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
             drivers = [j for j, i in enumerate(part.members) if experiment.recorded.channels[i].role == role]
             if part.file == 1 and drivers:
                 signals = part.signals[:, drivers]
-                signals = signals[rest_before(signals) :]
+                signals = signals[samples_before_motion(signals) :]
                 samples = period_samples(experiment.recorded, experiment.file, part.rate_hz, signals)
                 return None if samples is None else samples / part.rate_hz
     raise AssertionError("the first file of an experiment has an acting torque")
@@ -235,7 +235,7 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _E
     # Without a period each end is continued by the other one, moved so that there is no jump.
     period = float(len(signals))
     if period_s is not None:
-        period = own_samples(period_s, part.rate_hz, experiment.recorded, experiment.file)
+        period = period_samples_of_channel(period_s, part.rate_hz, experiment.recorded, experiment.file)
     if not np.isfinite(signals).all():
         signals = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
@@ -333,7 +333,7 @@ def _delay_of(
             lag = delays[best][0]
             return lag if is_exact else float(round(lag)), f"{best[0]} at {best[1]}{whole}"
     has_excitation = any(place[0] == "r" for place in ours)
-    shift = None if sent else _shift_of_one_clock(base[0], further[0], has_excitation)
+    shift = None if sent else _clock_shift(base[0], further[0], has_excitation)
     motions = {place: x for place, x in theirs.items() if place[0] == "y" and ("u", place[1], "") in ours}
     if motions and not sent:
         u, y = _stacked([ours["u", at, ""] for _, at, _ in motions]), _stacked([*motions.values()])
@@ -354,7 +354,7 @@ def _delay_of(
     return shift, "time stamps, since no signal is in both"
 
 
-def _shift_of_one_clock(first: _Part, further: _Part, has_excitation: bool) -> float | None:
+def _clock_shift(first: _Part, further: _Part, has_excitation: bool) -> float | None:
     """Samples by which a log without an excitation lags the first one by the clock that stamps both, or by their rows.
 
     None where their times do not overlap, or there are none and not as many samples, or where the first one has an

@@ -94,7 +94,7 @@ def stamp_unit(t: FloatArray, rate_hz: float) -> str:
     return nearest if far[nearest] < MAX_RATE_LOG and far["s"] > np.log(MAX_RATE_RATIO) else "s"
 
 
-def own_rates(log: Log) -> list[tuple[str, str, float]]:
+def channel_rates(log: Log) -> list[tuple[str, str, float]]:
     """Name, unit and sample time in ms of each channel of a log that states several sample times; empty for others."""
     if isinstance(log, TextLog):
         units = log.units or [""] * log.n_columns
@@ -114,7 +114,7 @@ def clock_of(log: Log) -> Clock:
 
     Raises DataError for a time that runs backwards.
     """
-    if channels := own_rates(log):
+    if channels := channel_rates(log):
         return Clock(
             float(f"{1e3 / slowest_ms(channels):.6g}"), "sample time of the slowest channel with a known quantity"
         )

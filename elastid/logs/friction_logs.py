@@ -134,7 +134,9 @@ class _LogReader:
         for i, part in enumerate(parts):
             name = f"{self.name} part {i + 1}" if i else self.name
             offset_s = (part.log.first - gathered.log.first) / gathered.rate_hz
-            records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._of_part(part)
+            records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._segment_records(
+                part
+            )
         if records:
             return tuple(records)
         raise DataError(
@@ -145,7 +147,7 @@ class _LogReader:
             self.path,
         )
 
-    def _of_part(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
+    def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
         repaired, N, rate_hz = self._repaired(gathered)
         values, known = in_joints(gathered.channels, repaired, self.robot)
         if self.recorded.controller is None:

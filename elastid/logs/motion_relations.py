@@ -26,7 +26,7 @@ MIN_BY_INERTIA = 0.2
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
 # |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
 MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0
-MIN_ALONE = 0.03  # of the variance of an acceleration, that the other columns do not explain
+MIN_UNEXPLAINED_VARIANCE = 0.03  # of the variance of an acceleration, that the other columns do not explain
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, ra
         v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
         A = np.stack([s, a, v, np.sign(v), np.ones_like(a)], axis=1)[:: int(width / 2)]
         theta, _, alone, std = _fitted(A, torque[:: int(width / 2)], 0)
-        is_seen = np.var(alone) > MIN_ALONE * np.var(A[:, 0])
+        is_seen = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
         gains += [(float(theta[0]), std)] if is_seen else []
     return min(gains, key=lambda pair: pair[1] / max(abs(pair[0]), 1e-300))
 
@@ -172,7 +172,7 @@ def _relation_at(
     if is_against and moving:  # joints that move in proportion show the sign of none of them
         B = np.stack([np.ones_like(torque), *(x[:: int(width / 2)] for x in moving)], axis=1)
         own, left = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
-        is_seen = np.var(own[:, 0]) > MIN_ALONE * np.var(A[:, 0])
+        is_seen = np.var(own[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
         is_against = bool(is_seen and min(np.linalg.lstsq(own, left, rcond=1e-9)[0] * np.std(own, axis=0)) < 0)
     return TorqueRelation(
         explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)

@@ -7,7 +7,7 @@ import numpy as np
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.frf.lines import reference_steps
 from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR
-from elastid.record import HeldTorque, Record, ReferenceLoop
+from elastid.record import Record, ReferenceLoop, ZohTorque
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of, sampled_responses
@@ -59,7 +59,7 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
     return replace(
         response,
         controller=ReferenceLoop(motors, rate_hz, freq_hz, feedback, feedforward, log_hz),
-        hold=HeldTorque((rate_hz,) * len(motors), sampled),
+        hold=ZohTorque((rate_hz,) * len(motors), sampled),
         motion=motion,
         bias=None,
     )

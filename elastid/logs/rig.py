@@ -87,7 +87,7 @@ class RecordedRig:
             path = self.base / file.path
             with naming(path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
-                records.append(record or self._as_a_whole(experiment, file, len(files) > 1))
+                records.append(record or self._whole_record(experiment, file, len(files) > 1))
         return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
 
     def is_large(self, experiment: Experiment) -> bool:
@@ -121,7 +121,7 @@ class RecordedRig:
             return None
 
         def measured(first: int, last: int) -> Record:
-            return self._as_a_whole(experiment, replace(file, samples=(log.start + first, log.start + last)))
+            return self._whole_record(experiment, replace(file, samples=(log.start + first, log.start + last)))
 
         try:
             record = joined(measured, log.bounds, log.dtype)
@@ -134,7 +134,7 @@ class RecordedRig:
         report_end(log.n - record.n_samples, log.n, record.repeat_samples, end)
         return replace(record, notes=(*record.notes, *end.findings.at(f"record {record.name}")))
 
-    def _as_a_whole(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
+    def _whole_record(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
         recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
         channels, where = gathered.channels, f"record {experiment.name}"
@@ -160,7 +160,7 @@ class RecordedRig:
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
         u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
         units = input_units(channels, self.robot) * (len(inputs) // len(acting))
-        if recorded.has_commands_alone:
+        if recorded.has_no_torque:
             units = tuple(motion_unit("position", self.robot.slides(place)) for place in inputs)
             inputs = tuple(REFERENCE + place.partition(" ")[2] for place in inputs)
         return Record(
@@ -178,7 +178,7 @@ class RecordedRig:
             y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
             r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
-            rate_is_known=gathered.log.rate_hz is not None,
+            has_rate=gathered.log.rate_hz is not None,
             notes=log.findings.at(where),
             hold="zero-order" if any(held) else "band-limited",
             hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
@@ -326,7 +326,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
 
     Raises DataError that names two logs where they do not hold the same excitation at the same rate.
     """
-    first = _moved(records[0], 0.0)
+    first = _shift_periods(records[0], 0.0)
     both = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
     every = [first, *(_brought_into_step(first, *pair) for pair in zip(records[1:], both, strict=True))]
     starts = np.cumsum([0, *(part.n_repeats for part in every)]).tolist()
@@ -368,14 +368,14 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
     for i, place in enumerate(first.inputs):
         noise = of_a[i] + of_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
-        if refused := _other_excitation(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
+        if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
             raise DataError("records/inconsistent", f"{both}, but at {place} {refused}; {_ADVICE}")
-    aligned = _moved(record, lag)
+    aligned = _shift_periods(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)
 
 
-def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
+def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
     """Why b (N,) is no repetition of a (N,), of which noise is the variance of the difference, NaN if unknown."""
     power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
     left = float(np.sum((b - gain * a) ** 2))
@@ -396,7 +396,7 @@ def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatA
     return mean - mean.mean(axis=0), np.asarray(variance)
 
 
-def _moved(record: Record, lag: float) -> Record:
+def _shift_periods(record: Record, lag: float) -> Record:
     """Whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
     N, L = record.period_samples, record.repeat_samples
     is_whole = abs(lag - round(lag)) <= MAX_LAG

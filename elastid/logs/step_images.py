@@ -53,7 +53,7 @@ def without_step_images(
 ) -> FloatArray:
     """Subtract the images of references from the torques in signals (n, c), or report their size."""
     controller, u, n = recorded.controller, roles["u"], len(signals)
-    if not isinstance(robot, Robot) or controller is None or recorded.has_commands_alone:
+    if not isinstance(robot, Robot) or controller is None or recorded.has_no_torque:
         return signals
     freq_hz = np.fft.rfftfreq(n, 1 / rate_hz).astype(np.float64)
     # From four samples in a cycle on, images are below a sixteenth.

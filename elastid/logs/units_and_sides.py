@@ -71,12 +71,12 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
     """Factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
-    return _own_side_factor(channel, robot) * _gear_factor(channel, robot)
+    return _side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log) -> FloatArray:
     """The signal (n,) in SI on the link side, an angle unwrapped."""
-    factor, turns = _own_side_factor(channel, robot), 0
+    factor, turns = _side_factor(channel, robot), 0
     if channel.quantity == "position":
         values, turns = _unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
     if turns:
@@ -208,7 +208,7 @@ def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
     return float(power @ cosine / max(power.sum(), 1e-300))
 
 
-def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:
+def _side_factor(channel: ChannelSpec, robot: Places) -> float:
     try:
         unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
     except ValueError as error:

@@ -254,9 +254,9 @@ def _reached(response: Response) -> BoolArray:
     size = min(LIMITS.coherence_lines, response.n_lines)
     force = median_filter(weakest, size, mode="nearest")
     coherence = median_filter(quality.multiple_coherence.max(axis=1), size, mode="nearest")
-    is_forced = force > LIMITS.input_share * force.max()
+    is_forced = force > LIMITS.min_input_singular_value * force.max()
     if not response.window:  # few segments, as of hits, have a coherence near 1 whatever they hold
-        is_forced |= coherence > LIMITS.sure_coherence
+        is_forced |= coherence > LIMITS.sufficient_coherence
     return np.asarray(is_forced & (coherence > LIMITS.coherence))
 
 
@@ -364,7 +364,7 @@ def _gathered(
     shape_matrix, drive = np.array(shapes, complex).reshape(-1, n_y).T, np.array(participations).reshape(-1, n_u).T
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
-        response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
+        response.has_rate, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
         drive, np.array(participation_stds).reshape(-1, n_u).T,
         phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
         response.freq_hz, synthesis, stated, np.asarray(np.linalg.svd(response.G, compute_uv=False), float), diagram,

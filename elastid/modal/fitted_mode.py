@@ -35,8 +35,8 @@ class ModeLimits:
 
     damping_significance: float = 2.5  # damping over its standard deviation
     freq_std: float = 0.05  # of the frequency, at most: a slow pole at the edge of the band is no mode
-    input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB,
-    sure_coherence: float = 0.9  # unless the coherence shows that less suffices
+    min_input_singular_value: float = 0.01  # least singular value of the inputs over its largest: 40 dB,
+    sufficient_coherence: float = 0.9  # unless the coherence shows that less suffices
     coherence: float = 0.2  # multiple, median over some lines of the best output
     coherence_lines: int = 21
     lines: int = 16  # of a response that has modes
@@ -44,15 +44,15 @@ class ModeLimits:
     second_shape_std: float = 6.0  # and over its standard deviation
     twin_distance: float = 1.5  # in half widths, of poles with one shape, of which the weaker mends the stronger
     twin_mac: float = 0.9
-    twin_share: float = 0.1  # of the stronger one's residue
+    max_twin_residue: float = 0.1  # of the stronger one's residue
     broad: float = 0.03  # damping, from which on a pole may be background that stronger modes leave
-    visible_share: float = 0.1  # of the rms of G within its half powers, that a broad mode's peak has at least
+    min_peak_ratio: float = 0.1  # of the rms of G within its half powers, that a broad mode's peak has at least
     residue_std: float = 0.5  # of a broad mode's residue, relative
     undamped_std: float = 4.0  # standard deviations by which a damping is below 0
     lines_in_width: float = 1.5  # of a resonance between its half powers, below which its damping is doubtful
     unexplained: float = 0.1  # power fraction, from which on the conjugate response is tried
     phase_gain: float = 0.2  # of it, that the conjugate leaves at most
-    chosen_distance: float = 0.05  # of a pole from the frequency that it was chosen by, relative
+    max_pole_distance: float = 0.05  # of a pole from the frequency that it was chosen by, relative
 
 
 LIMITS = ModeLimits()
@@ -108,18 +108,18 @@ class FittedMode:
         G = response.G[np.abs(response.freq_hz - self.freq_hz) <= half_width]
         rms = float(np.linalg.norm(G)) / np.sqrt(max(len(G), 1))
         is_unknown = float(np.linalg.norm(self.residue_std)) > LIMITS.residue_std * size
-        return bool(is_unknown or size / (2 * np.pi * half_width) < LIMITS.visible_share * rms)
+        return bool(is_unknown or size / (2 * np.pi * half_width) < LIMITS.min_peak_ratio * rms)
 
     def is_near(self, poles_hz: Sequence[float]) -> bool:
         """True where one of these frequencies is within 5 %, or within the half width: poles may wander in a fit."""
-        return any(abs(self.freq_hz / f - 1) < max(LIMITS.chosen_distance, self.zeta) for f in poles_hz)
+        return any(abs(self.freq_hz / f - 1) < max(LIMITS.max_pole_distance, self.zeta) for f in poles_hz)
 
     def is_twin_of(self, other: "FittedMode") -> bool:
         """True for a weak pole within a resonance of the same shape: it follows an error of that one."""
         size, size_of_other = float(np.linalg.norm(self.residue)), float(np.linalg.norm(other.residue))
         width = LIMITS.twin_distance * max(self.freq_hz * self.zeta, other.freq_hz * other.zeta)
         overlap = abs(np.vdot(self.residue, other.residue)) / (size * size_of_other)
-        is_weak = size < LIMITS.twin_share * size_of_other
+        is_weak = size < LIMITS.max_twin_residue * size_of_other
         return bool(is_weak and abs(self.freq_hz - other.freq_hz) < width and overlap**2 > LIMITS.twin_mac)
 
 
@@ -133,7 +133,7 @@ def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequen
     lost = [f"{f:g}" for f in poles_hz or () if not any(mode.is_near([f]) for mode in modes)]
     if not lost:
         return ()
-    unit = "Hz" if response.rate_is_known else "of the sampling rate"
+    unit = "Hz" if response.has_rate else "of the sampling rate"
     text = (
         f"no pole is at {', '.join(lost)} {unit}, which poles_hz names: fitted from there it moves to a resonance "
         "elsewhere; choose stable poles in the stabilisation diagram, and name those beside them, too"
@@ -160,7 +160,7 @@ def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, .
         return ()
     worst, count = int(np.argmin(lines)), int(np.sum(lines < LIMITS.lines_in_width))
     mode = modes[worst]
-    unit, per_line = ("Hz", " s") if response.rate_is_known else ("of the sampling rate", " samples")
+    unit, per_line = ("Hz", " s") if response.has_rate else ("of the sampling rate", " samples")
     text = (
         f"{count} of {len(modes)} resonances have too few lines for their "
         f"damping. At {mode.freq_hz:.4g} {unit}, measure periods of {2 / (mode.zeta * mode.freq_hz):.3g}{per_line}, or "

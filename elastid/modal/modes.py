@@ -43,7 +43,7 @@ class Modes:
     outputs: tuple[str, ...]
     quantity: Motion
     unit: str
-    rate_is_known: bool
+    has_rate: bool
     freq_hz: FloatArray = labelled("natural frequency", "Hz")
     freq_std: FloatArray = labelled("its standard deviation", "Hz")
     zeta: FloatArray = labelled("damping ratio")
@@ -100,7 +100,7 @@ class Modes:
     @property
     def frequency_unit(self) -> str:
         """Unit Hz, or cycles per sample for a response with unknown rate."""
-        return "Hz" if self.rate_is_known else "of the sampling rate"
+        return "Hz" if self.has_rate else "of the sampling rate"
 
     @property
     def n_modes(self) -> int:
@@ -227,7 +227,7 @@ def without_modes(response: Response, note: Note) -> Modes:
     diagram = StabilisationDiagram(np.empty(0, int), none, none, np.empty(0, bool))
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
-        response.rate_is_known, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
+        response.has_rate, none, none, none, none, np.empty((n_y, 0), complex), np.empty((n_y, 0)),
         np.empty((n_u, 0), complex), np.empty((n_u, 0)), none, no_lines.freq_hz, no_lines.G, none,
         np.empty((0, min(n_y, n_u))), diagram, np.zeros((0, 0)), (note,),
     )  # fmt: skip

@@ -64,7 +64,7 @@ class PoleLimits:
     half_widths: float = 3.0  # likewise
     outside: float = 3e-3  # part of a narrow pole's D on the lines about the nearest four
     max_poles: int = 60
-    new_share: float = 1e-4  # of a candidate's columns that must be new to the model
+    min_independent_fraction: float = 1e-4  # of a candidate's columns that must be new to the model
     batch_half_widths: float = 6.0  # between candidates that are taken together
 
 
@@ -185,13 +185,13 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
     inside = (free.T @ fit.residual).reshape(len(candidates), 2, -1)
     pairs = free.reshape(len(free), -1, 2)
     gram = np.einsum("fri,frj->rij", pairs, pairs)
-    is_new = np.linalg.eigvalsh(gram)[:, 0] > LIMITS.new_share**2
+    is_new = np.linalg.eigvalsh(gram)[:, 0] > LIMITS.min_independent_fraction**2
     gram[~is_new] = np.eye(2)
     residues = np.einsum("ric,rij,rjc->rc", inside, np.linalg.inv(gram), inside, optimize=True)
     return np.where(is_new[:, None], residues, 0.0)
 
 
-def own_drops(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
+def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """D (n, C) of each pole beside the others: on all lines, and without its highest line.
 
     Of a pole narrower than a line without the four nearest lines: a disturbance of three lines has no more.
@@ -257,7 +257,7 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
-    (whole, outside), level = own_drops(fit), s_r * correlated_lines
+    (whole, outside), level = separate_determinations(fit), s_r * correlated_lines
     return np.maximum(
         p_value(whole, level, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, level, n_r, 1.0)
     )
@@ -306,7 +306,7 @@ def _unresolved(fit: ModalFit) -> int | None:
     for low, high in pairwise(order.tolist()):
         widths = -2 * fit.poles.real[[low, high]]
         if max(float(fit.poles.imag[high] - fit.poles.imag[low]), float(widths.max())) < spacing:
-            drop = own_drops(fit)[0].sum(axis=1)
+            drop = separate_determinations(fit)[0].sum(axis=1)
             return int(low if drop[low] < drop[high] else high)
     return None
 

@@ -97,7 +97,7 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
         if np.abs(parts.rows(q)[0]).max() <= MAX_GAP:
             break
     q = q + _correction(parts, q)
-    return _moved(parts, q if near is None else _moved(parts, q, near[None]), angles)
+    return _continue_posture(parts, q if near is None else _continue_posture(parts, q, near[None]), angles)
 
 
 def open_loops(robot: Robot, angles: FloatArray) -> float:
@@ -123,7 +123,7 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
     return np.asarray(closed & (smallest > MIN_LEVER_SINE * np.array([parts.lever(joints) for joints in q])))
 
 
-def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
+def _continue_posture(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
     """Postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
     steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / PATH_STEP)))
     q = np.repeat(q, len(angles), axis=0)

@@ -34,7 +34,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
 from elastid.base.errors import StudyError
 from elastid.robot import FRAME_AXES, Robot
-from elastid.robot.robot import parts_of_place
+from elastid.robot.robot import split_place
 
 
 @frozen_value(eq=False)
@@ -163,7 +163,7 @@ class ElasticModel:
         C, T = [], []
         for place in locations:
             self.robot.check_location(place)
-            kind, name, axis = parts_of_place(place)
+            kind, name, axis = split_place(place)
             T.append(type(gravity)(1, self.n_q))
             if kind in ("motor", "joint"):
                 C.append(coordinates[self.index(place), :])

@@ -219,7 +219,7 @@ class ElasticJoint:
         return self.motor_inertia + self.link_inertia
 
 
-def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | None:
+def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | None:
     """Inertias of motor and link, link side, with the gear spring; None if the model has no such form.
 
     angles (n_u,): posture in which the other joints are held, their springs and those of undriven joints stiff.

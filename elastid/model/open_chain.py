@@ -31,7 +31,7 @@ from elastid.base.arrays import FloatArray
 from elastid.model.drivetrain import Strain, drivetrain, gear_deflections, input_matrix, joint_springs, rotors
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import Tree, Turn, between, ends_of, tree, turns
-from elastid.model.rigid_body import bias, composites, inertias, mass_matrix, seen_from_frames
+from elastid.model.rigid_body import bias, composites, inertias, mass_matrix, sensor_kinematics
 from elastid.robot import Compensator, Robot
 
 
@@ -82,7 +82,7 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     composite = composites(layout, carried, turned)
     M_bodies = ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l))
     f_bodies = ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), none)
-    J, gravity_seen = seen_from_frames(robot, layout, turned)
+    J, gravity_seen = sensor_kinematics(robot, layout, turned)
     J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
     B, delta, (M_drive, D, K) = input_matrix(robot), gear_deflections(robot), drivetrain(robot, named)
     rigid = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]

@@ -140,7 +140,7 @@ def bias(
     return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in parts))
 
 
-def seen_from_frames(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
+def sensor_kinematics(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
     """J (3 n_bodies + 6 n_f, n) and gravity (3 n_f,) in axes fixed to bodies and named frames.
 
     J v stacks the absolute angular velocity of each body, then velocity of the origin and angular velocity of each

@@ -100,7 +100,7 @@ def open_gears(
     pairs = [*zip(data.lines, chosen.drives, strict=True)]
     peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
     sheets = tuple(
-        sheet_of(JointLevels(chosen, robot, joint, peak), result, bounds)
+        sheet_of(SlidingFriction(chosen, robot, joint, peak), result, bounds)
         for joint, peak in zip(data.joints, peaks, strict=True)
         if joint in elastic
     )
@@ -214,7 +214,7 @@ def left(data: GearData, drives: Sequence[DriveLines], estimates: Sequence[Estim
 
 
 @dataclass(frozen=True, eq=False)
-class JointLevels:
+class SlidingFriction:
     """The levels at the gear of a joint: values with rows d value / d (x, f), from which standard deviations follow."""
 
     found: Levels
@@ -280,7 +280,7 @@ class JointLevels:
         return reach
 
 
-def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
+def sheet_of(gear: SlidingFriction, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """Characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
     rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
@@ -315,7 +315,7 @@ def _named(what: SheetNumber, joint: str, order: float = 0.0, **further: float) 
     return GearNumber(name, meaning, what.kind, what.unit, order=order, **further)
 
 
-def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber]:
+def _springs(gear: SlidingFriction, result: Result, reach: float) -> list[GearNumber]:
     has_gap = any(effect.kind == "gap" for _, effect, _ in gear.effects)
     spring = "stiffness beyond the gap" if has_gap else "stiffness at zero torque"
     per = ("N", "m") if gear.robot.slides(f"motor {gear.joint}") else ("N*m", "rad")
@@ -342,7 +342,7 @@ def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber
     return numbers
 
 
-def _levels(gear: JointLevels, reach: float) -> list[GearNumber]:
+def _levels(gear: SlidingFriction, reach: float) -> list[GearNumber]:
     """Levels of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at zero.
 
     Lost motion 2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free.
@@ -372,7 +372,7 @@ def _levels(gear: JointLevels, reach: float) -> list[GearNumber]:
     return numbers
 
 
-def _periodic(gear: JointLevels) -> list[GearNumber]:
+def _periodic(gear: SlidingFriction) -> list[GearNumber]:
     """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
     for what, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
@@ -385,7 +385,7 @@ def _periodic(gear: JointLevels) -> list[GearNumber]:
     return numbers
 
 
-def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
+def _unseen(gear: SlidingFriction, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
     largest: dict[str, GearNumber] = {}
     k = gear.parameter("k")[0]
     for (effect, *_), bound in bounds.items():

@@ -96,8 +96,8 @@ def answer_of_move(tuned: TunedMove) -> Answer:
         f"(95 %), torques up to {100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
         + (
             f" Errors of lengths and zeros within their tolerances move the path by up to "
-            f"{number(1e3 * tuned.moved_m, 3)} mm (95 %)."
-            if tuned.moved_m > 1e-6
+            f"{number(1e3 * tuned.geometric_error_m, 3)} mm (95 %)."
+            if tuned.geometric_error_m > 1e-6
             else ""
         )
         if last.high is not None and drawn

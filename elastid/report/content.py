@@ -127,9 +127,9 @@ class ResponsesContent:
         return {r.configuration.name: dict(r.repairs) for r in self.responses if r.repairs}
 
     @property
-    def rate_is_known(self) -> bool:
+    def has_rate(self) -> bool:
         """True where frequencies are in Hz, not in units of the sampling rate."""
-        return all(response.rate_is_known for response in self.responses)
+        return all(response.has_rate for response in self.responses)
 
 
 # Lines over the whole band, and about each resonance, there at most so many half-widths (damping ratio times f) away.
@@ -165,7 +165,7 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]
     for model, measured in zip(fitted.models, fitted.measured, strict=True):
         mode = model.modes()
         lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), most)
-        response = replace(model.response(lines, sampled=True), rate_is_known=measured.rate_is_known)
+        response = replace(model.response(lines, sampled=True), has_rate=measured.has_rate)
         models.append((response, model.response_std(lines)))
     return tuple(models)
 
@@ -179,7 +179,7 @@ class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
 
     deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
-    contains: in words, of a viscous coefficient that may contain dry friction.  std_parts:
+    contains: in words, of a viscous coefficient that may contain dry friction.  std_contributions:
     contributions to std, none for an exact robot model.  verdict: of the fit.  base: effect of a typical base.
     """
 
@@ -194,7 +194,7 @@ class ParameterRow:
     truth: float | None = None
     deviation: float | None = None
     contains: str = ""
-    std_parts: Mapping[str, float] = field(default_factory=dict)
+    std_contributions: Mapping[str, float] = field(default_factory=dict)
     verdict: str = ""
     base: str = ""
 
@@ -227,7 +227,7 @@ def parameter_rows(
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
-        parts = {kind: part[name] for kind, part in result.std_parts.items()}
+        parts = {kind: part[name] for kind, part in result.std_contributions.items()}
         of_base = "" if known else bases.get(name, "")  # the base of a simulated robot is rigid
         rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)

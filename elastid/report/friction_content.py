@@ -8,7 +8,7 @@ from elastid.base.errors import NoteGroup, grouped, notes_of
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, Held
+from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, UnidentifiedTerm
 from elastid.report.command_summary import Questions
 from elastid.validation.simulation import LINK, NO_TWIN, TwinFindings
 
@@ -24,7 +24,7 @@ ANSWERED = ("tau_f", "F_c", "F_s", "f")
 # A number is good within this share of it, and a twin within this of its log, rms.
 MOST_OFF = 0.1
 # Parts of a law without numbers, in words.
-PARTS = {
+TORQUE_COMPONENTS = {
     "stribeck": "stiction and Stribeck velocity",
     "presliding": "presliding",
     "exponent": "exponent of the Stribeck curve",
@@ -114,7 +114,7 @@ class FrictionContent:
         """A sentence for each joint, on its motions, and on the truth where the robot is simulated."""
         sentences = [answer(joint) for joint in self.result.joints]
         motions = [(joint, joint.motion) for joint in self.result.joints if joint.motion is not None]
-        sentences += [f"Motions of joint {joint.joint}: {motion.seconds_words}." for joint, motion in motions]
+        sentences += [f"Motions of joint {joint.joint}: {motion.time_summary}." for joint, motion in motions]
         return (*sentences, *self._truths)
 
     @property
@@ -182,9 +182,9 @@ def _not_identified(result: FrictionResult) -> str:
     return f"Not identifiable from these data: {', '.join(parts)}." if parts else ""
 
 
-def part_words(held: Held) -> str:
+def part_words(held: UnidentifiedTerm) -> str:
     """The part of a law that has no numbers, as a sentence names it."""
-    return PARTS.get(held.part, held.part)
+    return TORQUE_COMPONENTS.get(held.part, held.part)
 
 
 def with_interval(identified: FrictionNumber) -> str:

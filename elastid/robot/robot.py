@@ -21,7 +21,7 @@ from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, bel
 from elastid.robot.tolerances import FileTolerances, Tolerances
 
 
-def check_part_names(robot: "Robot") -> None:
+def check_unique_names(robot: "Robot") -> None:
     """ValueError for names of one kind that are the same, and for a body that has the name of the base."""
     bodies = [body.name for body in robot.all_bodies]
     for name in bodies:
@@ -39,7 +39,7 @@ def check_part_names(robot: "Robot") -> None:
             raise ValueError(f"body {name}: its inertia I_{name} has the name of an entry of body {stem}; rename one")
 
 
-def check_known(owner: str, name: str, robot: "Robot") -> None:
+def check_body_exists(owner: str, name: str, robot: "Robot") -> None:
     """Raise ValueError unless the name is the base or a body of the tree."""
     known = [BASE, *(body.name for body in robot.bodies)]
     if name not in known:
@@ -51,7 +51,7 @@ def check_loops(robot: "Robot") -> None:
     taken = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
     for loop in robot.loops:
         for end in loop.ends:
-            check_known(f"loop {loop.name}", end.body, robot)
+            check_body_exists(f"loop {loop.name}", end.body, robot)
         if loop.name in taken:
             raise ValueError(
                 f"loop {loop.name}: a body, joint or loop has this name; its parameters need a name of their own"
@@ -64,7 +64,7 @@ def check_carrier(joint: Joint, robot: "Robot") -> None:
     carrier = joint.motor.on if joint.motor is not None else ""
     if carrier in ("", BASE):
         return
-    check_known(f"joint {joint.name}: motor.on", carrier, robot)
+    check_body_exists(f"joint {joint.name}: motor.on", carrier, robot)
     carried_by: dict[str, list[str]] = {BASE: []}
     for body in robot.bodies:
         carried_by[body.name] = [*carried_by[body.parent], body.name]
@@ -89,7 +89,7 @@ def check_tolerances(robot: "Robot") -> None:
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def parts_of_place(place: str) -> tuple[str, str, str]:
+def split_place(place: str) -> tuple[str, str, str]:
     """Kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
     kind, _, rest = place.partition(" ")
     name, _, axis = rest.rpartition(" ")
@@ -147,7 +147,7 @@ class Robot:
     # fmt: on
 
     def __post_init__(self) -> None:
-        check_part_names(self)
+        check_unique_names(self)
         known = [BASE]
         for body in self.bodies:
             if body.parent not in known:
@@ -156,10 +156,10 @@ class Robot:
                 )
             known.append(body.name)
         for frame in self.frames:
-            check_known(f"frame {frame.name}", frame.body, self)
+            check_body_exists(f"frame {frame.name}", frame.body, self)
         for compensator in self.compensators:
             for end in compensator.ends:
-                check_known(f"compensator {compensator.name}", end.body, self)
+                check_body_exists(f"compensator {compensator.name}", end.body, self)
         check_loops(self)
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")

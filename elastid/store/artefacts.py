@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError, ElastidError, StudyError
-from elastid.base.files import replacing, require_own_data
+from elastid.base.files import check_self_contained, replacing
 from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_checksum
 
 # Version of the layout of all artefacts; a reader reads files of its own version.
@@ -94,7 +94,7 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
-    _require_own_data(path)
+    _check_self_contained(path)
     stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
     if stored != kind:
         holds = f"holds {stored}" if stored else "was not written by elastid"
@@ -111,9 +111,9 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
 
 
 @once_per_version
-def _require_own_data(path: Path) -> None:
+def _check_self_contained(path: Path) -> None:
     with h5py.File(path, "r") as file:
-        require_own_data(file)
+        check_self_contained(file)
 
 
 def read_stamp(path: Path | str) -> Stamp | None:

@@ -24,7 +24,7 @@ from typing import Any, BinaryIO, TextIO, TypeVar
 
 from elastid.base.errors import ElastidError
 from elastid.base.escape import csv_cell
-from elastid.base.files import replacing, unlinked, write_whole
+from elastid.base.files import replacing, unlinked, write_atomically
 
 T = TypeVar("T")
 
@@ -44,7 +44,7 @@ def text_file(path: Path | str) -> Iterator[TextIO]:
 
 def write_text(path: Path, text: str) -> None:
     """A new text file, whole or absent."""
-    write_whole(path, text.encode())
+    write_atomically(path, text.encode())
 
 
 def write_rows(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
@@ -157,7 +157,7 @@ def content_hash(path: Path) -> str:
 
 
 @contextmanager
-def one_writer(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """The folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
 
     ElastidError, too, where it is a file, or the file of the lock is a link. On a disk whose system knows no locks

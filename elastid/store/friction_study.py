@@ -5,7 +5,7 @@ from pathlib import Path
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.friction_tracking import FollowedFriction
-from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
+from elastid.friction_study.result import FrictionNumber, FrictionResult, SlidingFriction
 from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_dataclass, reader
@@ -18,8 +18,8 @@ FRICTION, FILTER = "friction", "filter"
 
 # plan.h5, constant_velocity.h5 with a group for each joint, and filter.h5 with friction followed over its motions.
 write_friction_plan, read_friction_plan = writer(PLAN, plan=(None, None)), reader(PLAN, "plan", FrictionPlan)
-write_constant_velocity = writer(LEVELS, joints=(tuple[JointLevels, ...], ()))
-read_constant_velocity = reader(LEVELS, "joints", tuple[JointLevels, ...])
+write_constant_velocity = writer(LEVELS, joints=(tuple[SlidingFriction, ...], ()))
+read_constant_velocity = reader(LEVELS, "joints", tuple[SlidingFriction, ...])
 write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
 # Of friction.h5 the result, its twin, and the prediction of logs that were left out, empty where none was.

@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, mapped, shown_range, shown_values, value_range
+from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, format_range, format_values, mapped, value_range
 from elastid.base.escape import group_name
 from elastid.store.artefacts import kind_of, opened, plain
-from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, has_own_groups, kind_of_annotation
+from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, kind_of_annotation, needs_groups
 
 T = TypeVar("T")
 _NUMBERS = {bool: "b", int: "iu", float: "f"}
@@ -66,7 +66,7 @@ def _read_array(dataset: Any, *_: Any) -> Any:
 
 def _read_sequence(item: Any, kind: Kind, label: Label) -> tuple[Any, ...]:
     (annotation,) = kind.parts
-    if has_own_groups(annotation, label):
+    if needs_groups(annotation, label):
         return tuple(read_value(item, name, annotation) for name in entry_names(item))
     return tuple(_read_column(item, annotation, label))
 
@@ -168,7 +168,7 @@ def _content_lines(group: Any, depth: int) -> Iterator[str]:
             yield f"{indent}{name}/"
             yield from _content_lines(item, depth + 1)
         elif name != "study":
-            yield f"{indent}{name} {_axes(item)}{_words(item)}{_shown_values(item)}"
+            yield f"{indent}{name} {_axes(item)}{_words(item)}{_format_values(item)}"
 
 
 def _axes(dataset: Any) -> str:
@@ -187,13 +187,13 @@ def _words(dataset: Any) -> str:
     return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
 
 
-def _shown_values(dataset: Any) -> str:
+def _format_values(dataset: Any) -> str:
     if not dataset.size:
         return ""
     if dataset.dtype.kind not in "fiubc":
-        return f" = {shown_values(np.asarray(dataset.asstr()[()]))}"
+        return f" = {format_values(np.asarray(dataset.asstr()[()]))}"
     if dataset.size <= PIECE_VALUES:
-        return f" = {shown_values(np.asarray(dataset[()]))}"
+        return f" = {format_values(np.asarray(dataset[()]))}"
     n = max(1, PIECE_VALUES * len(dataset) // dataset.size)
     blocks = (dataset[start : start + n] for start in range(0, len(dataset), n))
-    return f" = {shown_range(value_range(blocks), dataset.dtype.kind == 'c')}"
+    return f" = {format_range(value_range(blocks), dataset.dtype.kind == 'c')}"

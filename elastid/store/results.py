@@ -74,7 +74,7 @@ class Numbers:
     def of(cls, result: Result) -> "Numbers":
         """Numbers that were asked for."""
         asked = result.parameters.asked
-        parts = (*result.std_parts.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
+        parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
             for p in asked

@@ -104,7 +104,7 @@ fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
 
 
 @cache
-def has_own_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
+def needs_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
     """True if each value of a tuple has a group: dataclasses with arrays, unless the label requests rows."""
     kind = kind_of_annotation(annotation)
     return kind.form == "union" or (kind.form == "fields" and not label.rows and _has_arrays(annotation))
@@ -282,7 +282,7 @@ def _write_array(group: Any, name: str, value: Any, kind: Kind, label: Label, ab
 
 def _write_sequence(group: Any, name: str, value: Iterable[Any], kind: Kind, label: Label, above: Any) -> Any:
     (annotation,) = kind.parts
-    if not has_own_groups(annotation, label):
+    if not needs_groups(annotation, label):
         return _write_column(group, name, tuple(value), annotation, label, above)
     entries, names, name_of = group.create_group(name), [], attrgetter(label.entry) if label.entry else None
     if name_of is not None and isinstance(value, tuple) and len(set(map(name_of, value))) < len(value):
@@ -352,7 +352,7 @@ def _described(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]
 
 
 def _unit(unit: str, scopes: tuple[_Scope, ...]) -> str:
-    if unit in _UNIT_OF_SAMPLES and not _attribute(scopes, "rate_is_known", True):
+    if unit in _UNIT_OF_SAMPLES and not _attribute(scopes, "has_rate", True):
         return _UNIT_OF_SAMPLES[unit]
 
     def words(match: re.Match[str]) -> str:

@@ -213,7 +213,7 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
     problems = [*check_study(study, path.parent), *unresolved]
     if problems:
         raise make_error(source, _with_origin(problems, source.text))
-    return LoadedStudy(_with_every_amplitude(study), path, source.text, overrides), source
+    return LoadedStudy(_exclude_all_amplitudes(study), path, source.text, overrides), source
 
 
 def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
@@ -231,7 +231,7 @@ def _is_comment(line: str) -> bool:
     return line.startswith("#")
 
 
-def _with_every_amplitude(study: Study) -> Study:
+def _exclude_all_amplitudes(study: Study) -> Study:
     """The study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
     recorded, left_out = study.experiment.recorded, study.validation.configurations
     if study.friction is not None or not left_out:

@@ -15,7 +15,7 @@ from elastid.base.codes import renamed, renamed_key
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import one_line, printable
 from elastid.base.section import validator
-from elastid.study.reference import describe, names_in, type_at, words_in
+from elastid.study.reference import describe, literal_choices, names_in, type_at
 from elastid.study.source import KeyPath, Place, YamlSource, first_of
 
 PydanticError: TypeAlias = Mapping[str, Any]
@@ -129,7 +129,7 @@ def _union_problems(
     annotation = type_at(root, union)
     sentences = [str(error["ctx"]["error"]) for _, error in members if error["type"] == "value_error"]
     if sentences and isinstance(value_at(data, union), str):
-        return [Problem(union, " or ".join([sentences[0], *words_in(annotation)]))]
+        return [Problem(union, " or ".join([sentences[0], *literal_choices(annotation)]))]
     return [Problem(union, f"expected {describe(annotation)}")]
 
 

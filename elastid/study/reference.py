@@ -113,7 +113,7 @@ def names_in(annotation: Any) -> list[str]:
     return [f.name for section in sections for f in fields(section)]
 
 
-def words_in(annotation: Any) -> list[str]:
+def literal_choices(annotation: Any) -> list[str]:
     """The fixed words that an annotation allows."""
     return [str(w) for option in _options(annotation) if get_origin(option) is Literal for w in get_args(option)]
 
@@ -216,7 +216,7 @@ def explain(asked: str) -> str:
             text = renamed(asked) or f"no error or note has the code {asked}; {did_you_mean(asked, codes())}"
             raise StudyError("study/unknown-key", text)
         return f"{asked}\n  {codes()[asked].meaning}\n  {codes()[asked].remedy}"
-    keys = {key.path: key for key in every_key()}
+    keys = {key.path: key for key in all_keys()}
     steps, wanted = {path: _steps(path) for path in keys}, _steps(asked)
     if any(_agree(parts[: len(wanted)], wanted) and parts[len(wanted) - 1] == "<name>" for parts in steps.values()):
         wanted = wanted[:-1]  # of a name the mapping that holds it
@@ -281,7 +281,7 @@ def _default(value: Any) -> str:
     return "{}" if is_dataclass(value) or value == {} else str(value)
 
 
-def every_key() -> Iterator[StudyKey]:
+def all_keys() -> Iterator[StudyKey]:
     """Every key of a study, of a robot's file and of a fleet's."""
     yield from list_keys()
     yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)

@@ -11,7 +11,7 @@ from scipy.io import savemat
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import one_line
-from elastid.base.files import from_template, write_whole
+from elastid.base.files import from_template, write_atomically
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.posture import Asked, default_frame
 from elastid.response import Response
@@ -66,7 +66,7 @@ def write_mat(path: Path, content: Mapping[str, Any]) -> None:
     """A MAT-file of version 5, the same bytes at any time."""
     written = io.BytesIO()
     savemat(written, content, do_compression=True)
-    write_whole(path, HEADING + written.getvalue()[len(HEADING) :])
+    write_atomically(path, HEADING + written.getvalue()[len(HEADING) :])
 
 
 def _measured(G: Response) -> dict[str, Any]:

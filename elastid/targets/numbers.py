@@ -87,6 +87,6 @@ def _known(result: Result, parameter: Parameter) -> KnownNumber:
         return KnownNumber(name, unit, value, f"within its tolerance, {words}", std, low, high)
     if not result.has_tolerances:
         return KnownNumber(name, unit, value, words, std, low, high)
-    parts = [part[parameter.name] for part in result.std_parts.values()]
+    parts = [part[parameter.name] for part in result.std_contributions.values()]
     words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *parts)
     return KnownNumber(name, unit, value, words, std, low, high, *parts)

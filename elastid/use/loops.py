@@ -163,7 +163,7 @@ def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
     return bool(20 * np.log10(loops.size.max()) <= limit_db and loops.stable.all())
 
 
-def slowed(cascade: Cascade, is_kept: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
+def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
     """First slower copy of a controller that satisfies its limit, within a quarter of a step; None if no copy does."""
     for step in range(slowest):
         for share in (0.0, 1.0):  # of the slowing that the velocity loops take part in
@@ -171,9 +171,9 @@ def slowed(cascade: Cascade, is_kept: Callable[[Cascade], bool], slowest: int = 
             def at(steps: float, share: float = share) -> Cascade:
                 return cascade.slower(_SLOWER**steps, _SLOWER ** (share * steps))
 
-            if is_kept(at(step)):
+            if is_accepted(at(step)):
                 finer = (at(step - part) for part in (0.75, 0.5, 0.25) if step)
-                return next(filter(is_kept, finer), at(step))
+                return next(filter(is_accepted, finer), at(step))
     return None
 
 
@@ -227,16 +227,16 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
 def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
     """The best that rounds of sequential quadratic programming find; None for a start that no slowing helps."""
 
-    def is_kept(cascade: Cascade) -> bool:
+    def is_accepted(cascade: Cascade) -> bool:
         return _keeps(scene, cascade, limit_db)
 
     @lru_cache(maxsize=2)
     def known(x: bytes) -> tuple[FloatArray, FloatArray]:
-        return room(scene, start.at(np.frombuffer(x)), limit_db)
+        return sensitivity_margin(scene, start.at(np.frombuffer(x)), limit_db)
 
     n = len(start.velocity_gain)
     uphill = np.eye(n, len(start.vector)).sum(axis=0) / n  # the mean of ln K_p over the axes
-    best, reach = slowed(start, is_kept), _REACH
+    best, reach = slowed(start, is_accepted), _REACH
     if best is None:
         return None
     for _ in range(rounds):
@@ -248,7 +248,7 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
                 "type": "ineq", "fun": lambda x: known(x.tobytes())[0], "jac": lambda x: known(x.tobytes())[1],
             },
         )  # fmt: skip
-        trial = slowed(best.at(np.clip(solved.x, low, high)), is_kept, 20) if np.isfinite(solved.x).all() else None
+        trial = slowed(best.at(np.clip(solved.x, low, high)), is_accepted, 20) if np.isfinite(solved.x).all() else None
         gained = (trial or best).reached(scene) - best.reached(scene)
         best = trial if trial and gained > 0 else best
         reach /= 3 if gained < 0.005 else 1
@@ -257,7 +257,7 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
     return best
 
 
-def room(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
+def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
     """Limit less M_S in dB, of each part of the band of each plant, and its slopes to the logarithms x."""
     freq_hz, rate_hz, root = scene.freq_hz, scene.plants.rate_hz, np.sqrt(scene.plants.inertia)
     closed = form.on(scene)

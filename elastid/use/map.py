@@ -31,7 +31,7 @@ from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 
 LINES, CURVE_LINES = 300, 120
-_REST = 1e-5  # of the first natural frequency: a force so slow finds the robot at rest
+_QUASI_STATIC_FRACTION = 1e-5  # of the first natural frequency: a force so slow finds the robot at rest
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def answers(
     linear, theta, modes = fitted.linear, fitted.theta, fitted.modes()
     freq_hz = modes.freq_hz
     peak_hz, chatter_hz, (n, f) = _extremes(linear, theta, modes, lines_hz, cut)
-    grid_hz = np.append([_REST * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
+    grid_hz = np.append([_QUASI_STATIC_FRACTION * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
     H, shifts = frequency_response(linear, theta, grid_hz), fitted.response_shifts(grid_hz)
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> float:

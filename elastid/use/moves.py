@@ -77,7 +77,7 @@ class References:
         return {"angle": np.abs(self.position - middle) / reach, **used}
 
 
-def held(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
+def evaluate_spline(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
     """A spline (N, n), or its derivative of an order, at t (N,); at rest before its start and after its end."""
     low, high = spline.t[[0, -1]]
     values = np.asarray(spline(np.clip(t, low, high), order))
@@ -104,7 +104,7 @@ class Move:
 
     def at(self, t: FloatArray, order: int = 0) -> FloatArray:
         """Angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
-        return held(self.spline, t / self.duration, order) / self.duration**order
+        return evaluate_spline(self.spline, t / self.duration, order) / self.duration**order
 
     @property
     def ends(self) -> FloatArray:
@@ -135,7 +135,7 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
         )
     angles = table.angles(robot)
     if angles is not None:
-        shares = _shares(angles, times)
+        shares = _path_parameters(angles, times)
         _check_limits(table, angles, robot)
         spline = _through(shares, angles, times is not None)
     else:
@@ -168,7 +168,7 @@ def _times(table: Table) -> FloatArray | None:
     return times
 
 
-def _shares(points: FloatArray, times: FloatArray | None) -> FloatArray:
+def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray:
     """Shares (Q,) of the duration at which a path is at its points (Q, n); of their distance without times."""
     if times is None:
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -179,14 +179,14 @@ def _shares(points: FloatArray, times: FloatArray | None) -> FloatArray:
 def _through(shares: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
     """The spline of the time's share from rest to rest, through points (Q, n) at shares (Q,) of time or of the way."""
     if is_timed:
-        return _at_rest(shares, points)
+        return _rest_to_rest_spline(shares, points)
     way = make_interp_spline(shares, points, k=min(3, len(points) - 1))
     s = np.linspace(0.0, 1.0, _SAMPLES + 1)
     sigma = np.clip(np.polynomial.polynomial.polyval(s, _TIMING), 0.0, 1.0)
-    return _at_rest(s, way(sigma))
+    return _rest_to_rest_spline(s, way(sigma))
 
 
-def _at_rest(s: FloatArray, points: FloatArray) -> BSpline:
+def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:
     """The spline of degree 5 through points (Q, n) at s (Q,), at its ends without velocity and acceleration."""
     still = np.zeros(points.shape[1])
     return make_interp_spline(s, points, k=5, bc_type=([(1, still), (2, still)], [(1, still), (2, still)]))
@@ -194,7 +194,7 @@ def _at_rest(s: FloatArray, points: FloatArray) -> BSpline:
 
 def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | None) -> BSpline:
     position, rotation = table.poses(robot)
-    shares, s = _shares(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
+    shares, s = _path_parameters(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
     spline = _through(shares, position, times is not None)
     turned = None
     if rotation is not None:
@@ -214,7 +214,7 @@ def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | N
             f"{table.path}:{table.lines[row]}",
         )
     _check_limits(table, angles, robot)
-    return _at_rest(s, angles)
+    return _rest_to_rest_spline(s, angles)
 
 
 def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:

@@ -5,7 +5,7 @@ r"""Plans of moves: each one optimal control problem, by direct collocation with
           |q_m|, |\dot q_m|, |\ddot q_m|, |\dddot q_m|, |u| \le \text{limits}
 
 e: of the tool from its path; every number of the robot is inserted. Dry friction is that of steady sliding, tanh(v /
-v_s) at standstill: bristles are integrated along the reference where the torque is written (`friction_along`). q(t) is
+v_s) at standstill. `coulomb_torque_along` integrates bristles along the reference when the torque is written. q(t) is
 a spline with continuous fourth derivative, at rest in equilibrium at both ends; the equations hold at its knots (de
 Boor and Swartz, SIAM J. Numer. Anal. 10 (1973), 582): between them the error is of order h^4. The time before and after
 the move lets the motors wind and unwind the springs: of robots with elastic joints that no motor drives the inverse
@@ -39,7 +39,7 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path, rigid_rates
 from elastid.simulation.dynamics import contacts
-from elastid.use.moves import LONGEST_S, MotionLimits, Move, References, held
+from elastid.use.moves import LONGEST_S, MotionLimits, Move, References, evaluate_spline
 
 # rad/s (m/s) on the link side below which the planned friction turns around: slower than a move, faster than a step.
 SLIDING = 0.01
@@ -156,7 +156,7 @@ class CommandedRobot:
 
 DEGREE = 5
 TOOL_M = 5e-5  # e_0
-_HELD = 3  # coefficients at each end, which hold position at zero velocity and acceleration
+_N_END_COEFFICIENTS = 3  # coefficients at each end, which hold position at zero velocity and acceleration
 _RATE_S, _RIPPLE = 0.02, 1e-5  # t_0, and the same of what differs from knot to knot
 
 
@@ -233,7 +233,9 @@ class _Problem:
         self.u_0 = np.maximum(np.where(np.isfinite(limits.torque), np.minimum(limits.torque, peak), peak), 1e-6)
         self.force_0 = float(self.u_0.max())
         clipped = np.clip(u, -limits.torque, limits.torque) / self.u_0
-        self.start = np.concatenate([guess[_HELD:-_HELD].ravel(), clipped.ravel(), np.zeros(self.n_c * self.n)])
+        self.start = np.concatenate(
+            [guess[_N_END_COEFFICIENTS:-_N_END_COEFFICIENTS].ravel(), clipped.ravel(), np.zeros(self.n_c * self.n)]
+        )
         self._build()
 
     def _guess(self, move: Move) -> FloatArray:
@@ -242,7 +244,7 @@ class _Problem:
         rigid, share = self.commanded.rigid(move, fine)[0], np.clip(fine / move.duration, 0, 1)[:, None]
         deflected = (1 - share) * (self.ends[0] - rigid[0]) + share * (self.ends[1] - rigid[-1])
         c = np.array(make_lsq_spline(fine, rigid + deflected, self.knots, DEGREE).c)
-        c[:_HELD], c[-_HELD:] = self.ends
+        c[:_N_END_COEFFICIENTS], c[-_N_END_COEFFICIENTS:] = self.ends
         return c
 
     def _build(self) -> None:
@@ -251,7 +253,7 @@ class _Problem:
         x = ca.MX.sym("x", sum(sizes))
         C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist())
         C, U, L = ca.reshape(C_x, n_q, n), ca.reshape(U_x, n_u, n), ca.reshape(L_x, n_c, n)
-        first, last = (ca.repmat(ca.DM(end), 1, _HELD) for end in self.ends)
+        first, last = (ca.repmat(ca.DM(end), 1, _N_END_COEFFICIENTS) for end in self.ends)
         whole = ca.horzcat(first, C, last)
         self.coefficients = ca.Function("coefficients", [x], [whole])
         Q, V, A, jerk = (whole @ ca.DM(basis).T for basis in self.bases)
@@ -301,8 +303,8 @@ def margin_of(commanded: CommandedRobot, move: Move) -> float:
     m, halves = commanded.model, [0.0]
     for angles in move.ends:
         linear = linearise(m, Configuration("end", angles), m.theta, m.inputs, "position")
-        held = modes(acted_on(linear, Ports.at_frames(linear, ()), "locked", None), linear.theta_ref)
-        halves += (0.5 / held.freq_hz[:1]).tolist()
+        locked = modes(acted_on(linear, Ports.at_frames(linear, ()), "locked", None), linear.theta_ref)
+        halves += (0.5 / locked.freq_hz[:1]).tolist()
     return float(np.clip(max(halves), 0.02, 0.3))
 
 
@@ -376,9 +378,9 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
     n = int(np.ceil((high + until_s - low) * rate_hz))
     time_s = low + np.arange(n + 1) / rate_hz
     m = commanded.model
-    q, v, a, jerk = (held(planned.q, time_s, order) @ m.B for order in range(4))
-    state = [held(planned.q, time_s + 0.5 / rate_hz, order) for order in range(3)]
-    torque = commanded.torque(*state) + friction_along(commanded.robot, m, state[1] @ m.B, rate_hz)
+    q, v, a, jerk = (evaluate_spline(planned.q, time_s, order) @ m.B for order in range(4))
+    state = [evaluate_spline(planned.q, time_s + 0.5 / rate_hz, order) for order in range(3)]
+    torque = commanded.torque(*state) + coulomb_torque_along(commanded.robot, m, state[1] @ m.B, rate_hz)
     # In place of the friction that it is planned with, which turns around gradually.
     symbols = ca.SX.sym("v", m.n_q)
     planned_with = ca.Function("friction", [symbols], [ca.densify(commanded.friction(symbols, of_motors=True))])
@@ -386,7 +388,7 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
     return References(time_s, q, v, a, jerk, torque)
 
 
-def friction_along(robot: Robot, model: ElasticModel, velocity: FloatArray, rate_hz: float) -> FloatArray:
+def coulomb_torque_along(robot: Robot, model: ElasticModel, velocity: FloatArray, rate_hz: float) -> FloatArray:
     """Dry friction (N, n_u) of the motors along their velocities (N, n_u), link side, from rest, bristles included.
 
     That behind a gear's spring is not here: the motion of the joint is not that of its motor.
@@ -411,6 +413,6 @@ def rigid_references(robot: Robot, commanded: CommandedRobot, move: Move, time_s
     middle = time_s + 0.5 / rate_hz
     path = [move.at(middle, order) for order in range(3)]
     torque = feed_forward(model, q0, path[0] - move.ends[0], path[1], path[2])
-    torque += friction_along(robot, model, path[1], rate_hz)
+    torque += coulomb_torque_along(robot, model, path[1], rate_hz)
     q, v, a, jerk = (move.at(time_s, order) for order in range(4))
     return References(time_s, q, v, a, jerk, torque)

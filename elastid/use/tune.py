@@ -131,7 +131,7 @@ class TunedMove(References):
     target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
     with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: on the twin `judge`.
     draws: of the fit, geometry included, on which torques and velocities keep the limits as well; most (n_u,): torque.
-    The errors of a draw count from the path of its own rigid robot, which lengths and zeros move by up to `moved_m`.
+    Errors of a draw count from the path of its rigid robot. Lengths and zeros move this path by `geometric_error_m`.
     """
 
     name: str
@@ -148,7 +148,7 @@ class TunedMove(References):
     outcomes: tuple[Outcome, ...]
     samples: int
     most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
-    moved_m: float = labelled("error of the path by lengths and zeros, 95 % of draws", "m")
+    geometric_error_m: float = labelled("error of the path by lengths and zeros, 95 % of draws", "m")
     advice: str = ""
 
     def __getitem__(self, name: str) -> Outcome:
@@ -157,7 +157,7 @@ class TunedMove(References):
 
 
 @dataclass(frozen=True)
-class Given:
+class MoveRobots:
     """Robots of a move: as identified, as in the catalogue, the one to judge by with its name, and draws.
 
     bandwidth_hz: of the loops of the drives, rate_hz of their references.  error_m: that the tool may have.
@@ -174,13 +174,13 @@ class Given:
     error_m: float
 
 
-def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) -> TunedMove:
+def tune_move(given: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
     """The references of a move and its outcomes; a move without a duration takes the shortest time.
 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
     commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
-    asked = _Asked(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
+    asked = _MoveTask(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
     if not move.duration:
         if not first_duration(commanded, move, asked.limits):
             raise DataError(
@@ -201,10 +201,10 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _MoveTask:
     """A move with the robot that makes it, limits of its motors, and s before and after it."""
 
-    given: Given
+    given: MoveRobots
     commanded: CommandedRobot
     move: Move
     limits: MotionLimits
@@ -232,7 +232,7 @@ class _Asked:
             duration=self.move.duration, margin_s=self.margin_s, target=target, planned=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
             outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), most=most, advice=advice,
-            moved_m=float(np.quantile(moved, 0.95)) if moved else 0.0,
+            geometric_error_m=float(np.quantile(moved, 0.95)) if moved else 0.0,
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:

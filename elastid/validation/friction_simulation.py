@@ -25,7 +25,12 @@ from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import Plant
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.friction_study.inverse_dynamics_regression import PARTS, MotionFriction, motion_parts, rigid_body_torques
+from elastid.friction_study.inverse_dynamics_regression import (
+    TORQUE_COMPONENTS,
+    MotionFriction,
+    rigid_body_torques,
+    torque_components,
+)
 from elastid.friction_study.joint_levels import motion_log, motion_logs, simulated_commands
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.regressor import columns_of, full_rate_columns
@@ -54,7 +59,7 @@ from elastid.validation.simulation import (
 from elastid.validation.torque_balance import DRY, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
 
 # Parts of a regression as the twin names them.
-PART_OF = dict(zip(PARTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
+PART_OF = dict(zip(TORQUE_COMPONENTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
 
 
 def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
@@ -76,8 +81,8 @@ def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     parts: dict[str, FloatArray] = {}
     if "inertia" not in fit.chosen.names:
         parts[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
-    numbers = motion_parts(fit.chosen, columns_of(signals, fit.terms))
-    parts |= {PART_OF[name]: numbers[name] for name in PARTS if name in numbers}
+    numbers = torque_components(fit.chosen, columns_of(signals, fit.terms))
+    parts |= {PART_OF[name]: numbers[name] for name in TORQUE_COMPONENTS if name in numbers}
     rate_hz = record.rate_hz / int(signals.kept.step)
     torque, band_hz = signals.filtered(record.torque), (0.0, fit.passband_hz)
     return torque_balance(
@@ -177,7 +182,7 @@ def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionR
     """
     if fit.rigid_body is not None:
         return record.torque - fit.motion.torque
-    parts = motion_parts(fit.chosen, full_rate_columns(signals, fit.terms))
+    parts = torque_components(fit.chosen, full_rate_columns(signals, fit.terms))
     return parts["inertia"] + parts.get("gravity", 0.0)
 
 

@@ -49,7 +49,7 @@ def power_over_noise(
     S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
     variance = noise.own_variance if noise.is_diagonal else noise.own_matrix
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - variance / measured.dof, 0.1)))
-    dof = 2 * int(np.count_nonzero(z)) / (1 + noise.repeats) / measured.level_lines
+    dof = 2 * int(np.count_nonzero(z)) / (1 + noise.repeats) / measured.averaging_lines
     return (float(np.sum(np.abs(z) ** 2)) + of_shifts) / max(expected, 1e-300), dof
 
 

@@ -166,7 +166,7 @@ def elastic_runs(
     robot: with its fitted elasticity and friction.  delay_s: of its torques.  spec: the equations that it has.  Of a
     record without a period at most LONGEST_S from its beginning are simulated.
     """
-    if not record.rate_is_known:
+    if not record.has_rate:
         return ()
     n = round(LONGEST_S * record.rate_hz)
     if not record.is_periodic and record.n_samples > n:

@@ -82,7 +82,7 @@ class TorqueBalance:
     unexplained_fraction: float
     unexplained_without_friction: float
     bands: tuple[BandBalance, ...]
-    rate_is_known: bool = True
+    has_rate: bool = True
 
     @property
     def worst(self) -> BandBalance:
@@ -95,7 +95,7 @@ class TorqueBalance:
     def words(self) -> str:
         """Shares of the parts in a sentence."""
         shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.fractions, strict=True))
-        worst, unit = self.worst, "Hz" if self.rate_is_known else "of the sampling rate"
+        worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
         return (
             f"{self.place}, {self.log}: contributions to the mean-square torque: {shares}. Unexplained: "
             f"{self.unexplained_fraction:.1%}, at most "
@@ -120,7 +120,7 @@ def torque_balance(
     measured: FloatArray,
     parts: Mapping[str, FloatArray],
     band_hz: tuple[float, float],
-    rate_is_known: bool = True,
+    has_rate: bool = True,
 ) -> TorqueBalance:
     """Shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
     names, torques = tuple(parts), np.stack(list(parts.values()))
@@ -135,7 +135,7 @@ def torque_balance(
         for low, high, inside in octaves
     )
     of_log = place, log, unit, rate_hz, names, measured, torques
-    return TorqueBalance(*of_log, shares, left, without, bands, rate_is_known)
+    return TorqueBalance(*of_log, shares, left, without, bands, has_rate)
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
@@ -213,7 +213,7 @@ def elastic_balances(
     return tuple(
         torque_balance(
             place, record.name, record.units_of_inputs[i], record.rate_hz, measured[:, i],
-            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.rate_is_known,
+            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.has_rate,
         )
         for i, place in enumerate(motors.inputs)
     )  # fmt: skip

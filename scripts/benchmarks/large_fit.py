@@ -38,7 +38,7 @@ import numpy as np
 from fit import IDENTIFIED, build_robot, measured
 from timing import bare_work_s, machine
 
-from elastid.base.execution import Execution, lasting_workers
+from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.store.measured import read_responses, write_responses
@@ -64,7 +64,7 @@ def fit(path: Path, jobs: int) -> None:
     Connection.send_bytes = counted  # type: ignore[method-assign]
     wall, begin = time.perf_counter(), time.process_time()
     responses = read_responses(path)
-    with lasting_workers():
+    with persistent_workers():
         result = identify(responses, build_robot(), spec, execution=Execution(jobs))
         found = {
             "configurations": len(responses),

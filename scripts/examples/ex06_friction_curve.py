@@ -12,7 +12,7 @@ from importlib.resources import files
 import elastid as ei
 from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
-from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import identify_friction
 from elastid.record import FrictionRecords
 from elastid.study import load_study
@@ -22,7 +22,7 @@ robot, spec, joints = study.as_robot(), study.as_friction(), study.friction_join
 plan = design_friction(spec, joints, study.experiment, robot, study.seed)
 rig = SimulatedFrictionRig(robot, study.experiment, plan, study.seed)
 records = FrictionRecords(tuple(rig.measure(motion) for motion in plan.motions))
-result = identify_friction(robot, find_joint_levels(robot, joints, records), records, spec)
+result = identify_friction(robot, identify_sliding_friction(robot, joints, records), records, spec)
 found = {number.name: (number.low, number.high) for number in result.numbers}
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import numpy as np
 import elastid as ei
 from elastid.robot import Frame, Limits, Placement
 from elastid.use.moves import point_to_point
-from elastid.use.tune import CATALOGUE, IDENTIFIED, RIGID, Given, tune_move
+from elastid.use.tune import CATALOGUE, IDENTIFIED, RIGID, MoveRobots, tune_move
 
 limits = Limits(velocity=3.0, torque=900.0)
 motor = ei.Motor(inertia=2e-3, ratio=100, viscous=1e-3, coulomb=0.05)
@@ -33,7 +33,7 @@ identified, *draws = (
     for _ in range(6)
 )  # fmt: skip
 
-given = Given(
+given = MoveRobots(
     identified, catalogue, true, "truth", draws, "tool", rate_hz=500.0, bandwidth_hz=4.0, error_m=1e-3
 )  # fmt: skip
 way = point_to_point(np.radians([0.0, 40.0]), np.radians([35.0, 15.0]), 0.8)

@@ -46,7 +46,7 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
     assert numbers["Fc_m1"].value == pytest.approx(COULOMB, rel=0.02)
     assert numbers["f_m1"].value == pytest.approx(VISCOUS, rel=0.02)
     assert joint.constant_velocity is not None
-    assert joint.constant_velocity.n_levels == len(SPEEDS)
+    assert joint.constant_velocity.n_conditions == len(SPEEDS)
     assert "warning" not in capsys.readouterr().err
 
 

@@ -15,7 +15,7 @@ from elastid.app.from_log import texts_from_logs
 from elastid.base.errors import notes_of
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import identify_friction
 from elastid.logs.files.formats import read_channels
 from elastid.logs.friction_logs import read_friction_logs
@@ -195,7 +195,9 @@ def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> Non
     study = load_with_logs(tmp_path / "new" / "study.yml").study
     robot = study.as_robot()
     measured = read_friction_logs(robot, study.experiment, tmp_path / "new", robot.driven_names, {})
-    result = identify_friction(robot, find_joint_levels(robot, robot.driven, measured), measured, study.as_friction())
+    result = identify_friction(
+        robot, identify_sliding_friction(robot, robot.driven, measured), measured, study.as_friction()
+    )
     numbers = {row.name: row.value for row in result.numbers}
     assert numbers["J_m1"] == pytest.approx(0.05, rel=0.01)
     assert numbers["f_m1"] == pytest.approx(0.08, rel=0.01)

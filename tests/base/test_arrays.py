@@ -16,10 +16,10 @@ from elastid.base.arrays import (
     LargeArray,
     frozen,
     frozen_value,
-    kept_beside,
-    kept_in,
     mean_of_rows,
     release,
+    stored_beside,
+    stored_in,
 )
 
 
@@ -88,8 +88,8 @@ FILLED = """
 import sys
 from pathlib import Path
 import numpy as np
-from elastid.base.arrays import kept_in
-kept = [kept_in(Path(sys.argv[1]), np.full(1000, i)) for i in range(3)]
+from elastid.base.arrays import stored_in
+kept = [stored_in(Path(sys.argv[1]), np.full(1000, i)) for i in range(3)]
 print(sum(array.sum() for array in kept), flush=True)
 input()
 """
@@ -111,13 +111,13 @@ def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_ki
 def test_arrays_beside_a_file_are_those_given_also_after_their_memory_and_in_another_process(tmp_path) -> None:
     """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array."""
     given = [np.arange(n, dtype=dtype).reshape(-1, 1) for n, dtype in ((5, float), (0, complex), (70_000, np.int64))]
-    kept = [kept_in(tmp_path, array) for array in given]
+    kept = [stored_in(tmp_path, array) for array in given]
     for array, again in zip(given, kept, strict=True):
         release(again)
         assert again.dtype == array.dtype
         assert not again.flags.writeable
         np.testing.assert_array_equal(again, array)
         np.testing.assert_array_equal(pickle.loads(pickle.dumps(again)), array)
-        np.testing.assert_array_equal(kept_beside(again, array), array)
-    assert kept_beside(given[0], given[0]) is given[0]
-    assert kept_in(tmp_path / "nowhere", given[0]) is given[0]
+        np.testing.assert_array_equal(stored_beside(again, array), array)
+    assert stored_beside(given[0], given[0]) is given[0]
+    assert stored_in(tmp_path / "nowhere", given[0]) is given[0]

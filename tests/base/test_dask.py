@@ -11,7 +11,7 @@ import pytest
 from plants.marks import slow
 from plants.refusals import refused
 
-from elastid.base.execution import Execution, lasting_workers, on_dask
+from elastid.base.execution import Execution, on_dask, persistent_workers
 
 pytestmark = pytest.mark.slow  # clusters of several processes
 distributed = pytest.importorskip("distributed")
@@ -93,7 +93,7 @@ def process(item: int) -> int:
 def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp_path, monkeypatch):
     """Each at one of them; one that dies is followed by another."""
     monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
-    with on_dask(address), lasting_workers():
+    with on_dask(address), persistent_workers():
         there, large = Execution(), [np.zeros(n) for n in (200_000, 1000, 100)]
         for array in large:
             array.flags.writeable = False

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies
 from plants.refusals import refused
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import RENAME_PAUSES_S, clear_folder, own_path, read_table, unlinked, write_whole
+from elastid.base.files import RENAME_PAUSES_S, clear_folder, path_below, read_table, unlinked, write_atomically
 
 
 @pytest.fixture
@@ -24,12 +24,12 @@ def elsewhere(tmp_path: Path) -> Path:
 
 def test_a_link_on_the_way_is_refused_at_every_depth(tmp_path: Path, elsewhere: Path) -> None:
     run = tmp_path / "run"
-    own_path(run, "export", "c").mkdir(parents=True)
+    path_below(run, "export", "c").mkdir(parents=True)
     (run / "export" / "robot").symlink_to(elsewhere, target_is_directory=True)
     (run / "figures").symlink_to(elsewhere, target_is_directory=True)
     (run / "later").symlink_to(tmp_path / "not there yet")
     for names in (("figures",), ("figures", "deeper"), ("export", "robot"), ("later",)):
-        for work in (own_path, clear_folder):
+        for work in (path_below, clear_folder):
             with refused("files/folder"):
                 work(run, *names)
     assert [path.name for path in elsewhere.iterdir()] == ["victim"]
@@ -40,7 +40,7 @@ def test_the_run_folder_itself_may_be_a_link(tmp_path: Path, elsewhere: Path) ->
     """Its user has named it."""
     run = tmp_path / "run"
     run.symlink_to(elsewhere, target_is_directory=True)
-    assert own_path(run, "figures") == run / "figures"
+    assert path_below(run, "figures") == run / "figures"
     clear_folder(run, "figures")
     assert not (elsewhere / "figures").exists()
 
@@ -102,11 +102,11 @@ def test_a_refused_renaming_is_tried_again_for_two_seconds(
     monkeypatch.setattr(Path, "replace", refusing)
     monkeypatch.setattr("elastid.base.files.time.sleep", lambda pause: pauses.append(pause))
     if refusals <= len(RENAME_PAUSES_S):
-        write_whole(path, b"after")
+        write_atomically(path, b"after")
         assert path.read_bytes() == b"after"
     else:
         with pytest.raises(OSError, match="in use") as error:
-            write_whole(path, b"after")
+            write_atomically(path, b"after")
         assert error.value.filename == str(path)
         assert path.read_bytes() == b"before"
     assert [child.name for child in tmp_path.iterdir()] == ["fit.h5"]

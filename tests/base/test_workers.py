@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from elastid.base import workers
-from elastid.base.execution import Execution, lasting_workers, surviving
+from elastid.base.execution import Execution, persistent_workers, surviving
 from elastid.base.workers import _NAMES, End, Kept, LostError
 
 LOADING = """
@@ -134,7 +134,7 @@ def wait_for_end(processes: Iterable[int]) -> None:
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="asks for processes as POSIX does")
 def test_lasting_workers_stay_for_the_next_work_and_no_longer(tmp_path: Path):
     """One that is killed between two works is replaced, and no work is lost by that."""
-    with lasting_workers():
+    with persistent_workers():
         first = two_processes(tmp_path / "first")
         assert two_processes(tmp_path / "second") == first
         killed = min(first)
@@ -206,7 +206,7 @@ def sent(monkeypatch) -> list[int]:
 def test_each_value_goes_to_one_process_once_and_what_comes_from_there_does_not_go_back(sent):
     """What is worked out stays there; the successor of a process that dies is given them again."""
     items = [data(n) for n in (10_000, 20_000, 30_000)]
-    with lasting_workers():
+    with persistent_workers():
         there = Execution(2)
         assert list(there.at_home(length, items)) == [10_000, 20_000, 30_000]
         assert 0 < sum(sent) - sum(item.values.nbytes for item in items) < 5 * 500

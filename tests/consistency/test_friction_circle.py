@@ -14,7 +14,7 @@ from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
 from elastid.nonlinear.compensate_friction import net_record
@@ -47,7 +47,7 @@ def passes() -> FrictionResult:
     plan = design_friction(spec, machine.driven, experiment, machine, 3)
     bench = SimulatedFrictionRig(machine, experiment, plan, 1)
     records = FrictionRecords(tuple(bench.measure(motion) for motion in plan.motions))
-    return identify_friction(machine, find_joint_levels(machine, machine.driven, records), records, spec)
+    return identify_friction(machine, identify_sliding_friction(machine, machine.driven, records), records, spec)
 
 
 def number_of(result: FrictionResult, name: str) -> tuple[float, float]:

@@ -127,7 +127,7 @@ def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> No
     study = ARM_STUDY
     run(study, tmp_path)
     measured, model = measured_and_fitted(study, tmp_path)
-    assert not measured.rate_is_known
+    assert not measured.has_rate
     for sign, expected in ((-1, (0.0322, 0.1798)), (1, (0.0583, 0.1269))):
         for wanted in expected:
             assert nearest(model.freq_hz, model.G[:, 0, 0], wanted, sign) == pytest.approx(1.0, rel=0.01)

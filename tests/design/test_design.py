@@ -11,7 +11,7 @@ from plants.refusals import refused
 import elastid
 from elastid.app.console import forecast_table
 from elastid.design.design import design, presliding, sticking
-from elastid.design.predicted_response import friction_level
+from elastid.design.predicted_response import friction_linearisation
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
@@ -102,7 +102,7 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
     problem = replace(PROBLEM, robot=robot, design=None, experiment=experiment, fit=fit)
     designed = design(problem)
     forecast, ratios = designed.forecast, []
-    np.testing.assert_allclose(np.linalg.norm([*forecast.std_parts.values()], axis=0), forecast.std)
+    np.testing.assert_allclose(np.linalg.norm([*forecast.std_contributions.values()], axis=0), forecast.std)
     for seed in range(3):
         rng, relative = np.random.default_rng(seed), {"m_": 0.03, "Jm": 0.05, "I_": 0.1}
         numbers = [(name, value) for name, (value, _) in TWO.parameters().items() if name[:2] in relative]
@@ -111,7 +111,7 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
         off = replace(problem, experiment=experiment.with_truth(truth))
         result = fit_parameters(_measured(off, designed.plan, seed), robot, fit)
         assert result.status == "converged"
-        names = zip(forecast.std, forecast.std_parts["std_noise"], forecast.parameters, strict=True)
+        names = zip(forecast.std, forecast.std_contributions["std_noise"], forecast.parameters, strict=True)
         ratios.append([(std / result.std[n], noise / result.std_noise[n]) for std, noise, n in names])
     ratio = np.median(ratios, axis=0)
     assert np.all((ratio[:, 0] > 0.8) & (ratio[:, 0] < 1.25)), ratio
@@ -122,7 +122,7 @@ def test_an_exact_file_has_no_part_in_the_forecast() -> None:
     """The table then has no columns for it."""
     forecast = design(GIVEN).forecast
     assert not len(forecast.parts)
-    assert not forecast.std_parts
+    assert not forecast.std_contributions
     assert "std_prior" not in forecast_table(forecast)[0]
     within = design(replace(GIVEN, robot=replace(TWO, tolerances=Tolerances()))).forecast
     assert forecast_table(within)[0][3:5] == ["std_noise", "std_prior"]
@@ -137,7 +137,7 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
     rng = np.random.default_rng(0)
     N, lines = 16384, np.arange(1, 1500)
     V = np.exp(2j * np.pi * rng.random((20, len(lines), 1))) * math.sqrt(2 / len(lines)) * 0.3
-    d, power = friction_level(V, lines, N, np.array([5.0]), np.zeros((N, 1)))
+    d, power = friction_linearisation(V, lines, N, np.array([5.0]), np.zeros((N, 1)))
     assert d[0] == pytest.approx(math.sqrt(2 / math.pi) * 5.0 / 0.3, rel=0.01)
     # Van Vleck: sign has the autocorrelation 2 / pi asin(rho); less its linear part, the power within the band.
     band = np.zeros(N // 2 + 1)
@@ -145,7 +145,7 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
     rho = np.fft.irfft(band) * N / 2
     scattered = np.fft.rfft(2 / np.pi * (np.arcsin(np.clip(rho, -1, 1)) - rho)).real[lines] * 2 / N
     assert power.sum() / 2 / 25 == pytest.approx(scattered.sum(), rel=0.02)
-    fast, _ = friction_level(V, lines, N, np.array([5.0]), np.full((N, 1), 3.0))
+    fast, _ = friction_linearisation(V, lines, N, np.array([5.0]), np.full((N, 1), 3.0))
     assert abs(fast[0]) < 1e-6 * d[0]
 
 

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from scipy.optimize import LinearConstraint, minimize
 
 from elastid.base.arrays import FloatArray
-from elastid.design.optimal import DesignCriterion, PowerSource, best_experiments, best_powers, best_shares, even_powers
+from elastid.design.optimal import (
+    DesignCriterion,
+    PowerSource,
+    best_experiments,
+    best_powers,
+    even_powers,
+    optimal_weights,
+)
 
 
 def random_information(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int = 2) -> FloatArray:
@@ -51,7 +58,7 @@ def test_what_is_known_already_is_not_measured_again() -> None:
     """Two candidates, one for each parameter: knowledge about the first moves all weight to the second."""
     H = np.array([[[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]]]])
     criterion, nothing = DesignCriterion(np.eye(2)), np.zeros((1, 2, 2))
-    np.testing.assert_allclose(best_shares(H, criterion, nothing).P.ravel(), [0.5, 0.5], atol=1e-3)
+    np.testing.assert_allclose(optimal_weights(H, criterion, nothing).P.ravel(), [0.5, 0.5], atol=1e-3)
     known = np.array([[[5.0, 0], [0, 1e-9]]])
     assert best_experiments(H, 2, criterion, known)[0].tolist() == [0, 2]
 
@@ -97,7 +104,7 @@ def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> 
     source = PowerSource(J.T.reshape(3, 201, 1, 1).astype(complex), one[:, :, 0], one, 0 * one, one > 0)
     criterion, known = DesignCriterion(np.eye(3)), np.zeros((1, 3, 3))
     best = best_powers([[[source]]], one[None, None, :, :, 0], criterion, known, 0.01)
-    shares = best_shares(J[None, :, :, None] * J[None, :, None], criterion, known)
+    shares = optimal_weights(J[None, :, :, None] * J[None, :, None], criterion, known)
     for found in (best, shares):
         assert found.gap < 0.01
         thirds = [found.P[0, where, 0].sum() for where in (x < -0.7, abs(x) < 0.3, x > 0.7)]

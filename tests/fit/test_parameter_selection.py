@@ -178,7 +178,7 @@ def test_wrong_sets_of_responses_are_named(data):
         [data[0], renamed(data[1], "c2", (0.0,) * 6)],
         [data[0], replace(data[1], inputs=("motor 1", "motor 7"))],
         [data[0], replace(data[1], outputs=("motor 1", "tool"))],
-        [replace(data[0], rate_is_known=False), data[1]],
+        [replace(data[0], has_rate=False), data[1]],
     ):
         with refused("fit/responses"):
             identify(given, bench(), spec)

@@ -32,7 +32,7 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
     assert (result.status, held.status) == ("converged", "misfit")
     truth = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
     for name in STIFF:
-        std, parts = result.std[name], [part[name] for part in result.std_parts.values()]
+        std, parts = result.std[name], [part[name] for part in result.std_contributions.values()]
         assert abs(result.values[name] - truth[name]) < 3 * std
         assert math.hypot(*parts) == pytest.approx(std, rel=1e-9)
         assert 0 < parts[0] < std

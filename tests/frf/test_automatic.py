@@ -64,12 +64,12 @@ def test_the_stated_error_of_segments_holds_the_leakage_that_their_variance_lack
     record = replace(record, y=LIGHT.driven(record.u))
     spec = replace(AUTO, method="h1", segment=1.28)
     h1, local = estimate([record], spec), local_response([record], replace(LOCAL, lines="full"), most_lines=400)
-    error, _, _ = automatic.stated_errors(h1, local, has_bias=True)
+    error, _, _ = automatic.relative_errors(h1, local, has_bias=True)
     inside = local.freq_hz[(local.freq_hz >= h1.freq_hz[0]) & (local.freq_hz <= h1.freq_hz[-1])]
     G = np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].real) + 1j * np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].imag)
     true = np.mean(np.sqrt(np.minimum(1, np.abs(G / LIGHT.G(inside) - 1)))) ** 2
     assert 0.5 * true < error < 2 * true
-    assert automatic.stated_errors(h1, local, has_bias=False)[0] < 0.9 * error
+    assert automatic.relative_errors(h1, local, has_bias=False)[0] < 0.9 * error
 
 
 def _refused() -> list[tuple[Sequence[Record], EstimatorSpec, str]]:

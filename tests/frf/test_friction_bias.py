@@ -10,7 +10,13 @@ from scipy.special import ive
 
 from elastid.excitation.multisine import synthesise
 from elastid.fit.problem.least_squares import as_real
-from elastid.frf.distortion import OWN_SHARE, TURNED_SHARE, Detected, fast_total_error, unit_impedance
+from elastid.frf.distortion import (
+    MAX_ROTATED_FRACTION,
+    MIN_OWN_CHANNEL_FRACTION,
+    Detected,
+    fast_total_error,
+    unit_impedance,
+)
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
@@ -72,7 +78,7 @@ def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coul
     assert predicted.imag[upper].mean() > 2 * predicted.imag[LINES < 15].mean()
     viscous = impedance(response.G[:, 0, 0] + response.bias[-1, 0, :, 0, 0]) - impedance(response.G[:, 0, 0])
     low = LINES < 10
-    assert viscous.real[low].mean() / OWN_SHARE == pytest.approx(added.real[low].mean(), rel=0.15)
+    assert viscous.real[low].mean() / MIN_OWN_CHANNEL_FRACTION == pytest.approx(added.real[low].mean(), rel=0.15)
     # Beside viscous friction, of the second order and of it turned by a quarter, as factors of N(0, 1) leave free.
     second, turned = (-1j * omega * each[0, :, 0, 0] / response.G[:, 0, 0] ** 2 for each in response.bias[:2])
     rows = as_real(np.array([np.ones(len(LINES), complex), second, turned])).T
@@ -80,7 +86,7 @@ def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coul
     (viscous, size, turn), *_ = np.linalg.lstsq(rows, wanted)
     assert size == pytest.approx(1.0, abs=0.35)
     assert 0.5 < turn < 1.5
-    assert 0.2 < turn * TURNED_SHARE / size < 0.4
+    assert 0.2 < turn * MAX_ROTATED_FRACTION / size < 0.4
     left = np.linalg.norm(wanted - rows @ [viscous, size, turn])
     alone = np.linalg.norm(wanted - rows[:, 0] * (rows[:, 0] @ wanted) / (rows[:, 0] @ rows[:, 0]))
     assert left < 0.08 * np.linalg.norm(wanted)

@@ -12,7 +12,7 @@ from elastid.frf import lines as module
 from elastid.frf import spectra
 from elastid.frf.estimate import estimate
 from elastid.frf.lines import analysed_lines, find_excited
-from elastid.frf.spectra import RecordSpectra, single_logs, whole_logs
+from elastid.frf.spectra import RecordSpectra, single_logs, undivided_logs
 from elastid.record import MOTION_ORDER, Motion
 
 
@@ -36,11 +36,11 @@ def test_any_motion_becomes_any_other_exactly(measured: Motion, wanted: Motion) 
 
 def test_without_a_rate_a_derivative_is_per_sample() -> None:
     """omega = 2 pi f with f in units of the sampling rate."""
-    record = replace(steady_record(quantity="velocity"), rate_hz=1.0, rate_is_known=False)
+    record = replace(steady_record(quantity="velocity"), rate_hz=1.0, has_rate=False)
     response = estimate([record], AUTO, LINES)
     np.testing.assert_allclose(response.G[:, 0, 0], np.full(75, 1 / RATE), rtol=1e-9)
     np.testing.assert_allclose(response.freq_hz, LINES / N)
-    assert not response.rate_is_known
+    assert not response.has_rate
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity"])
@@ -122,12 +122,12 @@ def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log
     np.testing.assert_array_equal(second.u, record.u[N:])
     assert (first.left_out, second.left_out) == ((), (1,))
     with refused("records/missing-samples", place="record c-r0-e0, log 2"):
-        whole_logs([record])
+        undivided_logs([record])
     y = np.array(record.y)
     y[N + 5] = np.nan
     with refused("records/values", place="record c-r0-e0, log 2"):
-        whole_logs([replace(record, y=y, left_out=())])
-    assert len(whole_logs([replace(record, left_out=()), steady_record()])) == 3
+        undivided_logs([replace(record, y=y, left_out=())])
+    assert len(undivided_logs([replace(record, left_out=()), steady_record()])) == 3
 
 
 def _spectrum(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from plants import published_friction as p
 from plants.friction_laws import Numeric
 
 from elastid.friction.dynamic import Bristle, MaxwellElements
-from elastid.friction.robot_friction import PlacedLaw, coulomb_levels, frictions
+from elastid.friction.robot_friction import PlacedLaw, coulomb_torques, frictions
 from elastid.friction.static import Curve, Tustin
 from elastid.robot import (
     Body,
@@ -44,7 +44,7 @@ def test_friction_of_a_robot_is_seen_from_the_link() -> None:
     assert first.law == Bristle(30 * n**2, 0.01 * n**2, n / 5)
     assert second.law == Tustin()
     assert third.law == MaxwellElements((1e4, 2e4), (0.4, 0.6), (0.0, 0.0), 100.0)
-    np.testing.assert_allclose(coulomb_levels(robot), [25, 15 + 4])
+    np.testing.assert_allclose(coulomb_torques(robot), [25, 15 + 4])
     # Power is the same on both sides.
     v, z = 0.02, 1e-5
     motor = Numeric(Bristle(30.0, 0.01, 1 / 5), Curve(0.5, 0.7, 1 / 2, 1e-4)).torque(n * v, n * z)

@@ -14,12 +14,12 @@ from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.presliding import (
-    AtRest,
     Elements,
-    RestResponse,
-    fit_at_rest,
+    PreslidingFit,
+    PreslidingResponse,
     fit_presliding,
-    rest_responses,
+    fit_presliding_responses,
+    presliding_responses,
     slipped,
 )
 from elastid.model.formulation import ElasticJoint
@@ -51,13 +51,15 @@ def measured(peaks: Sequence[float], seed: int, noise: float = 0.0, count: float
     ]
 
 
-def errors(found: AtRest) -> tuple[float, float]:
+def errors(found: PreslidingFit) -> tuple[float, float]:
     return found.sigma_0 / plant.SIGMA_0 - 1, found.sigma_1 / plant.SIGMA_1 - 1
 
 
 def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away() -> None:
     """At half of it and at it, the link on its spring known."""
-    found = fit_at_rest("joint 1", rest_responses(measured((0.075, 0.15), 1)), JOINT, (plant.VISCOUS, 0.0))
+    found = fit_presliding_responses(
+        "joint 1", presliding_responses(measured((0.075, 0.15), 1)), JOINT, (plant.VISCOUS, 0.0)
+    )
     sigma_0, sigma_1 = errors(found)
     assert abs(sigma_0) < 0.002
     assert abs(sigma_1) < 0.01
@@ -67,7 +69,7 @@ def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away() -> None:
 def test_noise_without_a_period_identifies_bristles() -> None:
     """20 s of noise from 3 to 90 Hz at two amplitudes, within 1 and 2 %."""
     logs = [record("", peak, round(100 * peak), 0.005, plant.FINE_COUNT, is_noise=True) for peak in (0.1, 0.2)]
-    found = fit_at_rest("joint 1", rest_responses(logs), JOINT, (plant.VISCOUS, 0.0))
+    found = fit_presliding_responses("joint 1", presliding_responses(logs), JOINT, (plant.VISCOUS, 0.0))
     assert np.all(np.abs(errors(found)) < [0.01, 0.02])
 
 
@@ -79,15 +81,15 @@ def test_noise_and_counts_leave_the_numbers_inside_their_intervals(
     """16 bit, torque noise of a seventh of the torque, a spring of the file that is off, or inertias as well."""
     of_motor, of_link = inertias
     joint = ElasticJoint(of_motor * plant.MOTOR, of_link * plant.LINK, factor * plant.STIFFNESS, plant.DAMPING)
-    found = fit_at_rest("joint 1", noisy_responses(), joint, (plant.VISCOUS, 0.0))
+    found = fit_presliding_responses("joint 1", noisy_responses(), joint, (plant.VISCOUS, 0.0))
     std = np.sqrt(np.diag(found.covariance)) / [plant.SIGMA_0, plant.SIGMA_1]
     assert np.all(np.abs(errors(found)) < 3 * std)
     assert std[0] < 0.008
 
 
 @cache
-def noisy_responses() -> tuple[RestResponse, ...]:
-    return rest_responses(measured((0.15, 0.3), 2, 0.02, COUNT))
+def noisy_responses() -> tuple[PreslidingResponse, ...]:
+    return presliding_responses(measured((0.15, 0.3), 2, 0.02, COUNT))
 
 
 @pytest.mark.parametrize(("inertia", "sigma_0", "sigma_1"), [(0.03, 300.0, 0.5), (0.5, 4000.0, 3.0)])
@@ -101,7 +103,7 @@ def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia: float, si
         )
         for i, u in enumerate(torques)
     ]
-    found = fit_at_rest("joint 1", rest_responses(records))
+    found = fit_presliding_responses("joint 1", presliding_responses(records))
     assert found.sigma_0 == pytest.approx(sigma_0, rel=3e-3)
     assert found.sigma_1 == pytest.approx(sigma_1, rel=0.02)
 

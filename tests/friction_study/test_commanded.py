@@ -17,9 +17,9 @@ from plants.commanded_joints import (
 )
 
 from elastid.base.arrays import FloatArray
-from elastid.base.statistics import QUANTILE_95, known_combinations
+from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_study.commanded import DELAY, CommandedJoint
-from elastid.friction_study.joint_levels import find_joint_levels, simulated_commands
+from elastid.friction_study.joint_levels import identify_sliding_friction, simulated_commands
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import FrictionSpec
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
@@ -52,7 +52,7 @@ def log(
 def found(robot: Robot, *logs: tuple[FrictionRecord, ...]) -> FrictionResult:
     """The result of a study of all joints."""
     measured = FrictionRecords(tuple(record for records in logs for record in records))
-    return identify_friction(robot, find_joint_levels(robot, robot.driven, measured), measured, FrictionSpec())
+    return identify_friction(robot, identify_sliding_friction(robot, robot.driven, measured), measured, FrictionSpec())
 
 
 def commanded(result: FrictionResult) -> dict[str, CommandedJoint]:
@@ -141,7 +141,7 @@ def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path: Path) -> Non
     q = positions(one_joint, r, 0.010) + np.random.default_rng(3).normal(0, 1e-3, r.shape)
     result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
     fit, last = commanded(result)["1"], [4, 1]
-    (known,) = known_combinations(fit.values[last], fit.covariance[np.ix_(last, last)])
+    (known,) = identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)])
     assert known.weights[1] == pytest.approx(1 / GAINS[0][0], rel=0.1)
     assert known.value == pytest.approx(0.010 + 0.10 / GAINS[0][0], abs=2 * known.std)
     assert known.std < 0.1 * known.member_std

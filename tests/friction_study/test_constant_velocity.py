@@ -17,9 +17,15 @@ from plants.refusals import refused
 
 from elastid.app.commanded_robot import robot_of_friction
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.constant_velocity import Levels, Pass, find_levels, passes_of
-from elastid.friction_study.joint_levels import find_joint_levels
-from elastid.friction_study.result import FrictionResult, JointLevels, identify_friction, numbers_of_law, true_numbers
+from elastid.friction_study.constant_velocity import FrictionCurve, Pass, estimate_friction_curve, passes_of
+from elastid.friction_study.joint_levels import identify_sliding_friction
+from elastid.friction_study.result import (
+    FrictionResult,
+    SlidingFriction,
+    identify_friction,
+    numbers_of_law,
+    true_numbers,
+)
 from elastid.friction_study.spec import FilterSpec, LawSpec, PreslidingTestSpec, WarmUpSpec
 from elastid.friction_study.static_model_fit import StaticLaw
 from elastid.record import FrictionRecord, FrictionRecords
@@ -66,9 +72,9 @@ def passes(
 
 def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
     """Without noise within 0.2 %, with 5 % of noise within 0.4 % at the median speed and as stated elsewhere."""
-    quiet = find_levels(passes(0, noise=0.0), True, 2 * np.pi / RATIO)
+    quiet = estimate_friction_curve(passes(0, noise=0.0), True, 2 * np.pi / RATIO)
     np.testing.assert_allclose(quiet.torque, level(quiet.speed), rtol=2e-3)
-    found = find_levels(passes(1), True, 2 * np.pi / RATIO)
+    found = estimate_friction_curve(passes(1), True, 2 * np.pi / RATIO)
     error = found.torque / level(found.speed) - 1
     assert np.median(np.abs(error)) < 0.004
     assert np.max(np.abs(error) * found.torque / found.std) < 4
@@ -84,17 +90,17 @@ def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
     """12 campaigns of 12 speeds: 95 % intervals hold 91 % or more."""
     held = []
     for seed in range(12):
-        levels = find_levels(passes(seed, memory=memory), True, 2 * np.pi / RATIO)
+        levels = estimate_friction_curve(passes(seed, memory=memory), True, 2 * np.pi / RATIO)
         held += list(np.abs(levels.torque - level(levels.speed)) < 1.96 * levels.std)
     assert 0.91 < np.mean(held) < 0.99
 
 
 def test_slopes_of_two_directions_are_no_offset() -> None:
-    levels = find_levels(passes(2, uneven=6e-4), True, 2 * np.pi / RATIO)
+    levels = estimate_friction_curve(passes(2, uneven=6e-4), True, 2 * np.pi / RATIO)
     assert set(levels.direction) == {1.0, -1.0}
     law = StaticLaw.of(levels, LawSpec())
     assert law.values["directions.viscous"] == pytest.approx(6e-4, rel=0.15)
-    alike = find_levels(passes(3), True, 2 * np.pi / RATIO)
+    alike = estimate_friction_curve(passes(3), True, 2 * np.pi / RATIO)
     assert set(alike.direction) == {0.0}
 
 
@@ -110,13 +116,13 @@ def test_slopes_of_two_directions_are_no_offset() -> None:
 )
 def test_passes_that_tell_nothing_are_refused(wrong, code: str) -> None:  # type: ignore[no-untyped-def]
     with refused(code):
-        find_levels(wrong(passes(0, SPEEDS[:3])), True)
+        estimate_friction_curve(wrong(passes(0, SPEEDS[:3])), True)
 
 
 def test_a_level_below_gravity_and_noise_does_not_count() -> None:
     """Noise of five times the friction, 10 s a pass."""
     with refused("friction/constant-velocity"):
-        find_levels(passes(0, SPEEDS[-2:], noise=30.0), True)
+        estimate_friction_curve(passes(0, SPEEDS[-2:], noise=30.0), True)
 
 
 # Growth of Coulomb friction with the load, Nm per Nm.
@@ -136,8 +142,8 @@ def test_gravity_of_one_load_is_not_friction_of_another() -> None:
     _, measured = records(template(*SMALL))
     loads = (0.0, 100.0, 200.0)
     every = [loaded(one, load) for load in loads for one in measured.records]
-    levels = find_levels([each for record in every for each in passes_of(record)], True)
-    n = levels.n_levels // 3
+    levels = estimate_friction_curve([each for record in every for each in passes_of(record)], True)
+    n = levels.n_conditions // 3
     assert not levels.direction.any()
     for i in (1, 2):
         more = levels.torque[i * n : (i + 1) * n] - levels.torque[:n]
@@ -150,7 +156,7 @@ def test_gravity_of_one_load_is_not_friction_of_another() -> None:
 def found() -> FrictionResult:
     loaded = template()
     study, (_, measured) = loaded.study, records(loaded)
-    levels = find_joint_levels(study.as_robot(), study.friction_joints, measured)
+    levels = identify_sliding_friction(study.as_robot(), study.friction_joints, measured)
     return identify_friction(study.as_robot(), levels, measured, study.as_friction(), simulated(loaded))
 
 
@@ -185,8 +191,8 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
     """Viscous friction that would drive backwards: no number of it is stated, and a note says why."""
     v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
     one = np.ones_like(v)
-    levels = Levels("joint 1", v, s, 9 + (0.5 + 3 * s) * v, 0.01 * one, 0 * one, np.nan * one)
-    found = JointLevels("1", False, levels)
+    levels = FrictionCurve("joint 1", v, s, 9 + (0.5 + 3 * s) * v, 0.01 * one, 0 * one, np.nan * one)
+    found = SlidingFriction("1", False, levels)
     study = template().study
     result = identify_friction(study.as_robot(), [found], FrictionRecords(()), study.as_friction())
     assert (result.status, result.at("1").friction) == ("failed", None)
@@ -198,8 +204,8 @@ def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
     """At 1.2 rad/s from 25 to 45 degC: the torque there and its change with temperature, without Coulomb friction."""
     (scatter, noise), degc = np.random.default_rng(4).standard_normal((2, 40)), np.linspace(25, 45, 40)
     v, torque = 1.2 * (1 + 3e-3 * scatter), 9.6 - 0.05 * (degc - 35) + 0.05 * noise
-    levels = Levels("joint 1", v, 0 * v, torque, 0.05 + 0 * v, 0 * v, degc)
-    study, joints = template().study, [JointLevels("1", False, levels)]
+    levels = FrictionCurve("joint 1", v, 0 * v, torque, 0.05 + 0 * v, 0 * v, degc)
+    study, joints = template().study, [SlidingFriction("1", False, levels)]
     found = identify_friction(study.as_robot(), joints, FrictionRecords(()), study.as_friction())
     numbers = {row.name: row.value for row in found.numbers}
     assert numbers == {"tau_m1": pytest.approx(9.6, abs=0.05), "tauT_m1": pytest.approx(-0.05, abs=0.01)}
@@ -214,7 +220,7 @@ def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
     robot = Robot("axis", (Body("arm", joints=(joint,), mass=3.0, inertia=1.0),))
     speed = np.geomspace(0.01, 1.0, 8)
     same = np.ones_like(speed)
-    levels = Levels("joint 1", speed, 0 * same, 20 + 10 * speed, 0.1 * same, 30 * same, 45 * same)
+    levels = FrictionCurve("joint 1", speed, 0 * same, 20 + 10 * speed, 0.1 * same, 30 * same, 45 * same)
     found = true_numbers(robot, "1", StaticLaw.of(levels, LawSpec()))
     fading = math.exp(-1.0)
     expected = {"Fc_m1": 20 + 1.5, "Fs_m1": 30 + 0.2 * 20 + 2.4, "f_m1": 20 + 10 * (fading - 1), "fT_m1": 10 * fading}
@@ -226,7 +232,7 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
     """F_c forwards 24, backwards 20, and as many std to each end as of F_c itself."""
     speed = np.tile(np.geomspace(0.01, 1.0, 8), 2)
     way = np.repeat([1.0, -1.0], 8)
-    levels = Levels("joint 1", speed, way, 22 + 2 * way + 9 * speed, 0.1 + 0 * speed, 0 * speed, np.nan * speed)
+    levels = FrictionCurve("joint 1", speed, way, 22 + 2 * way + 9 * speed, 0.1 + 0 * speed, 0 * speed, np.nan * speed)
     rows = {row.name: row for row in numbers_of_law("1", StaticLaw.of(levels, LawSpec()), {})}
     mean, forwards, backwards = (rows[name] for name in ("Fc_m1", "Fc_m1+", "Fc_m1-"))
     assert (forwards.value, backwards.value) == (pytest.approx(24.0, abs=0.1), pytest.approx(20.0, abs=0.1))

@@ -9,7 +9,7 @@ from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, ri
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study import extended_kalman_filter
-from elastid.friction_study.constant_velocity import Levels
+from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
     FollowedJoint,
@@ -162,7 +162,7 @@ def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
 def test_what_a_study_has_identified_narrows_the_bands() -> None:
     """Inertia to 0.5 % and gravity to 1 % of a rigid joint."""
     one = np.ones(1)
-    levels = Levels("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
+    levels = FrictionCurve("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (3.0, 0.03), "gravity.sin": (4.0, 0.04)}
     identified = JointFriction("1", False, constant_velocity=replace(levels, shared=shared))
     rigid = FollowedJoint(motor_inertia=2.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)

@@ -13,7 +13,7 @@ from plants.refusals import refused
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import FrictionSpec
 from elastid.logs.friction_logs import read_friction_logs
@@ -34,7 +34,7 @@ def identified(folder: Path, gain: float, loads: tuple[str, ...], seed: int = 0)
     files = [FileSpec(f"{i}.csv", load=load) for i, load in enumerate(loads)]
     payloads = {"empty": 0.0, "full": PAYLOAD}
     measured = read_friction_logs(ROBOT_WITH_TOOL, logs(*files), folder, ["1"], payloads)
-    levels = find_joint_levels(ROBOT_WITH_TOOL, ROBOT_WITH_TOOL.driven, measured)
+    levels = identify_sliding_friction(ROBOT_WITH_TOOL, ROBOT_WITH_TOOL.driven, measured)
     return identify_friction(ROBOT_WITH_TOOL, levels, measured, FrictionSpec())
 
 
@@ -109,7 +109,7 @@ def identified_run_down(folder: Path, starts: tuple[float, ...], seed: int = 0, 
         (folder / f"{i}.csv").write_text(f"torque,angle\n{rows}\n")
     files = tuple(FileSpec(f"{i}.csv", purpose="coast_down") for i in range(len(starts)))
     measured = read_spindle(folder, *files)
-    levels = find_joint_levels(SPINDLE, SPINDLE.driven, measured)
+    levels = identify_sliding_friction(SPINDLE, SPINDLE.driven, measured)
     return identify_friction(SPINDLE, levels, measured, FrictionSpec())
 
 
@@ -153,4 +153,4 @@ def test_a_motion_one_way_names_the_run_down(tmp_path: Path) -> None:
     measured = read_spindle(tmp_path, FileSpec("0.csv", purpose="coast_down"))
     as_motion = replace(measured, records=tuple(replace(record, purpose="motion") for record in measured.records))
     with refused("friction/no-record", holds="coast_down"):
-        find_joint_levels(SPINDLE, SPINDLE.driven, as_motion)
+        identify_sliding_friction(SPINDLE, SPINDLE.driven, as_motion)

@@ -10,7 +10,7 @@ from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, 
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.constant_velocity import Pass, PassRegression, find_levels, passes_of
+from elastid.friction_study.constant_velocity import Pass, PassRegression, estimate_friction_curve, passes_of
 from elastid.friction_study.motion_signals import detect_passes
 from elastid.record import FrictionRecord
 
@@ -28,7 +28,7 @@ def test_every_pass_of_a_log_is_found_and_its_levels_are_right() -> None:
     found = detect_passes(record(trapezoids(SPEEDS)), True)
     assert [each.speed for each in found] == pytest.approx(SPEEDS, rel=0.01)
     assert [each.name for each in found] == [f"log-{number}" for number in range(1, 6)]
-    levels = find_levels([one for each in found for one in passes_of(each)], True, 2 * np.pi / RATIO)
+    levels = estimate_friction_curve([one for each in found for one in passes_of(each)], True, 2 * np.pi / RATIO)
     assert levels.torque == pytest.approx(COULOMB + VISCOUS * levels.speed, rel=2e-3)
     assert levels.notes == ()
 
@@ -60,7 +60,7 @@ def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:
     assert wander.std() > 0.1 * wander.mean()
     passes = [each for log in logs for each in detect_passes(log, True)]
     assert [each.speed for each in passes] == pytest.approx(speeds, rel=0.02)
-    levels = find_levels([one for each in passes for one in passes_of(each)], True, 2 * np.pi / RATIO)
+    levels = estimate_friction_curve([one for each in passes for one in passes_of(each)], True, 2 * np.pi / RATIO)
     truth = [float(joint.level(v, s)) for v, s in zip(levels.speed, levels.direction, strict=True)]
     assert set(levels.direction) == {-1.0, 1.0}
     assert levels.torque == pytest.approx(truth, rel=5e-3)

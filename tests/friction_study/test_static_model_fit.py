@@ -8,7 +8,7 @@ from plants.published_friction import drawn, published_levels
 from plants.refusals import refused
 
 from elastid.friction.robot_friction import frictions
-from elastid.friction_study.constant_velocity import Levels
+from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.result import numbers_of_law
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw, Terms, fit_curve
@@ -40,7 +40,7 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
         assert low < value < high
     motor = Motor(1e-3, 1.0, law.viscous, friction=law.to_friction())
     (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
-    for i in range(0, levels.n_levels, 17):
+    for i in range(0, levels.n_conditions, 17):
         v = float(levels.speed[i])
         simulated = placed.sliding(v, levels.load[i], levels.temperature[i]) + law.viscous * v
         assert simulated == pytest.approx(law.torque(levels.conditions)[i], rel=1e-9)
@@ -77,12 +77,14 @@ def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribec
     assert slow.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * 60, rel=0.05)
 
 
-def plain(n: int = 12, uneven: float = 0.0) -> Levels:
+def plain(n: int = 12, uneven: float = 0.0) -> FrictionCurve:
     """Coulomb 20 N and viscous friction 200 N s/m of a slide, both directions, the second uneven."""
     v = np.tile(np.linspace(0.02, 0.12, n), 2)
     s = np.repeat([1.0, -1.0], n)
     torque = 20 + (200 - uneven * s) * v
-    return Levels("joint 1", v, s, torque, np.full(2 * n, 0.2), np.zeros(2 * n), np.full(2 * n, np.nan), slides=True)
+    return FrictionCurve(
+        "joint 1", v, s, torque, np.full(2 * n, 0.2), np.zeros(2 * n), np.full(2 * n, np.nan), slides=True
+    )
 
 
 @pytest.mark.slow
@@ -113,7 +115,7 @@ def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction(
     for seed in range(8):
         noise = np.random.default_rng(seed).standard_normal(12)
         for error in (0.004, 0.02):
-            levels = Levels("j", speeds, none, curve * (1 + error * noise), error * curve, none, none + np.nan)
+            levels = FrictionCurve("j", speeds, none, curve * (1 + error * noise), error * curve, none, none + np.nan)
             law = StaticLaw.of(levels, LawSpec())
             assert "stiction" not in law.intervals
             _, _, low, high = law.intervals["coulomb"]
@@ -130,7 +132,7 @@ def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_fil
     speeds, warmth = np.tile(np.geomspace(0.05, 2.0, 8), 4), np.repeat([25.0, 32.0, 40.0, 47.0], 8)
     torque = 10 - 0.05 * (warmth - 36) + 8 * speeds
     none, noise = np.zeros(32), np.random.default_rng(0).standard_normal(32)
-    law = StaticLaw.of(Levels("j", speeds, none, torque + 0.03 * noise, none + 0.03, none, warmth), LawSpec())
+    law = StaticLaw.of(FrictionCurve("j", speeds, none, torque + 0.03 * noise, none + 0.03, none, warmth), LawSpec())
     value, _, low, high = law.intervals["temperature.coulomb"]
     assert low < -0.05 < high < 0
     file = law.to_friction()
@@ -166,7 +168,7 @@ def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth() -> Non
 
 
 def test_too_few_levels_are_refused_with_their_number() -> None:
-    with refused("friction/law", holds=("3 levels", "4 numbers")):
+    with refused("friction/law", holds=("3 levels", "4 parameters")):
         fit_curve(
             published_levels((1.0, 10.0, 100.0), (0.0,), (40.0,)),
             Terms(("coulomb", "stiction", "viscous"), ("stribeck_velocity",), {"exponent": 2.0}),

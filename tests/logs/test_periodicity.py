@@ -140,7 +140,7 @@ def test_no_log_and_no_period_raises(kind: str, n: int, lag: int, sign: int, see
         assert np.isfinite([found.correlation, found.best_correlation, found.best_samples]).all()
         assert max(abs(found.correlation), found.best_correlation) < 1.01
         assert 0 <= found.best_samples < n
-        assert not found.is_as_stated or found.correlation >= 0.95
+        assert not found.matches_stated_period or found.correlation >= 0.95
 
 
 @pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010, 5000))])
@@ -187,7 +187,7 @@ def test_a_period_is_found_however_often_it_is_logged(
     assert found.best_samples == pytest.approx(T, abs=0.05 + 0.3 * noise)
     assert found.best_correlation == pytest.approx(1 / (1 + noise**2), abs=0.02)
     off = repetition(log[:, None], round(1.02 * T))
-    assert not off.is_as_stated
+    assert not off.matches_stated_period
     assert off.best_samples == pytest.approx(T, abs=0.05 + 0.3 * noise)
 
 

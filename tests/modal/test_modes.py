@@ -10,7 +10,7 @@ from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
 from elastid.modal.estimate import by_differences, line_variance, modal_data, smoothed
 from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import LIMITS, drops, levels, own_drops
+from elastid.modal.poles import LIMITS, drops, levels, separate_determinations
 from elastid.record import MOTION_ORDER
 from elastid.response import Covariance
 
@@ -48,7 +48,7 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
     fit = ModalFit(data, exact.poles * (1 + 0.02 * rng.normal(size=n)))
     squares = np.sum(fit.residual**2, axis=0)
     without = [np.sum(fit.without(r).residual ** 2, axis=0) for r in range(n)]
-    np.testing.assert_allclose(own_drops(fit)[0], without - squares, rtol=1e-5, atol=1e-7 * squares.max())
+    np.testing.assert_allclose(separate_determinations(fit)[0], without - squares, rtol=1e-5, atol=1e-7 * squares.max())
     more = fit.poles[:1] * (1.1, 1.3)
     beside = [np.sum(ModalFit(data, np.append(fit.poles, pole)).residual ** 2, axis=0) for pole in more]
     np.testing.assert_allclose(drops(fit, more), squares - beside, rtol=1e-5, atol=1e-7 * squares.max())

@@ -12,7 +12,7 @@ from plants.template_arm import arm as template_arm
 from elastid.friction_study.presliding import OF_FILE, _Model
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import formulate, held_joint, serial, unseen
+from elastid.model.formulation import formulate, locked_joint, serial, unseen
 from elastid.model.spec import ModelSpec, Variant
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Rod, Spring
@@ -176,7 +176,7 @@ def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held() ->
     model = formulate(robot)
     omega = 2 * np.pi * np.geomspace(1, 50, 7)
     for angles in (np.array([0.0, 0.2]), np.array([0.4, -0.9])):
-        joint = held_joint(robot, "1", angles)
+        joint = locked_joint(robot, "1", angles)
         assert joint is not None
         q = np.zeros(model.n_q)
         q[[model.index("joint 1"), model.index("joint 2")]] = angles

@@ -10,7 +10,7 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
 from elastid.nonlinear.basis_functions import GearEffect
-from elastid.nonlinear.gear_characteristics import JointLevels, open_gears, sheet_of
+from elastid.nonlinear.gear_characteristics import SlidingFriction, open_gears, sheet_of
 from elastid.nonlinear.gear_estimation import Levels
 from elastid.nonlinear.gear_result import ARCMIN, NOT_EXPLAINED, NOT_OPENED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.spec import GearsSpec
@@ -35,7 +35,7 @@ def sheet(
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
     known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 0.0, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
-    gear = JointLevels(known, robot(Gear()), "1", PEAK)
+    gear = SlidingFriction(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, plain_fit(x + np.array([np.log(1.1), 0.0])), groups)
 
 

@@ -7,25 +7,25 @@ import numpy as np
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
-from elastid.friction_study.constant_velocity import Levels
+from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.inverse_dynamics_regression import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
-from elastid.friction_study.presliding import AtRest, Elements
+from elastid.friction_study.presliding import Elements, PreslidingFit
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.spec import LawSpec
-from elastid.friction_study.static_model_fit import Held, StaticLaw
+from elastid.friction_study.static_model_fit import StaticLaw, UnidentifiedTerm
 from elastid.friction_study.warm_up import ThermalModel
 from elastid.report.friction_content import FrictionContent
 
 RATE, MASS = 250.0, 95.0
 
 
-def levels() -> Levels:
+def levels() -> FrictionCurve:
     """Ten speeds in both directions, 1 % of noise, and what all passes share."""
     v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
     exact = 9.0 + (6.0 + 0.8 * s) * v
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(v))
-    found = Levels("joint elbow", v, s, exact * (1 + noise), 0.01 * exact, 0 * v, np.full(len(v), np.nan))
+    found = FrictionCurve("joint elbow", v, s, exact * (1 + noise), 0.01 * exact, 0 * v, np.full(len(v), np.nan))
     shared = {"inertia": 2.0, "slope": 6.0, "gravity.cos": 40.0, "gravity.sin": 0.0, "offset": 0.5}
     shared |= {"ripple.1c": 0.0, "ripple.1s": 0.3, "ripple.2c": 0.0, "ripple.2s": 0.0}
     return replace(found, shared={name: (value, 0.01) for name, value in shared.items()})
@@ -51,10 +51,10 @@ def friction_result() -> FrictionResult:
     elbow = JointFriction(
         "elbow", False, levels(), None, StaticLaw.of(levels(), LawSpec(stribeck="no")),
         Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1),
-        AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2),
+        PreslidingFit(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2),
         ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
-        held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
+        held=(UnidentifiedTerm("stribeck", "no speed below nu_s / 3"), UnidentifiedTerm("quadratic", "not asked for")),
         notes=(Note("friction/constant-velocity-runs", "it sticks", "pass 1"),),
     )  # fmt: skip
     lift = JointFriction("<lift>", True, motion=motion(), numbers=(number("Fc_mlift", "F_c", 20.1, 0.2, None),))

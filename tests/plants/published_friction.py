@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.constant_velocity import Levels
+from elastid.friction_study.constant_velocity import FrictionCurve
 
 F_C, F_CL, F_SL, NU_L, D_S, D_ST = 3.11e-2, 2.34e-2, 0.126, 9.22, -2.50e-2, 1.60e-3
 NU_0, NU_T, ALPHA, ALPHA_T, T_V, EXPONENT = -24.81, 0.98, 1.30e-4, 1.32e-3, 20.71, 1.36
@@ -28,15 +28,15 @@ def published_levels(
     loads: Sequence[float] = (0.0, 0.3, 0.6, 1.0),
     temperatures: Sequence[float] = (33.0, 48.0, 62.0, 74.0, 80.0),
     noise: float = 0.02,
-) -> Levels:
+) -> FrictionCurve:
     """Exact levels at all combinations; std a share of the median level."""
     v, load, T = (grid.ravel() for grid in np.meshgrid(speeds, loads, temperatures, indexing="ij"))
     exact = torque(v, load, T)
-    return Levels("motor 2", v, np.zeros_like(v), exact, np.full_like(v, noise * np.median(exact)), load, T)
+    return FrictionCurve("motor 2", v, np.zeros_like(v), exact, np.full_like(v, noise * np.median(exact)), load, T)
 
 
-def drawn(levels: Levels, seed: int) -> Levels:
+def drawn(levels: FrictionCurve, seed: int) -> FrictionCurve:
     """The same with noise of its std."""
     return replace(
-        levels, torque=levels.torque + levels.std * np.random.default_rng(seed).standard_normal(levels.n_levels)
+        levels, torque=levels.torque + levels.std * np.random.default_rng(seed).standard_normal(levels.n_conditions)
     )

@@ -24,7 +24,7 @@ from elastid.store.files import (
     has_checksum,
     is_intact,
     keep_checksums,
-    one_writer,
+    lock_folder,
 )
 from elastid.store.results import read_fit, write_fit
 
@@ -121,8 +121,8 @@ def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:
 HOLDS = """
 import sys, time
 from pathlib import Path
-from elastid.store.files import one_writer
-with one_writer(Path(sys.argv[1])):
+from elastid.store.files import lock_folder
+with lock_folder(Path(sys.argv[1])):
     print("mine", flush=True)
     time.sleep(60)
 """
@@ -141,7 +141,7 @@ def test_the_second_writer_is_told_who_the_first_is(tmp_path: Path) -> None:
     other = holding(tmp_path / "run")
     try:
         said = rf"process {other.pid} on .* since .* UTC; wait until .* --run"
-        with pytest.raises(ElastidError, match=said), one_writer(tmp_path / "run"):
+        with pytest.raises(ElastidError, match=said), lock_folder(tmp_path / "run"):
             pass
         assert other.poll() is None
     finally:
@@ -156,7 +156,7 @@ def test_a_killed_writer_leaves_the_folder_free(tmp_path: Path) -> None:
     other.send_signal(signal.SIGKILL)
     other.communicate()
     assert (tmp_path / LOCK).exists()
-    with one_writer(tmp_path):
+    with lock_folder(tmp_path):
         pass
     assert not (tmp_path / LOCK).exists()
 
@@ -167,11 +167,11 @@ def test_many_that_come_at_once_take_turns(tmp_path: Path) -> None:
 import sys, time
 from pathlib import Path
 from elastid.base.errors import ElastidError
-from elastid.store.files import one_writer
+from elastid.store.files import lock_folder
 folder, turns = Path(sys.argv[1]), 0
 while turns < 15:
     try:
-        with one_writer(folder):
+        with lock_folder(folder):
             (folder / "inside").touch(exist_ok=False)
             time.sleep(0.001)
             (folder / "inside").unlink()
@@ -185,7 +185,7 @@ while turns < 15:
 
 def test_a_file_is_no_folder_of_results(tmp_path: Path) -> None:
     (tmp_path / "run").write_text("kept")
-    with refused("files/folder"), one_writer(tmp_path / "run"):
+    with refused("files/folder"), lock_folder(tmp_path / "run"):
         pass
     assert (tmp_path / "run").read_text() == "kept"
 

@@ -17,7 +17,7 @@ from elastid.store.reading import described
 
 
 def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:
-    """Levels, law, loops, elements, bristles, warm-up, motion, notes; names that are no names of files."""
+    """FrictionCurve, law, loops, elements, bristles, warm-up, motion, notes; names that are no names of files."""
     result = friction_result()
     write_friction_result(tmp_path / "friction.h5", result)
     assert repr(read_friction_result(tmp_path / "friction.h5")) == repr(result)

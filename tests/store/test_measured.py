@@ -108,7 +108,7 @@ def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path)
     signals = [np.ones((4, 2))] * 2
     places, motions = ("motor 1", "slide"), ("position", "position")
     here = Configuration("c", [0.0])
-    record = Record("a", here, 0, 0, 1.0, 2, places, places, motions, *signals, rate_is_known=False, sliding=("slide",))
+    record = Record("a", here, 0, 0, 1.0, 2, places, places, motions, *signals, has_rate=False, sliding=("slide",))
     write_records(tmp_path / "records.h5", [record])
     with h5py.File(tmp_path / "records.h5") as file:
         group = file["records/a"]

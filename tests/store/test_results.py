@@ -9,7 +9,7 @@ import pytest
 from plants.artefacts import STAMP, same, some_fit
 
 from elastid.linear.linear_model import DifferenceElement, LagElement, LinearModel, Slope
-from elastid.record import Configuration, HeldTorque
+from elastid.record import Configuration, ZohTorque
 from elastid.store.results import read_comparison, read_fit, write_comparison, write_fit
 from elastid.validation.comparison import ComparedModel, Comparison
 
@@ -47,7 +47,7 @@ LINEAR = LinearModel(
     outputs=("motor 1",),
     quantity="acceleration",
     chain=(LagElement("sensor_lag", (1.0, 0.5)), DifferenceElement("differentiator")),
-    hold=HeldTorque((500.0,), (True,)),
+    hold=ZohTorque((500.0,), (True,)),
 )
 FULL = replace(
     some_fit(),

@@ -139,7 +139,7 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
 def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
     """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
     _, record = measured
-    assert elastic_runs(replace(record, rate_is_known=False), arm(), BAND_HZ) == ()
+    assert elastic_runs(replace(record, has_rate=False), arm(), BAND_HZ) == ()
     (stiff,) = elastic_runs(record, arm(friction=Friction(8.0)), BAND_HZ)
     assert stiff.lost
     assert not stiff.signals

@@ -35,7 +35,7 @@ def estimate(study: Study, work: Work) -> Artefacts:
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
     names, friction, recorded = read_configurations(records), None, study.experiment.recorded
-    if estimator.friction != "none" and (recorded is None or not recorded.has_commands_alone):
+    if estimator.friction != "none" and (recorded is None or not recorded.has_no_torque):
         on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
         friction = find_friction(on_motors, estimator, lines, Execution(work.jobs))
         work.console.notes(note for note in friction.notes if note.severity == "warning")
@@ -74,7 +74,7 @@ def estimate_configuration(
         from elastid.logs.reference_loop import with_reference_loop  # these bring CasADi
         from elastid.logs.step_images import with_image_errors
 
-        if recorded.has_commands_alone:
+        if recorded.has_no_torque:
             response = with_reference_loop(response, recorded, robot, records[0])
         else:
             response = with_image_errors(response, recorded, robot)

@@ -51,7 +51,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
     recorded, loop = study.experiment.recorded, None
-    if recorded is not None and recorded.has_commands_alone and recorded.controller is not None:
+    if recorded is not None and recorded.has_no_torque and recorded.controller is not None:
         loop = loop_of(recorded.controller, len(robot.driven))
     tests: Sequence[PlacedTest] = ()
     tapped: list[Response] = []

@@ -19,8 +19,8 @@ from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.friction_study.friction_tracking import FollowedFriction, follow_joints
-from elastid.friction_study.joint_levels import find_joint_levels
-from elastid.friction_study.result import JointLevels, identify_friction
+from elastid.friction_study.joint_levels import identify_sliding_friction
+from elastid.friction_study.result import SlidingFriction, identify_friction
 from elastid.friction_study.spec import FilterSpec
 from elastid.friction_study.static_model_fit import NOT_ASKED
 from elastid.logs.friction_logs import read_friction_logs
@@ -96,7 +96,7 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
     measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.configurations)
     joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
     with work.execution() as execution:
-        joint_levels = find_joint_levels(study.as_robot(), joints, measured, execution.progress)
+        joint_levels = identify_sliding_friction(study.as_robot(), joints, measured, execution.progress)
 
     def report(console: Console) -> None:
         said = notes_of(measured.records)
@@ -183,16 +183,16 @@ def conclude(run: Run) -> None:
     run.console.say(f"{result.status}: {meaning}")
 
 
-def _level_words(joint: JointLevels) -> str:
+def _level_words(joint: SlidingFriction) -> str:
     unit = "m/s" if joint.slides else "rad/s"
     parts = []
     if joint.constant_velocity is not None:
         curve = joint.constant_velocity
-        parts.append(f"{curve.n_levels} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
+        parts.append(f"{curve.n_conditions} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
         error = joint.motion.chosen.relative_error
         parts.append(f"trajectories, unexplained torque {error:.1%}")
-        parts.append(joint.motion.seconds_words)
+        parts.append(joint.motion.time_summary)
     if joint.commanded is not None:
         fit, distance = joint.commanded, "m" if joint.slides else "rad"
         parts.append(

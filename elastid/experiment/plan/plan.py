@@ -122,7 +122,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class ChosenConfiguration:
+class DesignedConfiguration:
     """A configuration that a design has chosen, and in how many realisations it is measured."""
 
     configuration: Configuration
@@ -254,7 +254,7 @@ def make_plan(
     experiment: ExperimentSpec,
     robot: Robot,
     seed: int,
-    chosen: Sequence[ChosenConfiguration] = (),
+    chosen: Sequence[DesignedConfiguration] = (),
     spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
@@ -268,7 +268,7 @@ def make_plan(
     further configuration or realisation leaves the others as they were (but for optimised phases, the first other
     realisation).  Raises StudyError where the robot cannot do it.
     """
-    given = [ChosenConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
+    given = [DesignedConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
     everyone = [
         (
             level,

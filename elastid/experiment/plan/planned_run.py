@@ -36,7 +36,7 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
     lag = int(np.argmax(np.fft.irfft(spectrum, len(r))))  # a start that all signals share is no contradiction
     late_s, none = min(lag, len(r) - lag) / plan.rate_hz, np.full(r.shape[1], np.inf)
     same, size = SAME_EXCITATION, EXCITATION_GAIN
-    words = _unlike(plan, "injected torque (r)", np.roll(r, -lag, axis=0), planned, same, size, none)
+    words = _first_inconsistent_motor(plan, "injected torque (r)", np.roll(r, -lag, axis=0), planned, same, size, none)
     if not words and late_s > LATE_S:
         return f"its excitation is shifted by {late_s:.3g} s relative to the plan. Log from the first sample of the run"
     same, size, posture = MIRRORED, UNIT_RATIO, np.full(len(none), POSTURE_ERROR)
@@ -46,12 +46,12 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
     holding = HOLDING_ERROR * np.maximum(held, 0.25 * held.max()) + friction + 0.1 * injected
     return (
         words
-        or _unlike(plan, "position (y)", y, position, same, size, posture)
-        or _unlike(plan, "acting torque (u)", u, torque, same, size, holding)
+        or _first_inconsistent_motor(plan, "position (y)", y, position, same, size, posture)
+        or _first_inconsistent_motor(plan, "acting torque (u)", u, torque, same, size, holding)
     )
 
 
-def _unlike(
+def _first_inconsistent_motor(
     plan: Plan, what: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
 ) -> str:
     """The first motor whose mean period does not follow the expected one, has another size, or a mean off by more."""

@@ -58,7 +58,7 @@ def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
     return Movement(s * p, ds * p + s * dp, dds * p + 2 * ds * dp + s * ddp, s[:, 0])
 
 
-def reach(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> FloatArray:
+def max_excursion(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> FloatArray:
     """Largest excursion (n_u,) of each joint to either side, rad or m.
 
     before_s: at full velocity from the start of a run to the middle of its measured periods.

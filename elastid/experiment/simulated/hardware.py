@@ -169,7 +169,7 @@ def drives(robot: Robot, encoder_counts: int, torque_ripple: Sequence[TorqueRipp
     return Drives(resolution, limit, ripples, lags[0] if lags else None)
 
 
-def friction_at_rest(contacts: Contacts, robot: Robot, point: OperatingPoint) -> FloatArray:
+def friction_coefficients(contacts: Contacts, robot: Robot, point: OperatingPoint) -> FloatArray:
     """Friction coefficients (9 n_f,) in a configuration: the load on a joint is the torque that holds it there.
 
     StudyError where the load gives coefficients that no friction law has.

@@ -17,7 +17,7 @@ from elastid.experiment.simulated.hardware import (
     Noise,
     draw_noise,
     filter_motions,
-    friction_at_rest,
+    friction_coefficients,
     logged_quantity,
     sense,
     sense_movement,
@@ -195,7 +195,7 @@ class SimulatedRig:
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
         """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
         plant, noise, experiment = run.plant, run.noise, run.experiment
-        curves = friction_at_rest(plant.loop.contacts, plant.model.robot, plant.point)
+        curves = friction_coefficients(plant.loop.contacts, plant.model.robot, plant.point)
         position, velocity, torque = self._commanded(run, factor)
         commands = Commands(position[:n], velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n])
         (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, run.given.position[:1])

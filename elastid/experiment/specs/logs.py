@@ -172,7 +172,7 @@ class RecordedSpec:
         if "u" not in roles and "reference" in roles and self.controller is None:
             raise ValueError("no channel has role u. Add a torque; or, for friction by commands alone, give controller")
         for role, name in (("u", "input"), ("y", "output")):
-            if role not in roles and not (role == "u" and self.has_commands_alone):
+            if role not in roles and not (role == "u" and self.has_no_torque):
                 raise ValueError(f"no channel has role {role} (an {name})")
         if not self.files:
             raise ValueError("files is empty. List at least one log file")
@@ -192,7 +192,7 @@ class RecordedSpec:
                 )
 
     @property
-    def has_commands_alone(self) -> bool:
+    def has_no_torque(self) -> bool:
         """True if the logs have references of a known controller, and no torque."""
         roles = {channel.role for channel in self.channels}
         return "u" not in roles and "reference" in roles and self.controller is not None

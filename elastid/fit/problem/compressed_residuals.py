@@ -26,7 +26,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, kept_beside, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release, stored_beside
 from elastid.base.kernels import call
 from elastid.base.workers import Kept
 from elastid.fit.problem.least_squares import ResidualKind
@@ -216,7 +216,7 @@ class CompressedResiduals(Kept):
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             basis, R = np.linalg.qr(W[:, :, first] + has_mirror * W[:, :, second])
             weights = form(R)  # of a thousand configurations most of what is worked out
-            weights = replace(weights, R=kept_beside(self.whitening.noise.in_file, weights.R))
+            weights = replace(weights, R=stored_beside(self.whitening.noise.in_file, weights.R))
             left = (mixing @ left[:, :, None])[:, :, 0]
             q = (basis.mT.conj() @ left[:, :, None])[:, :, 0]
             left = left - (basis @ q[:, :, None])[:, :, 0]

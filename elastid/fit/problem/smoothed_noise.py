@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtr, gammainc
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside, quotient
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient, stored_beside
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
@@ -206,7 +206,7 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
         return SmoothedNoise(known, known, np.zeros(F), np.zeros(F), response.G)
     covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, known, S), known.dof)
     power = np.einsum("faa->fa", covariance).real
-    covariance = kept_beside(S, covariance)
+    covariance = stored_beside(S, covariance)
     if known.left is None:
         smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=covariance)
     else:

@@ -180,7 +180,7 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
     return LadderFit(chosen, fits, taken, where, ladder[-1])
 
 
-def transient_reach(n_y: int, n_z: int) -> int:
+def transient_half_width(n_y: int, n_z: int) -> int:
     """Bins on either side of a line within which the window of its transient is, if half of the bins are unexcited."""
     return 2 * _transient_ladder()[-1].width(n_y + 5, 1, n_z) + 2
 

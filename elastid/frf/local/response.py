@@ -57,14 +57,14 @@ from elastid.frf.local.least_squares import (
     WindowTerms,
     fit_ladder,
     fitted_transient,
-    transient_reach,
+    transient_half_width,
     window_power,
     windows,
 )
 from elastid.frf.matrices import power
-from elastid.frf.quality import left_out_note, local_modes, measured_response, wide_windows
+from elastid.frf.quality import discarded_lines_note, local_modes, measured_response, wide_windows
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import RecordSpectra, unit_scale, whole_logs
+from elastid.frf.spectra import RecordSpectra, undivided_logs, unit_scale
 from elastid.record import Motion, Record
 from elastid.response import Response
 
@@ -77,7 +77,7 @@ MAX_CORRELATION = 0.5  # of two inputs in a window, from which on they are one e
 
 
 @dataclass(frozen=True)
-class SettledSpectra:
+class SteadySpectra:
     """Y (F, n_y), U (F, n_u), R (F, n_u) or None: complex amplitudes of a record of P periods at its lines.
 
     noise (F, n_z, n_z): covariance of [Y; U] where settled, with its dof.  settled is False where no bin separates
@@ -117,11 +117,11 @@ def local_response(
     inputs.
     """
     records, cut = _of_one_length(records)
-    logs = whole_logs(records)
+    logs = undivided_logs(records)
     first = logs[0]
     all_lines = analysed_lines([RecordSpectra(log) for log in logs], spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    spectra = [settled_spectra(log, all_lines, spec.quantity, dropped) for log in logs]
+    spectra = [steady_spectra(log, all_lines, spec.quantity, dropped) for log in logs]
     _refuse_dead_inputs(first, spectra)
     closed = all(spectrum.R is not None for spectrum in spectra)
     spectra = merge_repeats(spectra, closed)
@@ -144,14 +144,14 @@ def local_response(
     quality = local_quality(freq_hz, fitted, experiments.periods, S_rr[usable])
     notes = [*cut, *notes_of(logs)]
     if not usable.all():
-        notes.append(left_out_note(lines[~usable], first, "inputs move in proportion"))
+        notes.append(discarded_lines_note(lines[~usable], first, "inputs move in proportion"))
     if len(spectra) < len(logs):
         text = (
             f"{len(logs)} records with {len(spectra)} different excitation{'s' if len(spectra) > 1 else ''}; records "
             "with proportional inputs are averaged and count as one experiment"
         )
         notes.append(Note("frf/window", text, severity="information"))
-    unit, n_w = "Hz" if first.rate_is_known else "of the sampling rate", fits.where.index.shape[1]
+    unit, n_w = "Hz" if first.has_rate else "of the sampling rate", fits.where.index.shape[1]
     text = (
         f"{spec.method} of order {fits.terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} {unit}), "
         f"{fits.chosen.dof:.3g} degrees of freedom"
@@ -218,14 +218,14 @@ def spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> Comp
     return np.asarray(amplitudes * (2 / (P * N)))
 
 
-def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SettledSpectra:
+def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SteadySpectra:
     """The spectra of a record at lines (F,) of its period without the transient; `dropped` periods are not used."""
     P = record.n_periods - dropped
     used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
     n = used.stop - used.start
     n_y, bins = len(record.outputs), lines * P
     # The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines.
-    reach = transient_reach(n_y, n_y + len(record.inputs))
+    reach = transient_half_width(n_y, n_y + len(record.inputs))
     if (2 * reach + 1) * len(bins) < n // 2:
         inner = np.unique(np.clip(bins[:, None] + np.arange(-reach, reach + 1), 1, n // 2 - 1))
     else:
@@ -242,11 +242,11 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
         at_lines = at_lines - fit.T[:, 0]
         noise, dof = fit.scatter / fit.dof * (1 + fit.T_left[:, 0, None, None]), fit.dof
     Y, U, R = at_lines[:, :n_y], at_lines[:, n_y:], None if R is None else R[: len(bins)]
-    return SettledSpectra(Y, U, R, n_periods=P, settled=fit is not None, noise=noise, dof=dof)
+    return SteadySpectra(Y, U, R, n_periods=P, settled=fit is not None, noise=noise, dof=dof)
 
 
 def _signals(
-    spectra: Sequence[SettledSpectra], closed: bool, lines: IntArray, step: int, most_lines: int | None
+    spectra: Sequence[SteadySpectra], closed: bool, lines: IntArray, step: int, most_lines: int | None
 ) -> _Signals:
     """Records times sqrt(P) each, so that the noise equals the noise of one period in all of them."""
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
@@ -257,7 +257,7 @@ def _signals(
     return _Signals(Z, R, lines, every, step)
 
 
-def _experiments(spectra: Sequence[SettledSpectra], closed: bool, every: slice) -> Experiments:
+def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -> Experiments:
     """Experiments with the noise of all records in one period, each by its degrees of freedom."""
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
     if all(spectrum.settled for spectrum in spectra):
@@ -314,7 +314,7 @@ def _step(spec: EstimatorSpec, first: Record) -> int:
     return max(1, round(spec.resolution_hz * first.period_samples / first.rate_hz))
 
 
-def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> None:
+def _refuse_dead_inputs(first: Record, spectra: Sequence[SteadySpectra]) -> None:
     """DataError where an input stands out of its noise at too few lines, whatever the reference was."""
     n_y = len(first.outputs)
     signal = np.sum([np.abs(spectrum.U) ** 2 for spectrum in spectra], axis=0)
@@ -357,9 +357,9 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
     return len(leaders)
 
 
-def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[SettledSpectra]:
+def merge_repeats(spectra: Sequence[SteadySpectra], closed: bool) -> list[SteadySpectra]:
     """One experiment for each excitation, in order; the reference excites if closed, otherwise the inputs do."""
-    groups: list[list[SettledSpectra]] = []
+    groups: list[list[SteadySpectra]] = []
     for spectrum in spectra:
         driver = driver_of(spectrum, closed)
         twins = next((group for group in groups if _gain(driver_of(group[0], closed), driver) is not None), [])
@@ -369,7 +369,7 @@ def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[Settl
     return [group[0] if len(group) == 1 else _merged(group, closed) for group in groups]
 
 
-def driver_of(spectra: SettledSpectra, closed: bool) -> ComplexArray:
+def driver_of(spectra: SteadySpectra, closed: bool) -> ComplexArray:
     """The reference in closed loop, else the inputs."""
     return spectra.R if closed and spectra.R is not None else spectra.U
 
@@ -383,12 +383,12 @@ def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
     return c if np.sum(np.abs(R_other - c * R) ** 2) < REPEAT_DIFFERENCE**2 * power_other else None
 
 
-def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:
+def _merged(group: Sequence[SteadySpectra], closed: bool) -> SteadySpectra:
     gains = [_gain(driver_of(group[0], closed), driver_of(spectrum, closed)) or 1.0 for spectrum in group]
     pairs = [(spectrum.n_periods * c, spectrum) for c, spectrum in zip(gains, group, strict=True)]
     total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))
     known = [weight * spectrum.R for weight, spectrum in pairs if spectrum.R is not None]
-    return SettledSpectra(
+    return SteadySpectra(
         Y=np.sum([weight * spectrum.Y for weight, spectrum in pairs], axis=0) / total,
         U=np.sum([weight * spectrum.U for weight, spectrum in pairs], axis=0) / total,
         R=np.sum(known, axis=0) / total if len(known) == len(group) else None,

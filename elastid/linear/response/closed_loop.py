@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import TORQUE_LAG, LinearModel
-from elastid.record import HeldTorque, ReferenceLoop, zero_order_hold
+from elastid.record import ReferenceLoop, ZohTorque, zero_order_hold
 from elastid.robot import channel_name
 
 GAINS = ("kp", "kd")  # as in gain_kp_motor_1
@@ -32,7 +32,7 @@ def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
     motors = replace(
         plain, C=model.B.T, T=None, outputs=loop.motors, quantity="position", slopes=slopes,
         chain=tuple(element for element in model.chain if element.name == TORQUE_LAG),
-        hold=HeldTorque((loop.rate_hz,) * len(loop.motors), (True,) * len(loop.motors)),
+        hold=ZohTorque((loop.rate_hz,) * len(loop.motors), (True,) * len(loop.motors)),
     )  # fmt: skip
     return plain, motors
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.errors import installed
-from elastid.base.files import require_own_data
+from elastid.base.files import check_self_contained
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.log import ArrayLog, StoredArray, seconds
 
@@ -186,7 +186,7 @@ def opened_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> It
     import h5py
 
     with h5py.File(path, "r") as file:
-        require_own_data(file)
+        check_self_contained(file)
         yield ArrayLog(path, dict(_datasets(file, "." if is_matlab else "/", is_matlab)))
 
 

@@ -95,15 +95,15 @@ class ArrayLog:
     arrays: Mapping[str, StoredArray]
 
     def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> "ArrayLog":
-        """Log with every read inside a guard."""
+        """Log with every read read_guarded a guard."""
 
-        def inside(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
+        def read_guarded(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
             with guard():
                 return read(*part)
 
         def guarded(array: StoredArray) -> StoredArray:
-            rows = None if array.rows is None else partial(inside, array.rows)
-            return replace(array, read=partial(inside, array.read), rows=rows)
+            rows = None if array.rows is None else partial(read_guarded, array.rows)
+            return replace(array, read=partial(read_guarded, array.read), rows=rows)
 
         return ArrayLog(self.path, {name: guarded(array) for name, array in self.arrays.items()})
 

@@ -316,12 +316,12 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
     lines = _decoded(raw).splitlines()
     lines = lines[-21:-1] if len(raw) == _HEAD_BYTES else lines[-20:]  # the last of 64 KiB may be cut
 
-    def numbers_less_words(text: TextFormatSpec) -> int:
+    def numeric_score(text: TextFormatSpec) -> int:
         plain = plain_numbers("\n".join(lines), text).splitlines()
         fields = [field for line in plain for field in _fields(line, text) if field]
         return sum(1 if _is_number(field) else -1 for field in fields)
 
-    scored = [(numbers_less_words(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
+    scored = [(numeric_score(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
     return max(scored, key=lambda pair: pair[0])
 
 

@@ -31,7 +31,7 @@ MIN_RUN, MIN_RANGE, MIN_STEPS = 20, 0.25, 4.0
 LEAP = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
 MIN_MOVING_FRACTION = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
 # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
-MAX_STILL = 0.1
+MAX_STATIONARY_FRACTION = 0.1
 LEAP_OF_ROWS = 2.0  # of a row of zeros, over the step of a channel that 99 % of the rows stay below
 MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
 # Of clipping and quantisation.
@@ -93,7 +93,7 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
     return result
 
 
-def rest_before(torques: FloatArray) -> int:
+def samples_before_motion(torques: FloatArray) -> int:
     """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
     width = max(MIN_WINDOW, len(torques) // START_WINDOWS)
     if len(torques) < 3 * width:
@@ -101,7 +101,7 @@ def rest_before(torques: FloatArray) -> int:
     scatter = np.stack([_scatter(folded(x, width)) for x in torques.T])
     # The largest may be a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > MAX_STILL * usual) & (usual > 0), axis=0)
+    moves = np.any((scatter > MAX_STATIONARY_FRACTION * usual) & (usual > 0), axis=0)
     return int(np.argmax(moves)) * width
 
 
@@ -150,7 +150,7 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     # The largest may be that of the start, or hold a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
     moving = usual > MIN_MOVING_FRACTION * np.median(usual)
-    bad = (scatter < MAX_STILL * usual)[:, moving].sum(axis=1) > MAX_STILL * moving.sum()
+    bad = (scatter < MAX_STATIONARY_FRACTION * usual)[:, moving].sum(axis=1) > MAX_STATIONARY_FRACTION * moving.sum()
     bad[:1] = False
     if not bad.any():
         return signals

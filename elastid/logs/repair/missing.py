@@ -19,7 +19,7 @@ from elastid.logs.repair import Log, bridged
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
     MAX_MISSING_FRACTION,
-    MAX_STILL,
+    MAX_STATIONARY_FRACTION,
     report_clipping,
     report_steps,
     step,
@@ -63,7 +63,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, missing.size, "" if is_reported else f"{text}. They are {REPLACED}")
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = sorted(poor | set(np.flatnonzero(lacking > MAX_STILL).tolist()))
+    left_out = sorted(poor | set(np.flatnonzero(lacking > MAX_STATIONARY_FRACTION).tolist()))
     if not left_out:
         return result
     numbers = ", ".join(str(p + 1) for p in left_out)
@@ -142,7 +142,7 @@ def repair(
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
-    going = without_stops(_in_whole_samples(signals, period, N, L, log), roles["u"], L, log)
+    going = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
     moving = without_standstill(going, L, log)
     both = _and_missing(moving)
     clock = resampled(both, both[:, drivers], N, log)
@@ -164,7 +164,7 @@ def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
     return full
 
 
-def _in_whole_samples(signals: FloatArray, period: float, N: int, L: int, log: Log) -> FloatArray:
+def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log: Log) -> FloatArray:
     """Signals with N samples in a period, and two whole repetitions of L where the second one lacks its end only."""
     result = signals
     if period != N:

@@ -80,7 +80,7 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     everywhere = np.ones(len(signals), dtype=np.bool_)
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
-        far = _far(x) if are_motions else ~everywhere
+        far = _is_outlier(x) if are_motions else ~everywhere
         near = bridged(np.where(far, np.nan, x))
         least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
@@ -89,7 +89,7 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     return _masked(signals, at, "their neighbours", log)
 
 
-def _far(x: FloatArray) -> BoolArray:
+def _is_outlier(x: FloatArray) -> BoolArray:
     """Runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
     low, middle, high = np.quantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
     result = np.zeros(len(x), dtype=np.bool_)
@@ -136,7 +136,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
         full, is_spike = _replaced(full, is_lost, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
-        judged = _with_other_period(judged, L)
+        judged = _with_second_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
         of_all, of_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
@@ -148,7 +148,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         if not candidates.any():
             break
         chosen = _roughest(full, candidates, judged & ~is_spike, L)
-        chosen[:L] &= _lone_distance(full[:L]) >= _repeated_jump(full, L, sign, q)
+        chosen[:L] &= _lone_distance(full[:L]) >= _transient_pulse(full, L, sign, q)
         if not chosen.any():
             break
         full, is_new = _replaced(full, chosen, L, sign, np.full(len(full), np.inf))
@@ -189,7 +189,7 @@ def _replaced(
     return result, is_replaced
 
 
-def _with_other_period(judged: BoolArray, L: int) -> BoolArray:
+def _with_second_period(judged: BoolArray, L: int) -> BoolArray:
     """Drop judged samples (P L,) with no other measured period at their phase, and samples beside them."""
     from scipy.ndimage import maximum_filter
 
@@ -209,7 +209,7 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
     return [(X - reference).ravel() for reference in references]
 
 
-def _repeated_jump(x: FloatArray, L: int, sign: int, q: float) -> float:
+def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
     """Size of the pulses that a transient in the first period of a signal (P L,) can have; 0 without a transient.
 
     The largest step that all later periods show: there a transient has friction of the other direction for a moment.

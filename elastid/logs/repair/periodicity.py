@@ -38,19 +38,19 @@ class Repetition:
     """How well signals repeat after the stated lag, and the lag (in samples, not always whole) that repeats them best.
 
     correlation: with themselves at the stated lag.  best_correlation: at best_samples; both count minus a half wave
-    as a repetition where the study states it.  best_samples is 0 where they repeat at no lag.  rest_is_noise: several
+    as a repetition if the study states it.  best_samples is 0 without a repetition.  remainder_is_noise: several
     repetitions agree that what does not repeat is noise.
     """
 
     correlation: float
     best_samples: float
     best_correlation: float
-    rest_is_noise: bool = False
+    remainder_is_noise: bool = False
 
     @property
-    def is_as_stated(self) -> bool:
+    def matches_stated_period(self) -> bool:
         """True if the stated lag repeats the signals, as well as any other does."""
-        least = MIN_DELAY_CORRELATION if self.rest_is_noise else MIN_CORRELATION
+        least = MIN_DELAY_CORRELATION if self.remainder_is_noise else MIN_CORRELATION
         return self.correlation >= least and _is_as_good(self.correlation, self.best_correlation)
 
     @property
@@ -70,7 +70,7 @@ def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
     and ramps of each lag are removed first: a position that drifts still repeats.
     """
     results = [_repetition(x, lag, sign) for x in signals.T if _moves(x)]
-    return max(results, key=lambda result: (result.is_as_stated, result.best_correlation), default=_NONE)
+    return max(results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NONE)
 
 
 def find_period(signals: FloatArray) -> Repetition:
@@ -93,15 +93,19 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
     level = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
     rho = autocorrelation(level)
     P = len(level) // lag
-    stated = Repetition(0.0, float(lag), 0.0, _rest_is_noise(rho, lag, sign))
+    stated = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
     for repeats in sorted({1, max(1, P // 2)}):
         middle = repeats * lag
         near = sign**repeats * rho[max(1, middle - lag // 2) : middle + lag // 2 + 1]
         correlation = sign**repeats * float(rho[middle]) if middle < len(rho) else 0.0
         stated = replace(stated, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
-        if not stated.is_as_stated:
+        if not stated.matches_stated_period:
             # Estimators leave the first repetition out where it differs.
-            if starts and n >= 3 * lag and (later := _repetition(x[lag:], lag, sign, starts=False)).is_as_stated:
+            if (
+                starts
+                and n >= 3 * lag
+                and (later := _repetition(x[lag:], lag, sign, starts=False)).matches_stated_period
+            ):
                 return later
             period = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
             return replace(period, correlation=correlation)
@@ -127,7 +131,7 @@ def _is_as_good(correlation: float, best: float) -> bool:
     return 1 - correlation <= MAX_UNEXPLAINED_RATIO * (1 - best) + UNEXPLAINED_MARGIN
 
 
-def _rest_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
+def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
     """True if the correlations after one, two, ... repetitions, over half of the log at least, are the same.
 
     And if d(t) = x(t + T) - x(t) is noise: its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l) of x(t)^2.
@@ -167,7 +171,7 @@ def _anywhere(x: FloatArray) -> Repetition:
         period, correlation = _refined(all_lags, int(peak))
         if not _is_as_good(correlation, best):
             continue
-        if correlation >= MIN_CORRELATION or _rest_is_noise(all_lags, period):
+        if correlation >= MIN_CORRELATION or _remainder_is_noise(all_lags, period):
             return Repetition(0.0, _from_later(all_lags, period), correlation)
     return Repetition(0.0, 0.0, best)
 
@@ -285,7 +289,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         )
     result = repetition(excitation, repeat, sign)
     lost = _lost_samples(excitation, repeat, sign)
-    if result.is_as_stated and lost is None:
+    if result.matches_stated_period and lost is None:
         return
     stated = "second half minus first" if half_wave else "one period to the next"
     problem = (
@@ -300,7 +304,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     elif result.best_samples:
         lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
         text = f"{lag}. Correct the period or the rate"
-    elif not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).is_as_stated:
+    elif not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).matches_stated_period:
         text = (
             f"the second half of {_span(2 * N, log)} is minus the first. Set period_samples: {2 * N}, half_wave: true"
         )

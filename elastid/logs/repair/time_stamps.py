@@ -160,12 +160,12 @@ def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
 def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
     n = len(x)
     # Each end and its continuation, taken one period further inside.
-    left = _inside(x, np.arange(-before, 1.0) + period, period)
-    right = _inside(x, np.arange(n - 1.0, n + after) - period, period)
+    left = _values_at(x, np.arange(-before, 1.0) + period, period)
+    right = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
     return np.concatenate([left[:-1] + x[0] - left[-1], x, right[1:] + x[-1] - right[0]])
 
 
-def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
+def _values_at(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
     N = round(period)
     if period != N and len(x) > period + 2 * HALF_WIDTH:
         return at_times(x, times, N)
@@ -251,7 +251,7 @@ _DAMPING = 1e-3
 LAST = 20
 
 
-def steps_in_words(time_s: FloatArray) -> str:
+def describe_steps(time_s: FloatArray) -> str:
     """The shortest, median and longest step from one of some stamps (n,) to the next, and the mean rate, in words."""
     shortest, median, longest = (f"{1e3 * f(np.diff(time_s)):.6g}" for f in (np.min, np.median, np.max))
     mean_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
@@ -304,7 +304,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise DataError(
             "records/clock",
-            f"its {len(time_s)} time stamps have {steps_in_words(time_s)}, the longest after {after}; rate_hz is "
+            f"its {len(time_s)} time stamps have {describe_steps(time_s)}, the longest after {after}; rate_hz is "
             f"{rate_hz:g}. Give the time in s, correct rate_hz, or exclude a jump by samples",
             log.where,
         )
@@ -394,7 +394,7 @@ def _report_gaps(lost: int, gaps: IntArray, log: Log) -> None:
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
     """Resampled from instants (n,) in s, the first of which is 0."""
-    steps_s, steps = np.diff(time_s), steps_in_words(time_s)
+    steps_s, steps = np.diff(time_s), describe_steps(time_s)
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     of_knots = np.delete(steps_s, gaps)
     row = min(8, len(of_knots))  # steps, whose mean no knots are closer than

@@ -29,7 +29,7 @@ from elastid.logs.responses.table import (
     uff_table,
 )
 from elastid.logs.units_and_sides import MAX_COMPUTABLE, link_side_factor, to_joints
-from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold
+from elastid.record import MOTION_ORDER, Configuration, Motion, ZohTorque, zero_order_hold
 from elastid.response import Covariance, Response
 
 # Zeros of an element from which on it has no response; magnitude of a line over both neighbours that no mode has whose
@@ -94,7 +94,7 @@ def link_side_response(
     variance = None if table.variance is None else table.variance[order][:, rows][:, :, columns]
     if variance is not None:
         good &= np.isfinite(variance).all(axis=(1, 2))
-    notes = (*table.notes, *_left_out(table, freq_hz, good))
+    notes = (*table.notes, *_discarded_lines_notes(table, freq_hz, good))
     freq_hz, G = freq_hz[good], G[good]
     if np.any(np.diff(freq_hz) == 0):
         raise DataError(
@@ -112,13 +112,13 @@ def link_side_response(
         variance = (spec.relative_std * np.abs(G)) ** 2
     u_places, y_places = (tuple(c.at for c in side) for side in (inputs, outputs))
     # Angles contain images of the commands that are held.
-    rates, sampled = (tuple(_held_rate_hz(c, spec) for c in inputs), tuple(c.quantity == "position" for c in outputs))
+    rates, sampled = (tuple(_hold_rate_hz(c, spec) for c in inputs), tuple(c.quantity == "position" for c in outputs))
     # Taken as exact: a file does not hold its degrees of freedom.
     noise = None if variance is None else Covariance(variance, float("inf"))
     return Response(
         freq_hz, G, u_places, y_places, quantity, configuration, noise=noise, notes=notes,
         sliding=robot.sliding((*u_places, *y_places)), input_units=input_units(inputs, robot),
-        hold=HeldTorque(rates, sampled) if any(rates) else None,
+        hold=ZohTorque(rates, sampled) if any(rates) else None,
     )  # fmt: skip
 
 
@@ -130,7 +130,7 @@ def _is_spike(size: FloatArray) -> BoolArray:
     return np.asarray(result & (result.mean(axis=0) <= MAX_WRONG_FRACTION))
 
 
-def _held_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
+def _hold_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
     """The rate at which a command is renewed; 0 of an input that is not held."""
     return 0.0 if spec.hold_of(channel) == "band-limited" else channel.rate_hz or spec.rate_hz or 0.0
 
@@ -139,7 +139,7 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
     """H (F, n_u) of the inputs, 1 for one that is not held; DataError for lines above half the rate of a command."""
     H = np.ones((len(freq_hz), len(inputs)), dtype=np.complex128)
     for j, channel in enumerate(inputs):
-        rate_hz = _held_rate_hz(channel, spec)
+        rate_hz = _hold_rate_hz(channel, spec)
         if not rate_hz:
             continue
         if freq_hz[-1] > rate_hz / 2:
@@ -156,7 +156,7 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
 _UNUSABLE = f"missing, 0, not finite, or above {MIN_SPIKE_RATIO:g} times both neighbours"
 
 
-def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[Note, ...]:
+def _discarded_lines_notes(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[Note, ...]:
     if good.all():
         return ()
     if not good.any():

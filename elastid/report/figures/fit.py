@@ -180,7 +180,7 @@ def bode(measured: Response, modelled: Response | None, std: FloatArray | None) 
     modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
     """
     rows = []
-    above, label = above_2sigma(measured), style.frequency_label(measured.rate_is_known)
+    above, label = above_2sigma(measured), style.frequency_label(measured.has_rate)
     n_y, n_u = len(measured.outputs), len(measured.inputs)
     for i in range(n_y):
         magnitude, phase = [], []
@@ -229,7 +229,7 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
     Levels of an experiment's mean over periods, on excited lines, and of nonlinearities of even and odd order; the
     power of the noise is subtracted from that of the detection lines.
     """
-    f, label = response.freq_hz, style.frequency_label(response.rate_is_known)
+    f, label = response.freq_hz, style.frequency_label(response.has_rate)
     unit = f"dB re 1 {style.pretty_unit(response.output_unit)}"
     panels = [
         Panel(_levels(f, quality, i), label, unit, f"{response.quantity} at {output}", frequency=f)
@@ -274,7 +274,7 @@ def stabilisation_diagram(modes: Modes, title: str) -> Figure:
     values = [Curve(modes.at_hz, column, color=style.WEAK) for column in in_db(modes.indicators).T]
     ends = float(modes.at_hz[0]), float(modes.at_hz[-1])
     unit = "singular values, dB"
-    below = Panel(values, style.frequency_label(modes.rate_is_known), unit, x_ends=ends)
+    below = Panel(values, style.frequency_label(modes.has_rate), unit, x_ends=ends)
     rows = [[Panel([*lines, *poles], y="order", x_ends=ends)], [below]]
     return style.matrix(f"Stabilisation diagram, {title}", rows, sharex=True)
 
@@ -316,8 +316,8 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
             ("power", style.MEASURED, "fraction of the torque's power"),
         )
     ]  # fmt: skip
-    unit, time = style.pretty_unit(balance.unit), "time in s" if balance.rate_is_known else "time in samples"
-    below = Panel(shares, style.frequency_label(balance.rate_is_known), "%", scale="log")
+    unit, time = style.pretty_unit(balance.unit), "time in s" if balance.has_rate else "time in samples"
+    below = Panel(shares, style.frequency_label(balance.has_rate), "%", scale="log")
     title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square unexplained"
     figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
@@ -327,7 +327,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
 def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
     """Rms of the torque left over its own rms, by axis and octave."""
     edges = sorted({band.high_hz for balance in balances for band in balance.bands})
-    known = all(balance.rate_is_known for balance in balances)
+    known = all(balance.has_rate for balance in balances)
     label, left = f"octave below {'Hz' if known else 'sampling rates'}", np.full((len(balances), len(edges)), np.nan)
     for i, balance in enumerate(balances):
         for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):

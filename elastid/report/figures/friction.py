@@ -19,7 +19,7 @@ from elastid.report.figures.style import Curve, Panel
 from elastid.robot import Robot
 
 if TYPE_CHECKING:  # they bring SciPy, which figures of friction taken out do without
-    from elastid.friction_study.constant_velocity import Levels
+    from elastid.friction_study.constant_velocity import FrictionCurve
     from elastid.friction_study.static_model_fit import StaticLaw
 
 # Of a law, and of friction taken out of responses.
@@ -44,7 +44,7 @@ class Condition:
     temperature: float | FloatArray
 
     @classmethod
-    def typical(cls, levels: Levels) -> Condition:
+    def typical(cls, levels: FrictionCurve) -> Condition:
         """The lowest load, and of the temperatures there the middle one."""
         load = float(levels.load.min())
         known = levels.temperature[levels.load <= load + SAME_LOAD * levels.load.max()]
@@ -57,7 +57,7 @@ class Condition:
 
     def includes(self, law: StaticLaw) -> BoolArray:
         """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
-        levels, rows = law.levels, np.ones(law.levels.n_levels, dtype=bool)
+        levels, rows = law.levels, np.ones(law.levels.n_conditions, dtype=bool)
         if depends_on(law, "load"):
             rows &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
         if depends_on(law, "temperature"):

@@ -9,7 +9,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.filter_consistency import NIS_BAND
 from elastid.friction_study.friction_tracking import FollowedFriction
-from elastid.friction_study.inverse_dynamics_regression import PARTS, MotionFriction, motion_parts
+from elastid.friction_study.inverse_dynamics_regression import TORQUE_COMPONENTS, MotionFriction, torque_components
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.motion_signals import MotionSignals, distinct_speeds
 from elastid.friction_study.regressor import columns_of
@@ -36,10 +36,11 @@ def friction_motion(friction: MotionFriction) -> Figure:
     """
     signals, slides = MotionSignals.of(friction.motion, friction.passband_hz), friction.motion.slides
     columns, (speed, unit) = columns_of(signals, friction.terms), units(slides)
-    parts = motion_parts(friction.chosen, columns)
+    parts = torque_components(friction.chosen, columns)
     torque, v = signals.filtered(friction.motion.torque), signals.filtered(signals.velocity)
     regressed, rigid = (
-        np.sum([parts[name] for name in names if name in parts], axis=0) for names in (PARTS, PARTS[:2])
+        np.sum([parts[name] for name in names if name in parts], axis=0)
+        for names in (TORQUE_COMPONENTS, TORQUE_COMPONENTS[:2])
     )
     time_s = np.arange(len(friction.motion.position))[signals.kept] / friction.motion.rate_hz
     part = slice(None, None, max(1, len(time_s) // MOST_SAMPLES))

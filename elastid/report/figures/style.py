@@ -81,14 +81,14 @@ def pretty_unit(unit: str) -> str:
     return unit.replace("*", "·").replace("^2", "²")
 
 
-def frequency_label(rate_is_known: bool) -> str:
+def frequency_label(has_rate: bool) -> str:
     """Axis label; without a sampling rate, frequencies are in units of it."""
-    return "frequency in Hz" if rate_is_known else "frequency / sampling rate"
+    return "frequency in Hz" if has_rate else "frequency / sampling rate"
 
 
-def frequency_unit(rate_is_known: bool) -> str:
+def frequency_unit(has_rate: bool) -> str:
     """The unit behind the number of a natural frequency in a figure or on paper."""
-    return "Hz" if rate_is_known else "× the rate"
+    return "Hz" if has_rate else "× the rate"
 
 
 def in_db(values: ComplexArray | FloatArray) -> FloatArray:

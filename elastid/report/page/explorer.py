@@ -47,7 +47,7 @@ def explorer(
     """
     first = pairs[0][0]
     content = {
-        "frequency_unit": "Hz" if first.rate_is_known else "of the sampling rate",
+        "frequency_unit": "Hz" if first.has_rate else "of the sampling rate",
         "quantities": _quantities(first),
         "responses": [
             _response(measured, (modelled, None) if dense is None else dense, left_out)
@@ -125,12 +125,12 @@ def packed(values: FloatArray | ComplexArray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, single).tobytes()).decode("ascii")
 
 
-def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> str:
+def mode_viewer(rows: Sequence[ModeRow], has_rate: bool) -> str:
     """Data of every mode of the rows of the page's table as JSON; empty where no row has a drawing."""
     if all(row.drawing is None for row in rows):
         return ""
     colors = {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED}
-    drawn = [_mode_row(row, "Hz" if rate_is_known else "of the sampling rate") for row in rows]
+    drawn = [_mode_row(row, "Hz" if has_rate else "of the sampling rate") for row in rows]
     return embedded_json({"colors": colors, "rows": drawn})
 
 

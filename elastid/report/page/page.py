@@ -24,7 +24,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import grouped
 from elastid.base.execution import Execution
-from elastid.base.files import clear_folder, write_whole
+from elastid.base.files import clear_folder, write_atomically
 from elastid.nonlinear.friction import friction_rows
 from elastid.report import run_summary
 from elastid.report.content import (
@@ -220,7 +220,7 @@ def write_page(
     todo = [drawing for drawing in drawn if drawing.on_page or formats]
     write = partial(_written, figures if formats else None)
     embedded = (execution or Execution()).ordered(write, todo)
-    write_whole(folder / name, page(embedded).encode("utf-8"))
+    write_atomically(folder / name, page(embedded).encode("utf-8"))
     return folder / name
 
 
@@ -230,7 +230,7 @@ def _written(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
         figure = drawing.draw()
     png, name = rendered(figure), f"{drawing.name}.png"
     if figures is not None:
-        write_whole(figures / name, png)
+        write_atomically(figures / name, png)
     text = base64.b64encode(png).decode("ascii") if drawing.on_page else ""
     file = "" if figures is None else f"figures/{name}"
     return EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file)
@@ -239,17 +239,17 @@ def _written(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     free = set(content.result.parameters.free_names)
-    rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
+    has_rate = all(measured.has_rate for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.configurations if agreement.is_validation]
     responses = explorer(content.frf, left_out, content.dense) if content.frf else ""
-    modes = mode_viewer(content.modes, rate_is_known)
+    modes = mode_viewer(content.modes, has_rate)
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)
     scripts = (*scripts, asset("mode_viewer.js")) if modes else scripts
     rows = parameter_rows(content.result, content.truth, content.contents)
     given = [(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free]
     values = {"result": content.result, "rows": rows, "given": given, "axis": row_axis(rows), "mode_viewer": modes}
     values |= {"agreements": content.validation.configurations, **first_screen(content, rows)}
-    values["hz"] = "Hz" if rate_is_known else "units of the sampling rate"
+    values["hz"] = "Hz" if has_rate else "units of the sampling rate"
     return render("template.html.j2", content, figures, responses, scripts, **values)
 
 
@@ -303,8 +303,8 @@ def rendered(figure: Figure) -> bytes:
 def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
-    viewer = mode_viewer(content.mode_rows, content.rate_is_known)
+    viewer = mode_viewer(content.mode_rows, content.has_rate)
     scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
-    names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
+    names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.has_rate), "mode_viewer": viewer}
     names["questions"] = run_summary.questions_of_responses(content)
     return render("responses.html.j2", content, figures, responses, scripts, **names)

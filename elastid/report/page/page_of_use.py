@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.escape import embedded_json
-from elastid.base.files import write_whole
+from elastid.base.files import write_atomically
 from elastid.report.command_summaries import LISTED
 from elastid.report.command_summary import Answer
 from elastid.report.figures.style import own_style
@@ -58,8 +58,8 @@ def write_page_of_answer(
     picture = rendered(figure())
     png = base64.b64encode(picture).decode("ascii")
     figures = [] if data else [EmbeddedFigure("", "", f"The figure of {answer.title}", png)]
-    write_whole(path.with_suffix(".png"), picture)
-    write_whole(path, html_of_answer(answer, made_by, figures, data).encode("utf-8"))
+    write_atomically(path.with_suffix(".png"), picture)
+    write_atomically(path, html_of_answer(answer, made_by, figures, data).encode("utf-8"))
     return path
 
 

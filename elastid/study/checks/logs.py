@@ -63,10 +63,10 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
             f"{', '.join(WITHOUT_PERIOD)}",
         )
     yield from check_controller(study, recorded)
-    if recorded.has_commands_alone and study.robot is None:
+    if recorded.has_no_torque and study.robot is None:
         message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
         yield Problem((*path, "channels"), message)
-    if recorded.has_commands_alone and study.gears is not None:
+    if recorded.has_no_torque and study.gears is not None:
         yield Problem(("gears",), "effects of gears need torques, and no channel has role u. Add them, or remove gears")
     inputs = [channel for channel in recorded.channels if channel.role in ("u", "r", "reference")]
     locations = [channel.at for channel in recorded.channels]
@@ -326,20 +326,20 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in TIME_UNITS.items()}
         unit = stamp_unit(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
-            is_known = all(_is_other(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair)
+            is_known = all(_differs(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair)
             advice = "lower rate_hz to that" if is_known else "correct rate_hz, or give the time in s"
             yield Problem(where, f"{name} has a mean rate of {rates[unit][0]:.5g} Hz in {unit}. {advice}")
-        elif not recorded.time and all(_is_other(hz, rate_hz) for pair in rates.values() for hz in pair):
+        elif not recorded.time and all(_differs(hz, rate_hz) for pair in rates.values() for hz in pair):
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
         return
     stated = [getattr(log.arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
     if clashes := [
-        hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
+        hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _differs(hz, c.rate_hz or rate_hz)
     ]:
         yield Problem(where, f"the log states a rate of {clashes[0]:.6g} Hz for its channels")
 
 
-def _is_other(hz: float, rate_hz: float) -> bool:
+def _differs(hz: float, rate_hz: float) -> bool:
     # A rate that differs by more is another one; time stamps lose samples and drift.
     return abs(hz / rate_hz - 1) > 0.02

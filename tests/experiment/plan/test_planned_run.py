@@ -12,7 +12,7 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.plan.planned_run import contradiction
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.friction.robot_friction import coulomb_levels
+from elastid.friction.robot_friction import coulomb_torques
 from elastid.record import Record
 from elastid.robot import Frame, Payload, Placement, Robot
 
@@ -42,7 +42,7 @@ def measured(truth: Robot, plan: Plan) -> Record:
 
 def said(plan: Plan, record: Record) -> str:
     rehearsal = SimulatedRig(robot(), EXPERIMENT, plan, 3).rehearse(plan.experiments[0])
-    return contradiction(record, plan, rehearsal, coulomb_levels(robot()), True)
+    return contradiction(record, plan, rehearsal, coulomb_torques(robot()), True)
 
 
 def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan: Plan, clean: Record) -> None:

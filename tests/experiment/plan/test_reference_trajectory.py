@@ -19,8 +19,8 @@ from elastid.experiment.plan.reference_trajectory import (
     Movement,
     check_movement,
     derivatives,
+    max_excursion,
     movement,
-    reach,
     reference,
 )
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -43,7 +43,7 @@ def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
     plan = make_plan(excitation, experiment(ramp=ramp, hold=hold), arm(), 0)
     carrier = CarrierSpec(cycles=cycles, kind=kind, **size)
     path = movement(carrier, plan)
-    share = np.abs(path.position).max(axis=0) / reach(carrier, 2, 2.0, 2.0 + 2 * 2.0 / 2 + ramp / 2)
+    share = np.abs(path.position).max(axis=0) / max_excursion(carrier, 2, 2.0, 2.0 + 2 * 2.0 / 2 + ramp / 2)
     assert np.all(share < 1.001)
     assert np.all(share > (0.2 if kind == "square" else 0.98))
     first = 0 if ramp else plan.first_sample + 1

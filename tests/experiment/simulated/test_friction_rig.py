@@ -12,7 +12,7 @@ from elastid.experiment.plan.friction import pass_reference
 from elastid.experiment.simulated.friction_rig import heat_of
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
 from elastid.friction_study import spec
-from elastid.friction_study.constant_velocity import find_levels, passes_of
+from elastid.friction_study.constant_velocity import estimate_friction_curve, passes_of
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, WarmUpSpec
 from elastid.robot import TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
@@ -36,8 +36,8 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
         assert record.load_torque == pytest.approx(20 * 9.81 * 0.4 * np.abs(np.sin(sliding)).mean(), rel=0.06)
         assert record.start_s == motion.start_s
     passes = [one for record in records for one in passes_of(replace(record, torque=record.torque + 1.25))]
-    found = find_levels(passes, True, limits.turn)
-    assert found.n_levels == 8
+    found = estimate_friction_curve(passes, True, limits.turn)
+    assert found.n_conditions == 8
     exact = 25.0 + 9.0 * np.exp(-((found.speed / 0.08) ** 2)) + 15.0 * found.speed  # Nm, link side
     np.testing.assert_allclose(found.torque, exact, rtol=4e-3)
     assert found.shared["gravity.sin"][0] == pytest.approx(-20 * 9.81 * 0.4, rel=0.02)
@@ -96,7 +96,7 @@ def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
         assert np.sum((power * np.diff(time_s))[during]) == pytest.approx(work, rel=0.01)
         at = record.start_s + np.arange(len(record.torque)) / 500
         assert np.ptp(record.temperature - np.interp(at, time_s, T)) < 1e-9
-    levels = find_levels([one for record in (cold, warm) for one in passes_of(record)], True)
+    levels = estimate_friction_curve([one for record in (cold, warm) for one in passes_of(record)], True)
     theta = levels.temperature - 20.0
     expected = [25.0 + (15.0 + 10.0 * math.expm1(-t / 15.0)) * v for t, v in zip(theta, levels.speed, strict=True)]
     np.testing.assert_allclose(levels.torque, expected, rtol=0.02)

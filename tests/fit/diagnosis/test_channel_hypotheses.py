@@ -18,7 +18,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
-from elastid.record import Configuration, HeldTorque
+from elastid.record import Configuration, ZohTorque
 from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -36,10 +36,10 @@ FREE = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
 SPEC = FitSpec(parameters=FREE, starts=2, start_factor=1.3, seed=1, weights=WeightSpec(model_error=0.0), profile=())
 
 
-HELD = HeldTorque((RATE_HZ,), (True,))
+HELD = ZohTorque((RATE_HZ,), (True,))
 
 
-def driven(freq_hz: np.ndarray, hold: HeldTorque | None, late: float = 0.0) -> Response:
+def driven(freq_hz: np.ndarray, hold: ZohTorque | None, late: float = 0.0) -> Response:
     """The motor's exact response with the images of a torque that is held, with noise of 0.1 % in its covariance."""
     model = serial(plant())
     linear = Linearisation.of(model).at(Configuration("c1", [0.0]), model.theta, ("motor 1",), "acceleration")
@@ -58,7 +58,7 @@ def test_images_as_large_as_the_response_are_those_of_the_estimate(late: float) 
 
 
 @pytest.mark.parametrize(("taken", "acts"), [(None, HELD), (HELD, None)])
-def test_a_fit_hints_at_a_hold_that_is_taken_for_another(taken: HeldTorque | None, acts: HeldTorque | None) -> None:
+def test_a_fit_hints_at_a_hold_that_is_taken_for_another(taken: ZohTorque | None, acts: ZohTorque | None) -> None:
     """By half a sample at 1 kHz, late or early."""
     freq_hz = LINES * RATE_HZ / N
     H = (np.sinc(freq_hz / RATE_HZ) * np.exp(-1j * np.pi * freq_hz / RATE_HZ))[:, None, None]

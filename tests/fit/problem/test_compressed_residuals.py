@@ -14,7 +14,7 @@ from plants.two_mass import circular
 import elastid.base.arrays as base_arrays
 import elastid.fit.problem.frf_residuals as chunks
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.execution import HERE, Execution, lasting_workers
+from elastid.base.execution import HERE, Execution, persistent_workers
 from elastid.base.kernels import is_compiled
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.parameter_selection import choose
@@ -26,7 +26,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Sensitivity
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
-from elastid.record import Configuration, HeldTorque
+from elastid.record import Configuration, ZohTorque
 from elastid.response import Covariance
 from elastid.robot import Chain, Frame, Placement
 from elastid.store.measured import read_responses, write_responses
@@ -81,7 +81,7 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     robot, rng = replace(arm(), chain=Chain(torque_lag=2e-4, sensor_lag=1e-4), frames=(TOOL,)), np.random.default_rng(0)
     model = serial(robot)
     linear = Linearisation.of(model).at(Configuration("c1", (0.3, -0.5)), model.theta, outputs, "acceleration")
-    held = HeldTorque((200.0,) * 2, tuple(place != "accelerometer tool x" for place in outputs))
+    held = ZohTorque((200.0,) * 2, tuple(place != "accelerometer tool x" for place in outputs))
     linear = replace(linear, hold=held)
     exact = to_response(linear, np.append(model.theta, 1e-4), FREQ[::2])
     std = 0.02 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max(axis=0)
@@ -203,7 +203,7 @@ def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses
     here, x = fit_at(responses), parameters().x
     there = replace(here, home=home_of(responses, Execution(2)))
     assert there.home.jobs == 2
-    with lasting_workers():
+    with persistent_workers():
         assert same(here, there, x)
         assert here.evaluate(x + 0.1).hessian.tobytes() == there.evaluate(x + 0.1).hessian.tobytes()
         moved = fit_at(responses, 1.1)

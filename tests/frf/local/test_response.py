@@ -12,7 +12,7 @@ from plants.random_plants import periods_of, record_of, two_modes
 from plants.refusals import refused
 
 from elastid.frf.estimate import estimate
-from elastid.frf.local.response import local_response, merge_repeats, settled_spectra, spectra_at
+from elastid.frf.local.response import local_response, merge_repeats, spectra_at, steady_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 
@@ -158,7 +158,7 @@ def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:
     for P in (2, 3):
         records = sweeps(P, 20.0, np.random.default_rng(P))
         u, y = (np.concatenate([getattr(each, name) for each in records]) for name in ("u", "y"))
-        spectra.append(settled_spectra(replace(records[0], u=u, y=y), lines, "velocity"))
+        spectra.append(steady_spectra(replace(records[0], u=u, y=y), lines, "velocity"))
     (merged,) = merge_repeats(spectra, closed=False)
     assert merged.n_periods == pytest.approx(5)
     np.testing.assert_allclose(merged.Y, (2 * spectra[0].Y + 3 * spectra[1].Y) / 5)

@@ -11,7 +11,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.record import Configuration, HeldTorque, JointLoop, ReferenceLoop
+from elastid.record import Configuration, JointLoop, ReferenceLoop, ZohTorque
 from elastid.response import Response
 from elastid.robot import Body, Chain, Joint, Motor, Placement, Robot, Spring
 
@@ -25,7 +25,7 @@ def measured(motors, kp, kd, inputs, outputs, forward=0.0, quantity="position"):
     shares = [part.response(FREQ_HZ, RATE) for part in (replace(loop, kd=0 * loop.kd), replace(loop, kp=0 * loop.kp))]
     feedforward = np.stack([shares[0], forward * shares[1]])
     controller = ReferenceLoop(motors, RATE, FREQ_HZ, np.stack(shares), feedforward)
-    hold = HeldTorque((RATE,) * len(motors), tuple(place.startswith(("motor", "joint")) for place in outputs))
+    hold = ZohTorque((RATE,) * len(motors), tuple(place.startswith(("motor", "joint")) for place in outputs))
     G = np.zeros((len(FREQ_HZ), len(outputs), len(inputs)), complex)
     posture = Configuration("c", np.linspace(0.3, 0.8, len(motors)))
     return Response(FREQ_HZ, G, inputs, outputs, quantity, posture, controller=controller, hold=hold)

@@ -14,7 +14,7 @@ from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
-from elastid.record import Configuration, HeldTorque
+from elastid.record import Configuration, ZohTorque
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
 
@@ -82,7 +82,7 @@ def two_masses(resonance_hz: float, delay: float = 0.0) -> LinearModel:
         inputs=("motor 1",),
         outputs=("motor 1", "load"),
         quantity="acceleration",
-        hold=HeldTorque((RATE_HZ,), (True, True)),
+        hold=ZohTorque((RATE_HZ,), (True, True)),
     )
 
 

@@ -210,7 +210,7 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(
     np.testing.assert_allclose(record.u, expected_u, **tolerance)
     np.testing.assert_allclose(record.y, expected_y, **tolerance)
     assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
-    assert record.rate_is_known
+    assert record.has_rate
     assert said(record.notes) == ()
 
 

@@ -190,7 +190,7 @@ def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, sca
     spoilt[2600:2640, 1] = spoilt[2600, 1]
 
     def is_periodic(drivers: FloatArray) -> None:
-        assert repetition(scale * drivers, N).is_as_stated
+        assert repetition(scale * drivers, N).matches_stated_period
 
     log = replace(LOG, findings=Findings())
     repaired = repair(scale * spoilt, ROLES, float(N), half_wave, log, is_periodic)

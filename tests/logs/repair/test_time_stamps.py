@@ -18,10 +18,10 @@ from elastid.logs.repair.time_stamps import (
     JITTER,
     SET_BACK,
     delay,
+    describe_steps,
     even_grid,
     on_grid,
     resampled,
-    steps_in_words,
 )
 
 RNG = np.random.default_rng(5)
@@ -67,7 +67,7 @@ def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None
     assert grid[-1] == pytest.approx(t[-1] - t[0], abs=1 / rate_hz)
     error = repaired - waves(grid, highest_hz)
     assert np.abs(error[60:-60]).max() < 1e-4 * waves(grid, highest_hz)[:, 0].std() + 1e-3 * ("UNIX" in kind)
-    assert steps_in_words(t - t[0]) in log.findings.notes[0].text
+    assert describe_steps(t - t[0]) in log.findings.notes[0].text
 
 
 @pytest.mark.parametrize("jitter", [slow(0.05), slow(0.2), 0.45])

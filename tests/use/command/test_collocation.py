@@ -18,7 +18,7 @@ from elastid.use.trajectory_optimisation import (
     rigid_references,
     sampled,
 )
-from elastid.use.tune import Given, tune_move
+from elastid.use.tune import MoveRobots, tune_move
 
 J_l, J_m, k, f_m = 2.0, 1.0, 2e3, 5.0
 TOOL = Frame("tool", "arm", Placement((1.0, 0, 0)))
@@ -42,7 +42,7 @@ def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k: float, end
     """3 % less time exceed it; shorter and longer than that of the rigid axis."""
     robot = with_joints(ELASTIC, lambda joint: replace(joint, spring=Spring(k, 0.0), limits=Limits(velocity=2.0)))
     own = point_to_point(np.array([0.0]), np.array([end]), 0.0)
-    asked = Given(robot, robot, robot, "truth", (), "tool", 500.0, 4.0, 1e-3)
+    asked = MoveRobots(robot, robot, robot, "truth", (), "tool", 500.0, 4.0, 1e-3)
     tuned = tune_move(asked, own, "axis")
     assert tuned.planned.max() <= 1e-3 < tune_move(asked, own.in_time(0.97 * tuned.duration), "axis").planned.max()
     first_s = first_duration(CommandedRobot.of(robot, "tool", own.ends[0]), own, MotionLimits.of(robot))

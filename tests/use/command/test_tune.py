@@ -14,10 +14,10 @@ from elastid.robot import Frame, Robot
 from elastid.study import load_robot
 from elastid.use.moves import MotionLimits, point_to_point
 from elastid.use.trajectory_optimisation import CommandedRobot, best_plan, sampled
-from elastid.use.tune import Given, TwinLoop, tune_move
+from elastid.use.tune import MoveRobots, TwinLoop, tune_move
 
 
-def given(torque: float = 900.0, draws: int = 3) -> Given:
+def given(torque: float = 900.0, draws: int = 3) -> MoveRobots:
     """A truth that is 20 % softer than the catalogue, known to 0.3 %."""
     rng, true = np.random.default_rng(0), arm(torque, 0.8)
     names = [name for name in true.parameters() if name.startswith("k_")]
@@ -27,7 +27,7 @@ def given(torque: float = 900.0, draws: int = 3) -> Given:
         return true.with_parameters({name: true.parameters()[name][0] * factors[name] for name in names})
 
     robots = [drawn() for _ in range(draws + 1)]
-    return Given(robots[0], arm(torque), true, "truth", tuple(robots[1:]), "tool", 500.0, 4.0, 1e-3)
+    return MoveRobots(robots[0], arm(torque), true, "truth", tuple(robots[1:]), "tool", 500.0, 4.0, 1e-3)
 
 
 HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it back
@@ -53,8 +53,8 @@ def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity() -> Non
     high = tuned.outcomes[-1].high
     assert high is not None
     reach = np.linalg.norm(tuned.target, axis=1).max()
-    assert tuned.moved_m == pytest.approx(1e-3 * reach, rel=0.01)
-    assert high.max() < 0.1 * tuned.moved_m
+    assert tuned.geometric_error_m == pytest.approx(1e-3 * reach, rel=0.01)
+    assert high.max() < 0.1 * tuned.geometric_error_m
 
 
 def test_a_draw_that_no_loop_moves_is_refused() -> None:

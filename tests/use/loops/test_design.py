@@ -15,7 +15,7 @@ from elastid.record import Configuration, JointLoop
 from elastid.simulation.controller import Filters
 from elastid.simulation.spec import ControllerSpec, GainsSpec
 from elastid.use.closed_loops import LIMIT_DB, Plants, PostureFamily, Scene
-from elastid.use.loops import Cascade, design, design_loops, robust, room, todays_loops
+from elastid.use.loops import Cascade, design, design_loops, robust, sensitivity_margin, todays_loops
 
 RATE_HZ = 250.0
 
@@ -46,10 +46,10 @@ def test_a_velocity_loop_is_stable_up_to_the_gain_of_its_delay(inertia: float, d
 
 def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
     scene, own = Scene.of(family.estimate, lines=2000), start(family)
-    _, slopes = room(scene, own, LIMIT_DB)
+    _, slopes = sensitivity_margin(scene, own, LIMIT_DB)
     for p in range(len(own.vector)):
         step = 1e-4 * np.eye(len(own.vector))[p]
-        ahead, behind = (room(scene, own.at(own.vector + sign * step), LIMIT_DB)[0] for sign in (1, -1))
+        ahead, behind = (sensitivity_margin(scene, own.at(own.vector + sign * step), LIMIT_DB)[0] for sign in (1, -1))
         np.testing.assert_allclose((ahead - behind) / 2e-4, slopes[:, p], atol=1e-4)
 
 
