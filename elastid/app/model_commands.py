@@ -53,7 +53,7 @@ from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
 from elastid.use.tune import MoveRobots, TunedMove, tune_move
 from elastid.validation.friction_simulation import predict_logs
-from elastid.validation.simulation import TwinFindings
+from elastid.validation.log_comparison import LogComparison
 from elastid.validation.spec import ValidationSpec
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -299,7 +299,7 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
     return path
 
 
-def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+def _friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
     result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
     recorded = run.study.experiment.recorded
     robot, controller = run.study.as_robot(), None if recorded is None else recorded.controller
@@ -318,7 +318,7 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
     return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words
 
 
-def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
     study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
     robot = study.as_robot()
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))

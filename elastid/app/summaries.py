@@ -24,8 +24,7 @@ from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.values import SCHEMA, json_value, write_json
 from elastid.validation.frf_error import Agreement, Validation
-from elastid.validation.simulation import NO_TWIN, TwinFindings
-from elastid.validation.torque_balance import BandBalance, TorqueBalance
+from elastid.validation.log_comparison import NO_COMPARISON, BandBalance, LogComparison, TorqueBalance
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.inverse_dynamics_regression import RigidBody
@@ -141,7 +140,7 @@ def summary(
     }
 
 
-def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
+def validation_summary(name: str, validation: Validation, twin: LogComparison = NO_COMPARISON) -> dict[str, Any]:
     """Return the content of validation.json: validation.h5 without curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  predictions: of responses at the
@@ -164,7 +163,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
 
 
 def friction_study_summary(
-    name: str, result: "FrictionResult", twin: TwinFindings = NO_TWIN, left_out: TwinFindings = NO_TWIN
+    name: str, result: "FrictionResult", twin: LogComparison = NO_COMPARISON, left_out: LogComparison = NO_COMPARISON
 ) -> dict[str, Any]:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
@@ -202,7 +201,7 @@ def friction_study_summary(
     }
 
 
-def predicted(prediction: TwinFindings) -> dict[str, Any]:
+def predicted(prediction: LogComparison) -> dict[str, Any]:
     """Torque and twin of logs under the numbers of others; not_predicted: reasons by joint."""
     return {"not_predicted": dict(prediction.missing)} | _twin(prediction)
 
@@ -241,7 +240,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
     ]
 
 
-def _twin(twin: TwinFindings) -> dict[str, Any]:
+def _twin(twin: LogComparison) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
     signal, left = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
     of_band = f"low_hz high_hz power {left}"

@@ -16,7 +16,7 @@ from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.simulation import NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.design.forecast import Forecast, LimitUse
@@ -29,6 +29,10 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.validation.comparison import Comparison
     from elastid.validation.frf_error import Agreement, Validation
     from elastid.validation.measured_modes import MeasuredModes
+
+
+# Types of the values of figures in fit.h5.
+MODES, DENSE = tuple[ModeRow, ...], tuple[tuple[Response, FloatArray], ...]
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class ReportContent:
     dense: tuple[tuple[Response, FloatArray], ...] = ()
     friction: FrictionTakenOut | None = None
     contents: Mapping[str, str] | None = None
-    twin: TwinFindings = NO_TWIN
+    twin: LogComparison = NO_COMPARISON
     gears: GearResult | None = None
     measured_modes: tuple[MeasuredModes, ...] = ()
 

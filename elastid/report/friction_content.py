@@ -10,7 +10,7 @@ from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, UnidentifiedTerm
 from elastid.report.command_summary import Questions
-from elastid.validation.simulation import LINK, NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import LINK, NO_COMPARISON, LogComparison
 
 # The first answer, by the status.
 GOOD = {
@@ -59,8 +59,8 @@ class FrictionContent:
     provenance: Mapping[str, str]
     plan: FrictionPlan | None = None
     filters: tuple[FollowedFriction, ...] = ()
-    twin: TwinFindings = NO_TWIN
-    left_out: TwinFindings = NO_TWIN
+    twin: LogComparison = NO_COMPARISON
+    left_out: LogComparison = NO_COMPARISON
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:

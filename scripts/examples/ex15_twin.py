@@ -11,11 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.fit.fitted_robot import estimated_robot
-from elastid.validation.simulation import MOTION, elastic_runs
+from elastid.validation.log_comparison import MOTION
+from elastid.validation.simulation import simulate_record
 
 robot, (low_hz, high_hz) = estimated_robot(bench.result), bench.excitation["band_hz"]
 soft = robot.with_parameters({"k_1": bench.result["k_1"].value / 2})
-runs = [run for each in (robot, soft) for run in elastic_runs(bench.records[0], each, (low_hz, high_hz))]
+runs = [run for each in (robot, soft) for run in simulate_record(bench.records[0], each, (low_hz, high_hz))]
 twin, poor = (run.of(MOTION)[0] for run in runs)
 
 if __name__ == "__main__":

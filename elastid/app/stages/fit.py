@@ -23,7 +23,16 @@ from elastid.fit.result import DISTORTED, HELD_AS_EXACT, Result
 from elastid.nonlinear.basis_functions import notes_before_gears
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table, parameter_rows
+from elastid.report.content import (
+    DENSE,
+    MODES,
+    WITH_COULOMB,
+    ParameterRow,
+    dense_models,
+    gear_line,
+    gear_table,
+    parameter_rows,
+)
 from elastid.report.run_summary import (
     OPEN_GEARS,
     accuracy,
@@ -83,7 +92,9 @@ def fit(study: Study, work: Work) -> Artefacts:
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
     notes = notes_of(responses)
     rows = fitted_rows(study, result, friction)
-    content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
+    modes = modes_of(model_of_all)
+    content = summary(study.name, robot, result, rows, modes, agreements, notes, friction)
+    figures = {"modes": (modes, MODES), "dense": (dense_models(model_of_all), DENSE)}
 
     def report(console: Console) -> None:
         every = notes_before_gears(result.shown_notes, work.has_gears)
@@ -99,7 +110,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
     files = robot_files(study.name, robot, result, friction, responses.names)
     robots = {file: text(robot_file) for file, robot_file in files}
-    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp, modelled)}
+    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp, modelled, figures)}
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 

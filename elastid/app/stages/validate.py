@@ -26,8 +26,10 @@ from elastid.store.results import read_fit, read_gears, read_modelled, write_val
 from elastid.study import Study
 from elastid.validation.frf_error import Validation, predict_response
 from elastid.validation.frf_error import validate as validate_responses
-from elastid.validation.simulation import NO_TWIN, TwinFindings, TwinRun, elastic_runs
-from elastid.validation.torque_balance import Part, TorqueBalance, elastic_balances, model_parts, rigid_linearisation
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison, LogSimulation, TorqueBalance
+from elastid.validation.measured_modes import measured_modes
+from elastid.validation.simulation import simulate_record
+from elastid.validation.torque_balance import Part, elastic_balances, model_parts, rigid_linearisation
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     return Artefacts(
         {
             "validation.json": as_json(validation_summary(study.name, judged, twin)),
-            "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, twin),
+            "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, twin, measured_modes(fitted)),
         },
         report,
     )
@@ -88,14 +90,14 @@ def validate(study: Study, work: Work) -> Artefacts:
 
 def judge(
     basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
-) -> tuple[Validation, TwinFindings]:
+) -> tuple[Validation, LogComparison]:
     """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
 
     That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
     """
-    twin, fitted = NO_TWIN, basis.fitted
+    twin, fitted = NO_COMPARISON, basis.fitted
     if records is not None and all(response.controller is None for response in fitted.measured):
-        twin = TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
+        twin = LogComparison(_balances(basis, records, console, execution), _twin_runs(basis, records))
     shifts = {
         name: fitted.at(name).response_shifts(G.freq_hz)
         for G in fitted.measured
@@ -134,7 +136,7 @@ def _balanced(
     return elastic_balances(first, net, parts, response.freq_hz, spec)
 
 
-def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
+def _twin_runs(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
     chosen = next((name for name in basis.study.validation.configurations if name in names), names[0])
@@ -147,4 +149,4 @@ def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
-    return elastic_runs(record, moved, band_hz, delay_s, basis.study.model)
+    return simulate_record(record, moved, band_hz, delay_s, basis.study.model)

@@ -17,7 +17,7 @@ from elastid.report.content import ReportContent, ResponsesContent, parameter_ro
 from elastid.report.figures import fit, friction
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.simulation import NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 if TYPE_CHECKING:
     from elastid.friction_study.friction_tracking import FollowedFriction
@@ -146,8 +146,8 @@ Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
 def friction_study_drawings(
     result: FrictionResult,
     filters: Sequence[FollowedFriction] = (),
-    twin: TwinFindings = NO_TWIN,
-    left_out: TwinFindings = NO_TWIN,
+    twin: LogComparison = NO_COMPARISON,
+    left_out: LogComparison = NO_COMPARISON,
 ) -> Iterator[Drawing]:
     """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.balances:

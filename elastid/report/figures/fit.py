@@ -24,8 +24,7 @@ from elastid.report.figures.style import Cells, Curve, Panel, in_db
 from elastid.response import Quality, Response
 from elastid.robot import Robot
 from elastid.validation.command_replay import JointError
-from elastid.validation.residual_tests import above_2sigma
-from elastid.validation.torque_balance import (
+from elastid.validation.log_comparison import (
     DRY,
     ELASTICITY,
     FRICTION,
@@ -36,6 +35,7 @@ from elastid.validation.torque_balance import (
     VISCOUS,
     TorqueBalance,
 )
+from elastid.validation.residual_tests import above_2sigma
 
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:
