@@ -11,6 +11,7 @@ from elastid.app.identified_robot import robot_of_fit, with_findings
 from elastid.app.run import Run
 from elastid.app.stages.fit import warn_of_distrust
 from elastid.app.target_table import tags, targets
+from elastid.base.codes import renamed
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
@@ -62,7 +63,8 @@ def _target(study: Study, tag: str, available: Collection[str]) -> Target:
     rows = [row for name in tags() for row in targets(name) if {*row.needs} <= {*available}]
     if target := next((row for row in rows if row.tag == tag), None):
         return target
-    code, names = "study/stage" if tag in tags() else "export/target", did_you_mean(tag, sorted({r.tag for r in rows}))
+    names = renamed(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))
+    code = "study/stage" if tag in tags() else "export/target"
     raise StudyError(code, f"study {study.name} of kind {study.kind}: {names}", f"--to {tag}")
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_y
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import USUAL_FLOOR
 from elastid.linear.fitted_model import Axes, Doubt, FittedModel
@@ -24,6 +23,9 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
+
+if TYPE_CHECKING:
+    from elastid.fit.posture import Asked, Family, Posture  # equations, which a page does without
 
 _NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
 
@@ -591,7 +593,7 @@ class Result:
 
     def at(
         self,
-        posture: Posture,
+        posture: "Posture",
         inputs: Sequence[str] = (),
         outputs: Sequence[str] = (),
         *,
@@ -613,13 +615,17 @@ class Result:
         (world).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
         that the robot lacks, and where it finds no rest.
         """
+        from elastid.fit.posture import Asked, as_configuration
+
         asked = Asked(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
         where = posture if isinstance(posture, str) else getattr(posture, "name", "")
         family = self.family(asked, where)
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
-    def family(self, asked: Asked, where: str = "") -> Family:
+    def family(self, asked: "Asked", where: str = "") -> "Family":
         """Family of many postures. where: configuration whose group parameters apply."""
+        from elastid.fit.posture import Family
+
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.known_robot, spec, *known, asked, where, self.doubts)

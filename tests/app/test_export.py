@@ -49,6 +49,11 @@ def test_explain_lists_targets_of_other_packages(installed_target: None, capsys:
     assert "Parameters as text" in capsys.readouterr().out
 
 
+def test_old_tag_is_answered_with_the_new_one(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["export", str(tiny), "--to", "draws"]) == 2
+    assert "renamed to samples" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
     tiny: Path, tmp_path: Path, installed_target: None, capsys: pytest.CaptureFixture[str]

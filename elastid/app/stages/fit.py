@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.app.console import Console, result_table
-from elastid.app.identified_robot import contents, robot_files, truth
+from elastid.app.identified_robot import robot_files
+from elastid.app.parameter_truth import contents, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.identified_robot import contents, truth
+from elastid.app.parameter_truth import contents, truth
 from elastid.app.run import Artefacts, Work, Write
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import DENSE, MODES, ReportContent
@@ -28,7 +28,6 @@ from elastid.store.results import (
     read_validation,
 )
 from elastid.study import Study
-
 
 read_modes, read_dense = reader(FIT, "modes", MODES), reader(FIT, "dense", DENSE)
 
