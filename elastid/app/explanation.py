@@ -29,7 +29,7 @@ def explained(asked: str, study: Path | None = None, folder: Path | None = None)
         rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(asked)) else "")
     if result is not None and gears.is_file():
         found = read_gears(gears)
-        rows += [f"Stage gears: {row.words}." for row in found.numbers if row.name == asked] if found else []
+        rows += [f"Stage gears: {row.sentence}." for row in found.numbers if row.name == asked] if found else []
     if folder is not None and friction.is_file():
         for row in filter(lambda row: row.name == asked, read_friction_result(friction).numbers):
             rows.append(f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}.")

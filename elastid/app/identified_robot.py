@@ -61,7 +61,7 @@ def robot_of_fit(
     comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
     if gears is not None and not gears.refused:
         comments.append(f"{MOTOR_SIDE}, of `gear` on that of the link; friction and gears were found in the records:")
-        comments += [f"  {number.words}" for number in gears.numbers]
+        comments += [f"  {number.sentence}" for number in gears.numbers]
         return yaml_text(with_effects(robot, gears), (*comments, *known))
     laws = _taken_out(robot, friction)
     if laws:

@@ -315,7 +315,7 @@ def _friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequ
             f"no joint can be predicted on these logs{why}",
             f"--with {path}",
         )
-    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words
+    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.sentences
 
 
 def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
@@ -334,6 +334,6 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     fitted = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     validated = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
-    judged, twin = judge(validated, responses.names, records, run.console, Execution(run.jobs))
-    content = validation_summary(study.name, judged, twin)
-    return twin, content, [words for words in (judged.verdict, *twin.words) if words]
+    judged, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
+    content = validation_summary(study.name, judged, log_comparison)
+    return log_comparison, content, [words for words in (judged.verdict, *log_comparison.sentences) if words]

@@ -22,7 +22,7 @@ write_constant_velocity = writer(LEVELS, joints=(tuple[SlidingFriction, ...], ()
 read_constant_velocity = reader(LEVELS, "joints", tuple[SlidingFriction, ...])
 write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
-# Of friction.h5 the result, its twin, and the prediction of logs that were left out, empty where none was.
+# Of friction.h5 the result, its comparison with the logs, and with the validation logs, empty without any.
 read_friction_result = reader(FRICTION, "result", FrictionResult)
 read_simulation, read_validation_logs = (reader(FRICTION, part, LogComparison) for part in ("simulation", "validation"))
 # records.h5: a group for each record, written one at a time, then the logs of warm-ups.
@@ -44,14 +44,14 @@ def write_friction_result(
     path: Path,
     result: FrictionResult,
     stamp: Stamp = NO_STAMP,
-    twin: LogComparison = NO_COMPARISON,
+    log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
 ) -> None:
-    """friction.h5: the numbers of all joints as a table, a group with everything, the twin, and logs that judge it."""
+    """friction.h5: the numbers of all joints as a table, a group with everything, comparison with logs."""
     parts = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),
-        "simulation": (twin, LogComparison),
+        "simulation": (log_comparison, LogComparison),
         "validation": (left_out, LogComparison),
     }
     write_artefact(path, FRICTION, stamp, parts)

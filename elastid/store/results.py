@@ -172,7 +172,7 @@ class Checkpoint(UserDict[str, Any]):
         super().__setitem__(name, value)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Their number, or an empty text."""
         return f"{n} finished parts" if (n := len(self)) else ""
 

@@ -72,7 +72,7 @@ class PredictedResponse:
         return agreement(self.measured, self.predicted).overall_rms_log_db
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """The comparison in a sentence."""
         places = f"{', '.join(self.measured.outputs)} by {', '.join(self.measured.inputs)}"
         return (

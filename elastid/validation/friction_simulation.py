@@ -1,4 +1,4 @@
-r"""The torque of motions part by part, and the twin along their logs, with the identified friction.
+r"""Torque of motions part by part, and simulation along their logs, with the identified friction.
 
 Of a motion the parts are those of its regression. A joint that moved alone has inertia and gravity of its own; of
 joints that moved together the rigid body is what their regression took out of the log, gravity and offset with it.
@@ -9,7 +9,7 @@ Along the log of a motion
 
 tau_r is the rigid body's torque that the identification found in the log (for a joint alone its inertia, gravity and
 offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
-lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
+lacks acts on the model as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
 Logs are judged by the numbers of others, too (`predict_logs`).
 """
 
@@ -61,7 +61,7 @@ from elastid.validation.log_comparison import (
 from elastid.validation.simulation import LONGEST_S, simulate_log, simulate_tracking, tracking_gains
 from elastid.validation.torque_balance import torque_balance
 
-# Parts of a regression as the twin names them.
+# Parts of a torque balance by the components of a regression.
 PART_OF = dict(zip(TORQUE_COMPONENTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
 
 
@@ -94,7 +94,7 @@ def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
 
 
 # Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
-HELD_HZ = 0.5
+TRACKING_HZ = 0.5
 
 
 @frozen_value
@@ -133,17 +133,17 @@ class _Log:
         return self.whole((signals.position for signals in self.signals), self.rest)
 
 
-def friction_twin(
+def compare_friction_logs(
     robot: Robot,
     joints: Sequence[JointFriction],
     measured: FrictionRecords,
     controller: CascadeSpec | None,
     execution: Execution,
 ) -> LogComparison:
-    """Torque of motions part by part, and the twin along the first log of each group of joints that moved together.
+    """Balance the torque of motions, and simulate the first log of each group of joints that moved together.
 
     Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
-    no reference drives the twin then.
+    no simulation by the reference then.
     """
     groups: dict[str, list[tuple[MotionFriction, FrictionRecord]]] = {}
     for joint in joints:
@@ -192,7 +192,7 @@ def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionR
 def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> LogSimulation:
     log, controller = driven
     drive: Drive = "torque" if controller is None else "reference"
-    tracking_hz = HELD_HZ if controller is None else 0.0
+    tracking_hz = TRACKING_HZ if controller is None else 0.0
     name, rate_hz = log.records[0].name, log.records[0].rate_hz
     empty = LogSimulation(name, drive, tracking_hz, log.n / rate_hz, rate_hz)
     start = Configuration(name, log.position[0])
@@ -212,7 +212,7 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
-        held = tracking_gains(plant, HELD_HZ)
+        held = tracking_gains(plant, TRACKING_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
@@ -262,7 +262,7 @@ def predict_logs(
             except DataError as error:
                 reasons.setdefault(name, []).append(f"{record.name}: {error}")
     missing = {name: "; ".join(texts) for name, texts in reasons.items()}
-    findings = friction_twin(robot, judged, measured, controller, execution)
+    findings = compare_friction_logs(robot, judged, measured, controller, execution)
     by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands"))
     return replace(findings, runs=(*findings.runs, *by_commands), missing=missing)
 

@@ -69,7 +69,7 @@ class TorqueBalance:
         )
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """Shares of the parts in a sentence."""
         shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.fractions, strict=True))
         worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
@@ -91,13 +91,13 @@ class TorqueBalance:
 
 @frozen_value
 class ComparedSignal:
-    """One signal (n,) of a log and of its twin, link side, in SI, at rate_hz of its run."""
+    """One signal (n,) of a log and of its simulation, link side, in SI, at rate_hz of its run."""
 
     kind: SignalKind
     place: str
     unit: str
     measured: FloatArray = labelled("as measured, link side", "{unit}", "sample")
-    simulated: FloatArray = labelled("of the twin", "{unit}", "sample")
+    simulated: FloatArray = labelled("simulated", "{unit}", "sample")
 
     @property
     def error(self) -> float:
@@ -108,7 +108,7 @@ class ComparedSignal:
 
 @dataclass(frozen=True)
 class LogSimulation:
-    """The twin moved along one log.
+    """Simulation along one log.
 
     tracking_bandwidth_hz: of the loop about the logged motion, 0 under the controller's reference.  seconds: simulated
     duration of the log.  lost: why there is no result; empty where there is.
@@ -127,7 +127,7 @@ class LogSimulation:
         return tuple(signal for signal in self.signals if signal.kind == kind)
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """Simulation errors along the log, in one sentence."""
         driven = f"with the logged {_DRIVES[self.drive]} as input"
         if self.lost:
@@ -148,16 +148,16 @@ class LogSimulation:
 
 @dataclass(frozen=True)
 class LogComparison:
-    """The torque of logs part by part, and the twin moved along them; missing: joints not predicted there, and why."""
+    """Torque of logs part by part, and simulations along them; missing: joints not predicted there, and why."""
 
     balances: tuple[TorqueBalance, ...] = ()
     runs: tuple[LogSimulation, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """The torque of each joint, then the simulations."""
-        return (*(balance.words for balance in self.balances), *(run.words for run in self.runs))
+        return (*(balance.sentence for balance in self.balances), *(run.sentence for run in self.runs))
 
 
 NO_COMPARISON = LogComparison()

@@ -1,16 +1,16 @@
-r"""The twin of a robot moved along a log, simulated forwards, by its torque or under its controller.
+r"""Simulation of a robot along a log, driven by the logged torque or by the reference of its controller.
 
 .. math:: error_i = \sqrt{\overline{(y_i - \hat y_i)^2}} \,/\, \sqrt{\overline{(y_i - \bar y_i)^2}}
 
-What drives the twin is one of two:
+The input is one of two:
 
-`reference`: that of the robot's controller, through the same controller. Motion and torque are the twin's own.
+`reference`: logged reference, through the same controller. Motion and torque are simulated.
 `torque`: that of the log. A robot under a torque alone drifts, since its motors have no springs and gravity may pull it
-further away; so a loop about the logged motion, slower than what is judged, holds the twin. The torque that this loop
+further away; so a slow position loop keeps the model at the logged positions. The torque that this loop
 adds is what the model lacks at low frequencies, and is shown as error of the torque.
 
 Along a record signals are compared at all lines between the lowest and the highest of the response, in the last period
-that counts. Below them the twin is held by a loop of a fifth of the lowest line; an error at that line is changed by
+that counts. The bandwidth of the position loop is a fifth of the lowest line; it changes an error at that line by
 4 % in its amplitude, higher ones by less. The torque between samples is that of the record's hold; its mean is the
 holding torque of the model, since that of a log contains what no response shows.
 """

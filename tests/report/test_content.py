@@ -91,8 +91,8 @@ def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error: flo
     torque = np.sin(2 * np.pi * t)
     signal = ComparedSignal(TORQUE, "motor 1", "N*m", torque, torque + error * np.cos(2 * np.pi * t))
     run = LogSimulation("log a", "torque", 0.5, 5.0, 100.0, (signal,))
-    content = replace(friction_content(), twin=LogComparison((), (run,)))
+    content = replace(friction_content(), log_comparison=LogComparison((), (run,)))
     said = content.questions[0][1][0]
     assert ("15 %" in said and "motor 1" in said) == (error > 0.1)
-    lost = replace(content, twin=LogComparison((), (replace(run, signals=(), lost="it falls"),)))
+    lost = replace(content, log_comparison=LogComparison((), (replace(run, signals=(), lost="it falls"),)))
     assert lost.questions[0][1][0].startswith("Yes, but")

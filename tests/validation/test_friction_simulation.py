@@ -18,7 +18,7 @@ from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import Commands, simulate
-from elastid.validation.friction_simulation import friction_twin
+from elastid.validation.friction_simulation import compare_friction_logs
 from elastid.validation.log_comparison import TORQUE, LogSimulation
 
 RATE_HZ, SECONDS = 500.0, 12.0
@@ -75,7 +75,7 @@ def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[Log
     law = Friction(found.chosen["coulomb"])
     joint = JointFriction("1", False, motion=found, friction=law, viscous=found.chosen["viscous"])
     robot = with_laws(swing(), {"1": (law, found.chosen["viscous"])})
-    return friction_twin(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
+    return compare_friction_logs(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
 
 
 @pytest.mark.slow

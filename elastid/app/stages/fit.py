@@ -103,7 +103,7 @@ def fit(study: Study, work: Work) -> Artefacts:
         is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""
         console.notes((note for note in every if str(note) != first), on_page=True)
-        seconds = (second.words for second in (result.static, result.tool) if second is not None)
+        seconds = (second.sentence for second in (result.static, result.tool) if second is not None)
         reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
         status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")
         for words in (f"{status}; {result.converged_starts}", *seconds):

@@ -51,7 +51,7 @@ def report(study: Study, work: Work) -> Artefacts:
         comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimates) or Stamp()),
         dense=read_dense(files["fit"]),
         friction=friction,
-        twin=read_simulation(validated),
+        log_comparison=read_simulation(validated),
         contents=contents(robot, simulated is not None, friction, result.parameters, gears),
         gears=gears,
         measured_modes=read_measured_modes(validated),

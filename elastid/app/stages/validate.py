@@ -34,7 +34,7 @@ from elastid.validation.torque_balance import Part, elastic_balances, model_part
 
 @dataclass(frozen=True)
 class Validated:
-    """A study and its fitted robot; gears: for the twin in time alone."""
+    """A study and its fitted robot; gears: for the simulation alone."""
 
     study: Study
     fitted: FittedRobot
@@ -57,7 +57,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         work.console.say("validate: no simulation in time, because records.h5 is missing or outdated")
     left_out = study.validation.configurations
     with work.execution() as execution:
-        judged, twin = judge(basis, left_out, records, work.console, execution)
+        judged, log_comparison = judge(basis, left_out, records, work.console, execution)
     counted = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
@@ -74,15 +74,17 @@ def validate(study: Study, work: Work) -> Artefacts:
         verdict = judged.verdict.removeprefix("Validation ")
         console.say(f"validate: {verdict[:1].lower()}{verdict[1:]}")
         for prediction in judged.predictions:
-            console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
-        worst = sorted(twin.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
-        for words in replace(twin, balances=tuple(worst)).words:
+            console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.sentence}")
+        worst = sorted(log_comparison.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
+        for words in replace(log_comparison, balances=tuple(worst)).sentences:
             console.detail(f"validate: {words}")
 
     return Artefacts(
         {
-            "validation.json": as_json(validation_summary(study.name, judged, twin)),
-            "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, twin, measured_modes(fitted)),
+            "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
+            "validation.h5": lambda path, stamp: write_validation(
+                path, judged, stamp, log_comparison, measured_modes(fitted)
+            ),
         },
         report,
     )
@@ -95,15 +97,15 @@ def judge(
 
     That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
     """
-    twin, fitted = NO_COMPARISON, basis.fitted
+    log_comparison, fitted = NO_COMPARISON, basis.fitted
     if records is not None and all(response.controller is None for response in fitted.measured):
-        twin = LogComparison(_balances(basis, records, console, execution), _twin_runs(basis, records))
+        log_comparison = LogComparison(_balances(basis, records, console, execution), _simulations(basis, records))
     shifts = {
         name: fitted.at(name).response_shifts(G.freq_hz)
         for G in fitted.measured
         if (name := G.configuration.name) in left_out
     }
-    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), twin
+    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), log_comparison
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
@@ -136,7 +138,7 @@ def _balanced(
     return elastic_balances(first, net, parts, response.freq_hz, spec)
 
 
-def _twin_runs(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
+def _simulations(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
     chosen = next((name for name in basis.study.validation.configurations if name in names), names[0])

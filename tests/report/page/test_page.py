@@ -182,11 +182,14 @@ def run() -> LogSimulation:
 
 
 def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path: Path) -> None:
-    path, twin = tmp_path / "friction.h5", LogComparison((balance(),), (run(), replace(run(), signals=(), lost="fast")))
-    for given in (twin, LogComparison()):
-        write_friction_result(path, study.friction_result(), twin=given)
+    path, log_comparison = (
+        tmp_path / "friction.h5",
+        LogComparison((balance(),), (run(), replace(run(), signals=(), lost="fast"))),
+    )
+    for given in (log_comparison, LogComparison()):
+        write_friction_result(path, study.friction_result(), log_comparison=given)
         assert repr(read_simulation(path)) == repr(given)
-    text = html_of_friction(replace(study.friction_content(), twin=twin), ())
+    text = html_of_friction(replace(study.friction_content(), log_comparison=log_comparison), ())
     assert text.count("fast") == text.count('<td class="text">link motion</td>') == 1
     assert "link motion" not in html_of_friction(study.friction_content(), ())
 
