@@ -15,7 +15,8 @@ from elastid.report.content import DENSE, MODES, ReportContent
 from elastid.report.figures.drawings import Drawing, drawings, drawings_of_responses
 from elastid.report.page.page import EmbeddedFigure, html, html_of_responses, write_page
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
+from elastid.store.measured import read_friction, read_responses, write_modes
+from elastid.store.plan import read_forecast, read_peaks, read_plan
 from elastid.store.reading import reader
 from elastid.store.results import (
     FIT,
