@@ -28,8 +28,8 @@ from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.rig import RecordedRig
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.compensate_friction import estimate_without_friction, on_shafts, shaft_couplings
-from elastid.nonlinear.identify_friction import find_friction
+from elastid.nonlinear.compensate_friction import estimate_compensated_response, shaft_couplings, to_shafts
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.parameters import Parameters
 from elastid.record import Record
 from elastid.response import Response, Responses
@@ -253,9 +253,9 @@ def estimate(records: Iterable[Record], robot: Robot | None = None, **estimator:
     if not groups:
         refuse_mismatch([])
     E = shaft_couplings(robot)
-    shafts = [[on_shafts(record, E) for record in group] for group in groups.values()]
-    friction = None if spec.friction == "none" else find_friction(shafts, spec)
-    return Responses(estimate_without_friction(group, friction, spec, None, E, robot) for group in groups.values())
+    shafts = [[to_shafts(record, E) for record in group] for group in groups.values()]
+    friction = None if spec.friction == "none" else identify_motor_friction(shafts, spec)
+    return Responses(estimate_compensated_response(group, friction, spec, None, E, robot) for group in groups.values())
 
 
 def identify(

@@ -200,7 +200,7 @@ class Parameters:
         return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.is_nuisance))
 
     @property
-    def asked(self) -> tuple[Parameter, ...]:
+    def of_interest(self) -> tuple[Parameter, ...]:
         """The first of `free`: those that were asked for."""
         return tuple(parameter for parameter in self.free if not parameter.is_nuisance)
 
@@ -209,9 +209,9 @@ class Parameters:
         """Names in the order of x."""
         return tuple(parameter.name for parameter in self.free)
 
-    def moved(self, configuration: str = "") -> tuple[str, ...]:
+    def dependent_names(self, configuration: str = "") -> tuple[str, ...]:
         """Names of the free and tied parameters of theta that x moves in a configuration, in the order of theta."""
-        moves = np.any(self._chain(configuration).reach, axis=1)
+        moves = np.any(self._chain(configuration).dependence, axis=1)
         return tuple(name for name, is_moved in zip(self.names, moves, strict=True) if is_moved)
 
     @property
@@ -315,7 +315,7 @@ class _Chain:
     by_gain: FloatArray
 
     @cached_property
-    def reach(self) -> BoolArray:
+    def dependence(self) -> BoolArray:
         """Flags (n_theta, n_x): theta_p depends on z_i."""
         return np.asarray((self.gain != 0) | (self.by_gain != 0))
 

@@ -62,7 +62,7 @@ class JointLoop:
     kd: FloatArray
     ki: FloatArray = field(default_factory=lambda: np.zeros(1))
 
-    def each(self, change: Callable[..., Any], *others: "JointLoop") -> "JointLoop":
+    def gain_derivatives(self, change: Callable[..., Any], *others: "JointLoop") -> "JointLoop":
         """Derivatives of a joint loop with respect to kp, kd and ki, combined with the other loops."""
         parts = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
         return JointLoop(*(change(*values) for values in parts))
@@ -145,7 +145,7 @@ class Configuration:
         if not np.all(np.isfinite(self.angles)):
             raise ValueError(f"configuration {self.name}: the angles {self.angles.tolist()} are not all finite")
 
-    def moved(self, index: int, angle: float) -> "Configuration":
+    def with_angle(self, index: int, angle: float) -> "Configuration":
         """Posture with one joint elsewhere."""
         angles = self.angles.copy()
         angles[index] = angle
@@ -234,7 +234,7 @@ class Record:
     hold: Hold = "band-limited"
     half_wave: bool = False
     repairs: Mapping[str, int] = field(default_factory=dict)
-    left_out: tuple[int, ...] = labelled("repetitions that do not count", default=())
+    discarded_periods: tuple[int, ...] = labelled("repetitions that do not count", default=())
     sliding: tuple[str, ...] = ()
     is_periodic: bool = True
     hold_samples: tuple[float, ...] = labelled("samples for which the torque is held", axes="inputs", default=())
@@ -332,8 +332,8 @@ class Record:
         and costs 1.6 % of amplitude at a tenth of the rate; a response estimated without it has a delay and a wrong
         inertia instead. An encoder, sampled without a filter, adds images of the held torque (`images`).
         """
-        H = {held: zero_order_hold(np.multiply(freq_hz, held) / self.rate_hz) for held in set(self._held)}
-        return np.stack([H[held] for held in self._held], axis=1)
+        H = {held: zero_order_hold(np.multiply(freq_hz, held) / self.rate_hz) for held in set(self._hold_lengths)}
+        return np.stack([H[held] for held in self._hold_lengths], axis=1)
 
     @property
     def images(self) -> ZohTorque | None:
@@ -343,12 +343,12 @@ class Record:
         of the commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has
         passed the filter of a drive or an amplifier; a misfit by them names them.
         """
-        rates = tuple(self.rate_hz if math.isclose(held, 1.0, rel_tol=1e-5) else 0.0 for held in self._held)
+        rates = tuple(self.rate_hz if math.isclose(held, 1.0, rel_tol=1e-5) else 0.0 for held in self._hold_lengths)
         sampled = self.sampled or tuple(quantity == "position" for quantity in self.quantities)
         return ZohTorque(rates, sampled) if any(rates) else None
 
     @property
-    def _held(self) -> tuple[float, ...]:
+    def _hold_lengths(self) -> tuple[float, ...]:
         """Samples for which each input is held, 0 where it is band-limited."""
         return self.hold_samples or (1.0 if self.hold == "zero-order" else 0.0,) * len(self.inputs)
 

@@ -74,9 +74,9 @@ def build(command: list[str], target: str, library: Path) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, calls = Path(name), []
         for path in (path for path in headers if path.suffix == ".c"):
-            for level in levels(target) if path.stem != "processor" else ("portable",):
-                words = [*FLAGS, *LEVELS[level], f"-DLEVEL={level}", f'-DSOURCES="{digest.hexdigest()}"']
-                calls.append([*command, *words, "-c", str(path), "-o", str(folder / f"{path.stem}_{level}.o")])
+            for magnitude in magnitudes(target) if path.stem != "processor" else ("portable",):
+                words = [*FLAGS, *LEVELS[magnitude], f"-DLEVEL={magnitude}", f'-DSOURCES="{digest.hexdigest()}"']
+                calls.append([*command, *words, "-c", str(path), "-o", str(folder / f"{path.stem}_{magnitude}.o")])
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(run, calls))
         made = folder / library.name
@@ -94,8 +94,8 @@ def run(call: list[str]) -> None:
         raise RuntimeError(f"{call[0]} ends with status {done.returncode}: {words}")
 
 
-def levels(target: str) -> tuple[str, ...]:
-    """Levels of processor that kernels are compiled for; `processor.c` never chooses avx512 on macOS."""
+def magnitudes(target: str) -> tuple[str, ...]:
+    """GearEstimate of processor that kernels are compiled for; `processor.c` never chooses avx512 on macOS."""
     if machine(target) != "x86_64":
         return ("portable",)
     return ("portable", "avx2") if target.startswith("macosx") else tuple(LEVELS)

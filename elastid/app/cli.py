@@ -418,6 +418,7 @@ def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
     elastid explain fit.criterion            meaning, values, default, and when to change it
     elastid explain records/clock            meaning and remedy
     elastid explain export                   targets of an export (one: export.csv)
+    elastid explain causes                   causes of model errors, typical size and remedy
     elastid explain k_1                      meaning and side of the gear
     elastid explain k_1 study.yml            place in the robot model and nominal value
     elastid explain k_1 --run runs/demo      estimate, interval and verdict in a run

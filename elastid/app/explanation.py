@@ -1,4 +1,4 @@
-"""`elastid explain`: a key, a code, a target of an export, or a parameter, in a study or a run."""
+"""`elastid explain`: a key, a code, a cause, a target of an export, or a parameter, in a study or a run."""
 
 import re
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 from elastid.app.target_table import explained as explained_targets
 from elastid.app.target_table import tags
 from elastid.base.display import capital
+from elastid.fit.diagnosis.hypotheses import explain_causes
 from elastid.nonlinear.basis_functions import SHEET
 from elastid.store.friction_study import read_friction_result
 from elastid.store.results import read_fit, read_gears
@@ -17,6 +18,8 @@ def explained(asked: str, study: Path | None = None, folder: Path | None = None)
     """Explain a name, with its nominal value in a study and its estimate in the folder of a run."""
     if asked == "export" or asked in [f"export.{tag}" for tag in tags()]:
         return explained_targets(asked.removeprefix("export").removeprefix("."))
+    if asked.partition(".")[0] == "causes":
+        return explain_causes(asked.partition(".")[2])
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot

@@ -19,7 +19,7 @@ from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_gro
 from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
 from elastid.logs.responses.table import geometry_of_files
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_gears, with_linear_springs, with_terms_of
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
@@ -134,7 +134,7 @@ class _Fit(_Responses):
         return result
 
     @cached_property
-    def friction(self) -> FrictionTakenOut | None:
+    def friction(self) -> CompensatedFriction | None:
         return read_friction(self.run.path("estimate"))
 
     def _models(self, robot: Robot, result: Result) -> dict[str, FittedRobot]:
@@ -193,8 +193,8 @@ class _Fit(_Responses):
             run.console.say("export: all samples have the same effects of the gears")
         for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
             drawn[label] = draw_robots(result, self.count, run.study.seed, members[0])
-            if held := drawn[label].held:
-                run.console.warn(f"export: {', '.join(held)} not identifiable: the same in all samples")
+            if fixed := drawn[label].fixed:
+                run.console.warn(f"export: {', '.join(fixed)} not identifiable: the same in all samples")
         return drawn
 
 

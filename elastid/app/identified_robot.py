@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from elastid.fit.fitted_robot import remaining_tolerances, robots_by_group
 from elastid.fit.result import Result
-from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.gear_result import GearResult, with_effects
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
@@ -37,7 +37,7 @@ def robot_files(
     name: str,
     robot: Robot,
     result: Result,
-    friction: FrictionTakenOut | None,
+    friction: CompensatedFriction | None,
     configurations: Sequence[str],
     gears: GearResult | None = None,
 ) -> Iterator[tuple[str, str]]:
@@ -52,7 +52,11 @@ def robot_files(
 
 
 def robot_of_fit(
-    name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...], gears: GearResult | None = None
+    name: str,
+    robot: Robot,
+    friction: CompensatedFriction | None,
+    known: tuple[str, ...],
+    gears: GearResult | None = None,
 ) -> str:
     """Return the file of a fitted robot: elastic parameters, friction, and effects of motors and gears.
 
@@ -69,7 +73,7 @@ def robot_of_fit(
     return yaml_text(with_laws(robot, laws), (*comments, *known))
 
 
-def with_findings(robot: Robot, friction: FrictionTakenOut | None, gears: GearResult | None = None) -> Robot:
+def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: GearResult | None = None) -> Robot:
     """A fitted robot with everything that was found in its records, and no other dry friction.
 
     That of its file is in the fitted viscous coefficients where it was not taken out of the responses.
@@ -87,7 +91,7 @@ def _identified(robot: Robot, result: "FrictionResult") -> dict[str, tuple[Frict
     }
 
 
-def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tuple[Friction, float]]:
+def _taken_out(robot: Robot, friction: CompensatedFriction | None) -> dict[str, tuple[Friction, float]]:
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):

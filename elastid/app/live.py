@@ -158,7 +158,7 @@ class Session:
     def _at(self, result: Result | None) -> DesignProblem:
         if result is None:
             return self.problem
-        values = tuple((p.name, result.values[p.name]) for p in result.parameters.asked)
+        values = tuple((p.name, result.values[p.name]) for p in result.parameters.of_interest)
         return replace(self.problem, robot=estimated_robot(result), fitted_values=values)
 
     def _design(self, plans: Sequence[Plan]) -> DesignSpec:

@@ -100,7 +100,7 @@ def map_study(
 
     def work(fit: Result) -> Used:
         """Map of the fitted robot, with its files."""
-        asked, seed = posture.Asked(frame=frame, axes="world"), run.study.seed
+        asked, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
         family = with_gears(fit, gears_of(run)).family(asked)
         if path is not None:
             angles, remarks = read_path(path, family.robot, family.frame)
@@ -152,7 +152,7 @@ def _given(
 ) -> MoveRobots:
     """The robots of a study with the frame that is asked for.  asked: rate and bandwidth in Hz, error in m."""
     study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
-    family = result.family(posture.Asked(frame=frame))
+    family = result.family(posture.PredictionPorts(frame=frame))
     friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
 
     def framed(robot: Robot) -> Robot:
@@ -177,7 +177,7 @@ def write_table(path: Path, tuned: TunedMove) -> None:
     parts = ("position", "velocity", "torque")
     heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
     columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
-    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.planned, strict=True)
+    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.predicted_error, strict=True)
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 

@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.linear_model import DELAY
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult
 from elastid.parameters import Parameters
 from elastid.report.content import WITH_COULOMB
@@ -16,7 +16,7 @@ NOT_SIGNIFICANT = "viscous friction. The Coulomb friction of the motor is not si
 OF_LOOP = "; an error of k_d of the controller adds to it"
 
 
-def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut | None) -> frozenset[str]:
+def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFriction | None) -> frozenset[str]:
     """Names of viscous coefficients that contain dry friction, which looks viscous to a multisine.
 
     A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
@@ -28,7 +28,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
         motors = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction]
         rough = {f"motor {name}" for name in motors}
         rough |= {f"joint {joint.name}" for joint in robot.joints if joint.friction is not None}
-    for place in () if friction is None else friction.taken_places():
+    for place in () if friction is None else friction.compensated_motors():
         joint = place.removeprefix("motor ")
         rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})
     sliding = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
@@ -40,7 +40,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: FrictionTakenOut |
 def contents(
     robot: Robot,
     is_simulated: bool,
-    friction: FrictionTakenOut | None,
+    friction: CompensatedFriction | None,
     parameters: Parameters,
     gears: GearResult | None = None,
 ) -> dict[str, str]:
@@ -50,7 +50,7 @@ def contents(
     """
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
-    taken = () if friction is None else friction.taken_places()
+    taken = () if friction is None else friction.compensated_motors()
     tested = () if friction is None or not friction.configurations else friction.places
     words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
     words |= {name: NOT_SIGNIFICANT for place in tested if (name := place.replace("motor ", "fm_")) in mixed}
@@ -64,7 +64,7 @@ def contents(
 
 
 def truth(
-    robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: FrictionTakenOut | None = None
+    robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: CompensatedFriction | None = None
 ) -> dict[str, float] | None:
     """Return the simulated robot's identifiable parameters by name, in SI; None for logs.
 

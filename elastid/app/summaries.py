@@ -18,7 +18,7 @@ from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import stick_figure
-from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
@@ -91,14 +91,14 @@ def summary(
     mode_rows: Sequence[ModeRow],
     agreements: Sequence[Agreement],
     notes: Sequence[Note],
-    friction: FrictionTakenOut | None = None,
+    friction: CompensatedFriction | None = None,
 ) -> dict[str, Any]:
     """Return the content of summary.json; notes of fit, friction and measured responses, in this order.
 
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.asked)
+    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)
     above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(
@@ -123,7 +123,11 @@ def summary(
         ],
         "assumed_rigid": [
             section(part, "name stiffness detection_limit")
-            | {"changes": dict(zip((p.name for p in result.parameters.asked), json_value(part.changes), strict=True))}
+            | {
+                "changes": dict(
+                    zip((p.name for p in result.parameters.of_interest), json_value(part.changes), strict=True)
+                )
+            }
             for part in result.assumed_rigid
         ],
         # Load tests in m, and responses at the tool, next to what the responses of the motors say.
@@ -185,12 +189,14 @@ def friction_study_summary(
             for number in result.numbers
         },
         "not_identified": [
-            {"joint": joint.joint} | section(held, "part reason") for joint in result.joints for held in joint.held
+            {"joint": joint.joint} | section(row, "part=term reason")
+            for joint in result.joints
+            for row in joint.unidentified
         ],
         "motions": {
             joint.joint: section(joint.motion, "misfit seconds")
-            | {"directions_apart": joint.motion.terms.apart}
-            | section(joint.motion.chosen, "relative_error")
+            | {"directions_apart": joint.motion.terms.by_direction}
+            | section(joint.motion.regression, "relative_error")
             for joint in result.joints
             if joint.motion is not None
         },
@@ -304,7 +310,7 @@ def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
 
 
 def _friction_section(
-    robot: Robot, friction: FrictionTakenOut | None, springs: Mapping[str, float]
+    robot: Robot, friction: CompensatedFriction | None, springs: Mapping[str, float]
 ) -> list[dict[str, Any]] | None:
     """Return the section `friction` of summary.json, one entry per motor; None without compensation.
 

@@ -100,8 +100,8 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
     responses = [replace(model, parameters=known).expected(c, known.x) for model, c in fitted]
-    is_taken_out = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
-    expected = forecast(responses, known.x, is_taken_out)
+    is_compensated = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
+    expected = forecast(responses, known.x, is_compensated)
     notes = (*sticking(plan, truth, problem.simulated.carrier), *presliding(fitted, truth), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
@@ -178,6 +178,6 @@ def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
     check_line_count(probe.freq_hz, problem.parameters)
     known = problem.prior_information()
     for q, configuration in enumerate(probe.configurations):
-        if configuration.name in set(problem.experiment.configurations) - set(problem.left_out):
+        if configuration.name in set(problem.experiment.configurations) - set(problem.excluded_configurations):
             known = known + problem.prospect(probe, q).information(configuration, problem.parameters.x)
     return problem.prospect(probe, -1), known

@@ -52,7 +52,7 @@ class Forecast:
     )
     notes: tuple[Note, ...]
     choice: str = ""
-    parts: FloatArray = labelled(
+    variance_fractions: FloatArray = labelled(
         "fractions of the variance: noise, prior, systematic", "", "part parameters",
         default_factory=lambda: np.zeros((0, 0)),
     )  # fmt: skip
@@ -66,7 +66,7 @@ class Forecast:
     def std_contributions(self) -> dict[str, FloatArray]:
         """Contributions (n,) to `std` by name, as in a `Result`; empty for an exact robot model."""
         names = ("std_noise", "std_prior", "std_systematic")
-        return {name: self.std * np.sqrt(part) for name, part in zip(names, self.parts, strict=False)}
+        return {name: self.std * np.sqrt(part) for name, part in zip(names, self.variance_fractions, strict=False)}
 
     @property
     def relative(self) -> FloatArray:
@@ -90,14 +90,14 @@ class Forecast:
         return self.parameters[column], float(self.correlation[row, column])
 
 
-def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_taken_out: bool = False) -> Forecast:
+def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensated: bool = False) -> Forecast:
     """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
-    is_taken_out: friction will be, of the torques.
+    is_compensated: friction will be, of the torques.
     Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
     """
     parameters = expected[0].parameters
-    free, freq_hz = parameters.asked, expected[0].response.freq_hz
+    free, freq_hz = parameters.of_interest, expected[0].response.freq_hz
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
     from elastid.design.predicted_response import expected_fit  # a page reads the values alone
@@ -108,7 +108,7 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_taken_out
         text = "no response exceeds its noise at any line. Raise excitation.torque_rms, or measure more periods"
         raise StudyError("excitation/power", text, "excitation")
     responses, weights = [e.response for e in expected], [e.weights for e in expected]
-    uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_taken_out=is_taken_out)
+    uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_compensated=is_compensated)
     covariance = uncertainty.covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
@@ -123,12 +123,14 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_taken_out
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
     known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
-    return Forecast(*known, (*notes, *correlated(names, by_noise)), parts=fractions if n < len(x) else np.zeros((0, 0)))
+    return Forecast(
+        *known, (*notes, *correlated(names, by_noise)), variance_fractions=fractions if n < len(x) else np.zeros((0, 0))
+    )
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Raise StudyError for a grid with fewer lines than unknowns; the message states a sufficient period."""
-    if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
+    if refused := line_count_refusal(len(freq_hz), len(parameters.of_interest), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
 
 
@@ -137,7 +139,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
 
     They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
     """
-    asked = parameters.asked
+    asked = parameters.of_interest
     n = len(asked)
     R = np.asarray(np.linalg.qr(np.roll(R, -n, axis=1), "r"))[-n:, -n:]
     ranges = [p.upper - p.lower for p in asked]

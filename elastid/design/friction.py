@@ -228,7 +228,7 @@ def default_window(joint: Joint) -> tuple[float, float]:
 @lru_cache(maxsize=16)
 def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angle: float) -> OperatingPoint:
     model = model_of(robot)
-    return equilibrium(model, model.theta, Configuration(name, np.array(angles)).moved(index, angle))
+    return equilibrium(model, model.theta, Configuration(name, np.array(angles)).with_angle(index, angle))
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
@@ -276,7 +276,7 @@ def standstill_of(
 ) -> tuple[PlannedMotion, ...]:
     """Growing loops and small multisines of the torque in the middle of the window."""
     joint, law = axis.joint.name, axis.guess
-    middle, motions = posture.moved(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
+    middle, motions = posture.with_angle(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
     if (loops := spec.presliding_loops) is not None:
         low, high = (share * law.stiction for share in loops.torque)
         torque = growing_loops(low, high, loops.loops, loops.frequency_hz, spec.rate_hz)
@@ -348,7 +348,7 @@ def design_friction(
         tuple(design for part in parts for design in part.designs),
         end_s,
         tuple(warm_up for part in parts for warm_up in part.warm_ups),
-        tuple(sentence for part in parts for sentence in part.known),
+        tuple(sentence for part in parts for sentence in part.assumed_friction),
     )
 
 

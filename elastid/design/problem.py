@@ -38,9 +38,9 @@ Measurement: TypeAlias = tuple[Prospect, Configuration]
 class DesignProblem:
     """The sections of a study that a plan depends on, and earlier fits.
 
-    left_out: configurations that the fit does not use.  fitted_values: of parameters, from earlier fits.  model: of the
-    fit.  typical (F, n_u): spectrum for all configurations
-    until each has its own.  friction: `none` if the estimator leaves that of the motors in the responses.
+    excluded_configurations: not used by the fit.  fitted_values: of parameters, from earlier fits.  model: of the fit.
+    typical (F, n_u): spectrum for all configurations until each has its own.  friction: `none` if the estimator leaves
+    that of the motors in the responses.
     """
 
     robot: Robot
@@ -50,7 +50,7 @@ class DesignProblem:
     quantity: Motion
     seed: int
     design: DesignSpec | None = None
-    left_out: tuple[str, ...] = ()
+    excluded_configurations: tuple[str, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
@@ -69,7 +69,7 @@ class DesignProblem:
         chosen by a design are of one robot.
         """
         given = () if self.design is not None else tuple(self.experiment.configurations)
-        parameters = choose(self.fit, self.robot, [name for name in given if name not in self.left_out])
+        parameters = choose(self.fit, self.robot, [name for name in given if name not in self.excluded_configurations])
         known = dict(self.fitted_values)
         return parameters.with_values(
             {p.name: min(max(known[p.stands_for], p.lower), p.upper) for p in parameters.free if p.stands_for in known}
@@ -172,7 +172,7 @@ class DesignProblem:
         """Prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
         measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
         every = [(replace(self.prospect(plan, q), realisations=M), c) for q, (c, M) in measured]
-        return [(prospect, c) for prospect, c in every if c.name not in self.left_out]
+        return [(prospect, c) for prospect, c in every if c.name not in self.excluded_configurations]
 
     def prior_information(self) -> FloatArray:
         """Information (n_x, n_x) of priors."""

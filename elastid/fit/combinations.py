@@ -17,7 +17,7 @@ _WIDE = 0.25
 
 
 def combination_notes(result: Result) -> Iterator[Note]:
-    """A note for each pair or triple of weakly identified parameters of which one combination is identified well."""
+    """Return a note for each pair or triple of weakly identified parameters with a well identified combination."""
     names, std, values = result.parameters.free_names, result.std, result.values
     x, scale = np.array([values[name] for name in names]), np.array([std[name] for name in names])
     correlation = result.covariance / np.sqrt(np.outer(*[np.diag(result.covariance)] * 2))

@@ -14,7 +14,7 @@ from elastid.fit.result import Result
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.motion_bias import effect_of_motion
+from elastid.linear.motion_bias import estimate_motion_bias
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
@@ -44,7 +44,7 @@ class FittedRobot:
 
     @classmethod
     def of(cls, result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT) -> "FittedRobot":
-        """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
+        """Linearise the fitted model in each configuration of `measured`, which need not have been fitted.
 
         robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
         Raises StudyError where a configuration has no equilibrium with the fitted numbers, and where the robot lacks an
@@ -80,11 +80,11 @@ class FittedRobot:
         return self.theta_of(self.measured[0].configuration.name)
 
     def theta_of(self, configuration: str) -> FloatArray:
-        """Fitted values (n_theta,) in a configuration, SI: parameters of the equations, then the delay."""
+        """Return fitted values (n_theta,) in a configuration, SI: parameters of the equations, then the delay."""
         return _theta(self.result, self.model, configuration)
 
     def at(self, configuration: str) -> FittedModel:
-        """The model of a configuration; UnknownNameError where it was not measured."""
+        """Return the model of a configuration; UnknownNameError where it was not measured."""
         return self.models[index_of(configuration, [G.configuration.name for G in self.measured], "configuration")]
 
     @cached_property
@@ -93,13 +93,13 @@ class FittedRobot:
         return self.responses_by({}) if self.modelled is None else self.modelled
 
     def responses_by(self, effects: Mapping[str, ComplexArray]) -> tuple[Response, ...]:
-        """`responses`; effects: motion-induced bias (F, n_y, n_u) by configuration, if known."""
+        """Return `responses`; effects: motion-induced bias (F, n_y, n_u) by configuration, if known."""
         responses = []
         for i, (model, G) in enumerate(zip(self.models, self.measured, strict=True)):
             modelled = replace(model.response(G.freq_hz, sampled=True), has_rate=G.has_rate)
             effect = effects.get(name := G.configuration.name)
             if effect is None:
-                effect = effect_of_motion(self.model, model.linear, self.theta_of(name), G)
+                effect = estimate_motion_bias(self.model, model.linear, self.theta_of(name), G)
             every = (*(() if effect is None else (effect,)), *self.presliding[i : i + 1])
             responses.append(replace(modelled, G=sum(every, modelled.G)) if every else modelled)
         return tuple(responses)
@@ -113,7 +113,7 @@ class FittedRobot:
 def models_by_group(
     result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT, name: str = ""
 ) -> dict[str, FittedRobot]:
-    """A model for each group of configurations with parameters of its own, by its label; one, "", without groups.
+    """Return a model for each group of configurations with its own parameters, by label; one, "", without groups.
 
     The robot of each has the fitted numbers, geometry included, which is no parameter of its equations any more.
     Arguments and errors as `FittedRobot.of`.
@@ -127,7 +127,7 @@ def models_by_group(
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
-    """Parameters of a configuration, without other groups' and without parameters that its group replaces."""
+    """Return parameters of a configuration, without other groups' and without parameters that its group replaces."""
     local = result.parameters.configuration_of_stand_in(configuration)
     local_names = [p.stands_for for p in result.parameters if local in p.only]
     return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in local_names))
@@ -136,13 +136,13 @@ def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
 def robots_by_group(
     result: Result, robot: Robot, configurations: Sequence[str]
 ) -> dict[str, tuple[Robot, tuple[str, ...]]]:
-    """The robot with the fitted numbers of each group of configurations, by its label, and their names."""
+    """Return the robot with the fitted numbers of each group of configurations, by its label, and their names."""
     groups = group_labels(result.parameters, list(configurations)).items()
     return {label: (estimated_robot(result, robot, members[0]), tuple(members)) for label, members in groups}
 
 
 def estimated_robot(result: Result, robot: Robot | None = None, configuration: str = "") -> Robot:
-    """The robot with the fitted numbers of a configuration, or with those that all share.
+    """Return the robot with the fitted numbers of a configuration, or with those that all share.
 
     robot: by default the one that was fitted.
     """
@@ -157,7 +157,7 @@ def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArra
 
 
 def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | None:
-    """Posterior tolerances of the robot after a fit, by body.
+    """Return the posterior tolerances of the robot after a fit, by body.
 
     The widest coordinate counts for all of a body.  As they are where the file is exact.
     """

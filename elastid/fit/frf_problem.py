@@ -1,4 +1,4 @@
-r"""Assembly: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
+r"""FRF problem: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
 
 Where a linearisation holds near its point only, the search linearises at every x:
 
@@ -32,13 +32,13 @@ from elastid.fit.problem.least_squares import (
 )
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.systematic_errors import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
-from elastid.fit.problem.weights import Weights, weigh, with_floor
+from elastid.fit.problem.weights import Weights, weigh, with_model_error
 from elastid.fit.solve.solvers import FINE, solve
-from elastid.fit.spec import USUAL_FLOOR, FitSpec
+from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linear_model import is_load
 from elastid.linear.linearise import Linearisation
-from elastid.linear.motion_bias import effect_of_motion
+from elastid.linear.motion_bias import estimate_motion_bias
 from elastid.linear.presliding import RelaxingSpring
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -95,20 +95,20 @@ class Assembly:
         return replace(assembly, linearisation=following)
 
     def only(self, of_tool: bool) -> "Assembly":
-        """Assembly with the tool responses or the motor responses alone, and without load tests."""
+        """Return the assembly with the tool responses or the motor responses alone, and without load tests."""
         pairs = zip(self.responses, self.weights, strict=True)
         kept = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
         responses, weights = zip(*kept, strict=True) if kept else ((), ())
         return replace(self, responses=responses, weights=weights, loads=None)
 
-    def with_floor(self, floor: float | None) -> "Assembly":
-        """Assembly with the weights of a floor."""
-        spec, pairs = with_floor(self.spec, floor), zip(self.responses, self.weights, strict=True)
+    def with_model_error(self, floor: float | None) -> "Assembly":
+        """Return the assembly with the weights of a floor."""
+        spec, pairs = with_model_error(self.spec, floor), zip(self.responses, self.weights, strict=True)
         return replace(self, spec=spec, weights=tuple(each_at_home(partial(_weigh, spec), list(pairs), self.home)))
 
     @property
     def _moved(self) -> set[str]:
-        return {name for G in self.responses for name in self.parameters.moved(G.configuration.name)}
+        return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -116,14 +116,14 @@ class Assembly:
         return notes_of(self.weights)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
-        """The fit with every configuration linearised at x."""
+        """Return the fit with every configuration linearised at x."""
         part = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
         return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
 
     def as_linearised(self, fit: ElasticFit, of: "Assembly") -> ElasticFit:
-        """The fit with every configuration linearised as in the fit of another assembly."""
+        """Return the fit with every configuration linearised as in the fit of another assembly."""
         each = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
         return replace(fit, parts=tuple(each_at_home(_part_again, each, self.home)))
 
@@ -133,7 +133,7 @@ class Assembly:
         return self.linearisation.follows or not self.linearisation.is_affine_in(self._moved)
 
     def search_problem(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
-        """The problem of the search: the fit as linearised, or linearised at every x where it is local."""
+        """Return the problem of the search: the fit as linearised, or linearised at every x where it is local."""
         if not self.is_local:
             return fit.problem
         return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion))
@@ -149,12 +149,12 @@ class Assembly:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
     def at_rest(self, x: FloatArray) -> "Assembly":
-        """Assembly without the motion-induced bias of the responses at x (n_x,)."""
+        """Return the assembly without the motion-induced bias of the responses at x (n_x,)."""
         rested = partial(_at_rest, self.linearisation, self.parameters, x)
         return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
-        """Springs that no one stiffness describes where the robot rests at x."""
+        """Return springs that no one stiffness describes where the robot rests at x."""
         model = self.linearisation.model
         groups: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
         for configuration in (response.configuration for response in self.responses):
@@ -167,7 +167,7 @@ class Assembly:
         return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> "Assembly":
-        """Assembly with the weights of the robust loss at x."""
+        """Return the assembly with the weights of the robust loss at x."""
         if self.spec.weights.loss == "square":
             return self
         factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x)
@@ -175,12 +175,12 @@ class Assembly:
         return replace(self, weights=tuple(weights))
 
     def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> "Assembly":
-        """Assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
+        """Return the assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
         modelled = (part.kernel.response(part.theta(fit.parameters, x)) for part in fit.parts)
         return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
     def unbiased(self, c: FloatArray) -> "Assembly":
-        """Assembly without the systematic errors of its responses, for their factors c (n_b,)."""
+        """Return the assembly without the systematic errors of its responses, for their factors c (n_b,)."""
         if not c.any():
             return self
         factors = find_factors(self.responses)
@@ -214,7 +214,7 @@ def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray
     theta, n = parameters.expand(x, response.configuration.name), len(linearisation.model.parameters)
     linearisation, theta = replace(linearisation, presliding=()), np.append(theta[:n], theta[-1])
     linear = linear_model(linearisation, response, theta)
-    effect = effect_of_motion(linearisation.model, linear, theta, response)
+    effect = estimate_motion_bias(linearisation.model, linear, theta, response)
     return response if effect is None else replace(response, G=response.G - effect)
 
 
@@ -249,32 +249,32 @@ class NoRestError(FitError):
         )
 
 
-def is_friction_taken_out(response: Response) -> bool:
-    """True if friction was, which leaves the errors of its levels among the systematic ones."""
+def is_friction_compensated(response: Response) -> bool:
+    """Return True if friction was, which leaves the errors of its levels among the systematic ones."""
     return response.bias is not None and len(response.bias) - response.image_errors > SYSTEMATIC_ERRORS
 
 
 def is_distorted_by_friction(response: Response) -> bool:
-    """True if distortion is significant and friction was not compensated."""
+    """Return True if distortion is significant and friction was not compensated."""
     noise, total = response.noise, response.total
-    if noise is None or total is None or is_friction_taken_out(response):
+    if noise is None or total is None or is_friction_compensated(response):
         return False
     known = (noise.variance > 0) & np.isfinite(total.variance)
     return bool(known.any()) and float(np.median(total.variance[known] / noise.variance[known])) > DISTORTED
 
 
-def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
-    """The least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one.
+def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
+    """Return the least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one.
 
     Where images of a sampled reference were subtracted, at most their usual error.
     """
     x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
     notes = {(note.code, note.severity) for note in notes_of(assembly.responses)}
-    most = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else USUAL_FLOOR
-    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_floor(most)
+    most = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else TYPICAL_MODEL_ERROR
+    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_model_error(most)
 
     def exceeds(floor: float) -> bool:  # as where a covariance is singular with so small a floor: V is infinite
-        return unbiased.with_floor(floor).at(x, criterion).evaluate(x).cost > dof
+        return unbiased.with_model_error(floor).at(x, criterion).evaluate(x).cost > dof
 
     low, high = most / 100, most
     if exceeds(high):
@@ -374,7 +374,7 @@ def _where_it_stands(
 
 
 def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -> tuple[FloatArray, ...]:
-    """Weights w (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 where an element is left out."""
+    """Return weights (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 for a discarded element."""
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
         e = difference(part.criterion, part.measured, part.kernel.response(part.theta(fit.parameters, x)))

@@ -21,21 +21,21 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, FitError, StudyError, check_kind
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.diagnosis.channel_hypotheses import common_delay
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
+from elastid.fit.diagnosis.delay_hypotheses import common_delay
+from elastid.fit.diagnosis.estimate_notes import at_bound
+from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS, all_hypotheses
 from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
-from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, judge
-from elastid.fit.diagnosis.sensitivities import thinning
+from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, rank_causes
+from elastid.fit.diagnosis.refit import thinning
 from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
-from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.frf_problem import (
     Assembly,
     NoRestError,
     RelinearisedOptimum,
-    floor_of_residuals,
     is_distorted_by_friction,
-    is_friction_taken_out,
+    is_friction_compensated,
+    model_error_of_residuals,
     relinearise,
 )
 from elastid.fit.intervals import add_intervals
@@ -46,10 +46,10 @@ from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.problem.weights import check_factors, weigh, with_floor
+from elastid.fit.problem.weights import check_factors, weigh, with_model_error
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
-from elastid.fit.spec import USUAL_FLOOR, FitSpec
+from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
 from elastid.linear.linear_model import DELAY, is_load
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -66,14 +66,15 @@ def identify(
     *,
     model: ModelSpec = EXACT,
     execution: Execution | None = None,
-    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
 ) -> Result:
-    """The parameters of `robot` that explain the responses of all configurations, and the static load tests.
+    """Return the parameters of `robot` that explain the responses of all configurations, and the static load tests.
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
-    result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
+    result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers; by default all,
+    with those of other packages (entry points elastid.causes).
     parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
     (`placed_tests`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
@@ -86,17 +87,18 @@ def identify(
 @persistent_workers()
 def identified(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec = EXACT,
-    execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+    execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
 ) -> tuple[Result, dict[str, ComplexArray]]:  # fmt: skip
-    """`identify`, and the motion-induced bias (F, n_y, n_u) of each fitted response, by configuration."""
+    """Return `identify`, and the motion-induced bias (F, n_y, n_u) of each fitted response, by configuration."""
     execution = execution or Execution()
+    hypotheses = all_hypotheses() if hypotheses is None else hypotheses
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         try:
-            estimate = _with_found_floor(assembly, spec, ends, execution.quiet)
+            estimate = _with_model_error(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
-            evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+            evidence = rank_causes(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
             evidence, before = _with_springs(evidence, spec, ends, hypotheses), evidence.result
             assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
         except StudyError as error:  # the robot finds no rest on the way
@@ -123,16 +125,16 @@ def identified(
 
 def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: tuple[Hypothesis, ...]) -> Evidence:
     """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
-    (starts, hits), quiet = ends, evidence.execution
+    (starts, n_converged), quiet = ends, evidence.execution
     try:
         if (freed := find_presliding(evidence)) is None:
             return evidence
         assembly, begin = freed[0], (replace(starts[0], x=freed[1]), *starts[1:])
         near = evidence.optimum if evidence.optimum.end.converged else None
-        assembly, optimum, uncertainty, result = _with_found_floor(assembly, spec, (begin, hits), quiet, near)
+        assembly, optimum, uncertainty, result = _with_model_error(assembly, spec, (begin, n_converged), quiet, near)
         if not are_identified(result, assembly.linearisation.presliding):
             return evidence
-        both = judge(result, assembly, optimum, uncertainty, quiet, hypotheses)
+        both = rank_causes(result, assembly, optimum, uncertainty, quiet, hypotheses)
     except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence
     # A spring that drives another parameter to its bound takes the place of it.
@@ -144,7 +146,7 @@ def fit_parameters(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT,
     loads: Sequence[PlacedTest] = (),
 ) -> Result:  # fmt: skip
-    """Result without the intervals and causes that take longer than the fit, for many fits that are compared."""
+    """Return result without the intervals and causes that take longer than the fit, for many fits that are compared."""
     bare = replace(spec, profile=(), bootstrap=0)
     return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
 
@@ -162,7 +164,7 @@ def _search(
     parameters = parameters or choose(spec, robot, names, has_references)
     check_factors(responses, spec)
     # A search by noise alone would follow lines at resonances into false valleys.
-    searched = with_floor(spec, USUAL_FLOOR) if spec.weights.model_error is None else spec
+    searched = with_model_error(spec, TYPICAL_MODEL_ERROR) if spec.weights.model_error is None else spec
     home = home_of(responses, execution)
     weights = tuple(each_at_home(partial(weigh, spec=searched), responses, home))
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
@@ -175,10 +177,10 @@ def _search(
         raise DataError("fit/not-identifiable", f"{few}; fix some, or use more lines")
     check_effects(fit, robot)
     assembly, fit = _from_common_delay(assembly, fit, spec)
-    starts, hits = _from_all_starts(assembly, fit, spec, execution)
+    starts, n_converged = _from_all_starts(assembly, fit, spec, execution)
     if next(tolerances_of(robot), None) is not None:
-        assembly, starts = release(assembly, starts, robot, loads)
-    return assembly, (starts, hits)
+        assembly, starts = free_nuisance_parameters(assembly, starts, robot, loads)
+    return assembly, (starts, n_converged)
 
 
 def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tuple[Assembly, ElasticFit]:
@@ -298,10 +300,10 @@ def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, executi
 COST_RATIO, ATTEMPTS = 1.5, 4
 
 
-def release(
+def free_nuisance_parameters(
     assembly: Assembly, starts: tuple[LocalOptimum, ...], robot: Robot, loads: Sequence[PlacedTest]
 ) -> tuple[Assembly, tuple[LocalOptimum, ...]]:
-    """The fit with numbers free within their tolerances at its optimum, and the starts with theirs, the best first.
+    """Free the nuisance parameters within their tolerances; return the assembly and the starts, the best first.
 
     It is solved from the end of the best start. While V stays above COST_RATIO of its degrees of freedom, the
     study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
@@ -344,12 +346,12 @@ def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, in
 
 
 _Ends: TypeAlias = tuple[tuple[LocalOptimum, ...], int]  # best first, and how many reached the best
-_Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
+_Estimate: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
 
 
-def _with_found_floor(
+def _with_model_error(
     assembly: Assembly, spec: FitSpec, ends: _Ends, execution: Execution, near: RelinearisedOptimum | None = None
-) -> _Found:
+) -> _Estimate:
     """Estimate with the model error of the study, by default estimated from the residuals; near: see `relinearise`.
 
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
@@ -357,17 +359,19 @@ def _with_found_floor(
     """
     if spec.weights.model_error is not None:
         return assembly, *_estimate(assembly, ends, execution, near)
-    bare = assembly.with_floor(None)
+    bare = assembly.with_model_error(None)
     estimate = _estimate(bare, ends, execution, near)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if estimate[0].end.converged and not estimate[2].exceeds_noise and not is_distorted:
         return bare, *estimate
-    floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, estimate[0]))
+    floored = assembly.with_model_error(
+        TYPICAL_MODEL_ERROR if is_distorted else model_error_of_residuals(bare, estimate[0])
+    )
     del bare, estimate  # its weights are most of the memory of a fit
     return floored, *_estimate(floored, ends, execution, near)
 
 
-def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Found:
+def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Estimate:
     """The estimate with load tests and responses at the tool compared with the responses of the motors.
 
     Of what contradicts these the estimate is free, and its covariance holds the step to the estimate by all.
@@ -375,14 +379,14 @@ def _with_agreements(estimate: _Found, assembly: Assembly, spec: FitSpec, ends: 
     alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
     if (assembly.loads is None and not at_tool.responses) or not alone.responses:
         return estimate
-    starts, hits = ends
+    starts, n_converged = ends
     begin = replace(starts[0], x=estimate[1].end.x)
 
-    def fitted(refitted: Assembly, searched: bool = False) -> _Found:
+    def fitted(refitted: Assembly, searched: bool = False) -> _Estimate:
         if not searched:
-            return _with_found_floor(refitted, spec, ((begin, *starts[1:]), hits), Execution())
+            return _with_model_error(refitted, spec, ((begin, *starts[1:]), n_converged), Execution())
         ends = _from_all_starts(refitted, refitted.at(begin.x, spec.criterion), spec, Execution())
-        return _with_found_floor(refitted, spec, ends, Execution())
+        return _with_model_error(refitted, spec, ends, Execution())
 
     def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
@@ -414,12 +418,12 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
 def _estimate(
     assembly: Assembly, ends: _Ends, execution: Execution, near: RelinearisedOptimum | None
 ) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
-    starts, hits = ends
+    starts, n_converged = ends
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, near)
     fit, end = optimum.fit, optimum.end
-    is_taken_out = any(map(is_friction_taken_out, assembly.responses))
+    is_compensated = any(map(is_friction_compensated, assembly.responses))
     known = fit, optimum.responses, optimum.weights, end.x
-    uncertainty = estimate_uncertainty(*known, execution, is_taken_out=is_taken_out)
+    uncertainty = estimate_uncertainty(*known, execution, is_compensated=is_compensated)
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
     expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
@@ -434,7 +438,7 @@ def _estimate(
         status="converged",
         message="",
         starts=starts,
-        n_converged_starts=hits,
+        n_converged_starts=n_converged,
         at_bound=at_bound(fit.parameters, end.x),
         singular_values=uncertainty.singular_values,
         criterion=fit.parts[0].criterion,

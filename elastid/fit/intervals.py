@@ -1,4 +1,4 @@
-r"""Intervals beyond the covariance, if a study requests them: profile likelihood and bootstrap.
+r"""Intervals beyond the covariance: profile likelihood and bootstrap.
 
 The profile likelihood is V against one parameter, minimised over all others:
 
@@ -46,7 +46,7 @@ def bootstrap(
     fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, repetitions: int, seed: int = 0,
     execution: Execution | None = None,
 ) -> FloatArray:  # fmt: skip
-    """Estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
+    """Return estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
 
     Each repetition has its own random numbers, so that the result does not depend on the execution.
     """
@@ -96,7 +96,7 @@ class _Source:
     used: BoolArray
 
     def draw(self, rng: np.random.Generator) -> ComplexArray:
-        """A measured response."""
+        """Return a measured response."""
         F, m = self.root.shape[:2]
         z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
         e = (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape)
@@ -120,10 +120,10 @@ def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
 MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 
 
-def profile_ends(
+def profile_likelihood(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
-    """Ends (n_x, 2) in x of the intervals of some free parameters about the optimum x (n_x,), NaN of the others.
+    """Return ends (n_x, 2) in x of the intervals of some free parameters about the optimum x (n_x,), NaN of the others.
 
     variance (n_x,): as the fit states it.
     """
@@ -185,7 +185,7 @@ ROUGH_STD, MAX_PROFILES = 0.1, 6
 
 
 def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> Result:
-    """The result with the profiles and the bootstrap of the study."""
+    """Return the result with the profiles and the bootstrap of the study."""
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
@@ -203,7 +203,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
             raise StudyError("fit/parameters", text, "fit.profile")
         names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))
     if names:
-        ends = profile_ends(problem, x, variance, names, optimum.fit.evaluated_by(execution))
+        ends = profile_likelihood(problem, x, variance, names, optimum.fit.evaluated_by(execution))
         result = replace(result, profile95=result.parameters.natural(ends.T).T)
     if spec.bootstrap:
         draws = bootstrap(optimum.fit, optimum.weights, x, spec.bootstrap, spec.seed or 0, execution)
@@ -217,9 +217,9 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
 
 
 def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Positive parameters known so roughly that a symmetric interval errs: those to profile, and beyond the limit."""
+    """Return positive parameters for which a symmetric interval errs: those to profile, and those beyond the limit."""
     std = np.sqrt(variance)
-    rough = [i for i, p in enumerate(parameters.asked) if p.log and ROUGH_STD < std[i] < math.inf]
+    rough = [i for i, p in enumerate(parameters.of_interest) if p.log and ROUGH_STD < std[i] < math.inf]
     worst = sorted(rough, key=lambda i: -float(std[i]))
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in left)

@@ -1,4 +1,5 @@
-r"""Choice of the parameters that are identified: the robot's numbers under the `fit.parameters` of a study.
+r"""Selection of the parameters of a fit: numbers of the robot under `fit.parameters` of a study, and nuisance
+parameters.
 
 Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
 geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
@@ -62,7 +63,7 @@ def groups_of(
 
 
 def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Groups with parameters of their own, each with its configurations among the given ones.
+    """Return groups with parameters of their own, each with its configurations among the given ones.
 
     Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
     no group names are `others`; one group of all, called "", where no parameter has groups.
@@ -82,7 +83,7 @@ BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic par
 
 
 def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_references: bool = False) -> Parameters:
-    """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
+    """Return all numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry, and numbers of channels, are among the parameters as far as the study names
@@ -132,7 +133,7 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
 
 
 def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """Names of robot.geometry in fit.parameters, as a key or as the target of a tie.
+    """Return names of robot.geometry in fit.parameters, as a key or as the target of a tie.
 
     A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
     """
@@ -144,7 +145,7 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
 
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """Names of robot.on_demand in fit.parameters: geometry, and numbers of channels by keys such as gain_kp_*."""
+    """Return names of robot.on_demand in fit.parameters: geometry, and values of channels (gain_kp_*)."""
     keys = [key for key in given if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
     keys += [asked.tie.to for asked in given.values() if asked.tie is not None]
     chosen = {name for key in keys for name in matching(key, robot.channel_numbers)}
@@ -247,7 +248,7 @@ MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against a
 
 
 def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
-    """Parameters with held numbers free within robot.tolerances; unchanged where all are exact.
+    """Return parameters with held numbers free within robot.tolerances; unchanged where all are exact.
 
     What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
     an offset of an axis acts in second order.
@@ -274,13 +275,13 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     return Parameters((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
 
 
-def _within(held: Parameter, std: float) -> Parameter:
+def _within(fixed: Parameter, std: float) -> Parameter:
     """A held number free within its tolerance, which is relative for a positive one."""
-    if not held.log:
-        return replace(held, free=True, prior=Prior(held.value, std), is_nuisance=True)
-    lower, upper = held.value / MAX_FACTOR, held.value * MAX_FACTOR
-    relative = std / held.value if held.unit == "m" else std
-    return replace(held, free=True, lower=lower, upper=upper, prior=Prior(held.value, relative), is_nuisance=True)
+    if not fixed.log:
+        return replace(fixed, free=True, prior=Prior(fixed.value, std), is_nuisance=True)
+    lower, upper = fixed.value / MAX_FACTOR, fixed.value * MAX_FACTOR
+    relative = std / fixed.value if fixed.unit == "m" else std
+    return replace(fixed, free=True, lower=lower, upper=upper, prior=Prior(fixed.value, relative), is_nuisance=True)
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,7 @@ class Tolerance:
 
 
 def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
-    """Tolerances of every number of the robot's file that is not exact."""
+    """Return tolerances of every number of the robot's file that is not exact."""
     if not isinstance(robot.tolerances, Tolerances):
         return
     values = robot.parameters()
@@ -323,6 +324,6 @@ def _turns_all(robot: Robot, path: Path) -> bool:
 
 
 def ratio_within(response: Response, robot: Robot) -> Response:
-    """Response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
+    """Return the response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
     within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
     return replace(response, ratio_std=within * response.ratio_std)

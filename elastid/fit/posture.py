@@ -1,4 +1,4 @@
-"""A fitted robot in a posture that need not have been measured: the equations, linearised there, and their ports."""
+"""Fitted robot in any posture: its equations, linearised there, and their ports."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,10 +11,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.base.section import section
 from elastid.linear.equilibrium import equilibrium, rigid_posture
-from elastid.linear.fitted_model import Axes, Doubt, Estimated, FittedModel
+from elastid.linear.fitted_model import Axes, Estimated, FittedModel, ModelErrorFactor
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.static_deflection import Ports, acted_on, moved_by
+from elastid.linear.ports import Ports, acted_on, moved_by
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
@@ -29,7 +29,7 @@ Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float]
 
 
 @section
-class Asked:
+class PredictionPorts:
     """Ports, motors and payload of a prediction (`Result.at`).
 
     payload: None for that of the fitted robot, False for none, or another one.
@@ -61,7 +61,7 @@ class Family:
 
     linearisation: Linearisation
     robot: Robot
-    asked: Asked
+    request: PredictionPorts
     estimated: Estimated
     places: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -71,26 +71,26 @@ class Family:
     @classmethod
     def of(
         cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
-        asked: Asked, where: str = "", doubts: tuple[Doubt, ...] = (),
+        request: PredictionPorts, where: str = "", doubts: tuple[ModelErrorFactor, ...] = (),
     ) -> "Family":  # fmt: skip
-        """Family of a fit; StudyError for places that the robot lacks.  where: configuration whose parameters count."""
-        robot, frame = _with_frames(robot, asked)
-        held = replace(robot, payload=asked.payload) if isinstance(asked.payload, Payload) else robot
+        """Return the family; StudyError for unknown locations.  where: configuration whose group parameters apply."""
+        robot, frame = _with_frames(robot, request)
+        held = replace(robot, payload=request.payload) if isinstance(request.payload, Payload) else robot
         members = (name for doubt in doubts for name in doubt.members)
         linearisation = Linearisation.of_robot(held, spec, (*parameters.names, *members))
         names, base = (*linearisation.model.parameters, DELAY), np.append(linearisation.model.theta, 0.0)
-        carried = held.payload.numbers if isinstance(asked.payload, Payload) and held.payload else ()
+        carried = held.payload.numbers if isinstance(request.payload, Payload) and held.payload else ()
         estimated = Estimated.of(parameters, x, covariance, names, base, where, doubts, (*carried, DELAY))
-        inputs = asked.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
-        outputs = asked.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
+        inputs = request.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
+        outputs = request.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
         frames = dict.fromkeys([frame, *(_frame_of(place) for place in (*inputs, *outputs) if _frame_of(place))])
         places = (
             *(f"frame {name} {axis}" for name in frames for axis in FRAME_AXES),
             *(f"accelerometer {name} {axis}" for name in _accelerometers(outputs) for axis in "xyz"),
             *(place for place in outputs if not place.startswith(("frame ", "accelerometer "))),
         )
-        _check_ports(held, inputs, outputs, asked.motors)
-        return cls(linearisation, held, asked, estimated, tuple(dict.fromkeys(places)), inputs, outputs, frame)
+        _check_ports(held, inputs, outputs, request.motors)
+        return cls(linearisation, held, request, estimated, tuple(dict.fromkeys(places)), inputs, outputs, frame)
 
     @property
     def model(self) -> ElasticModel:
@@ -110,21 +110,21 @@ class Family:
     def quantity(self) -> Motion:
         """Quantity of all outputs: accelerations with an accelerometer among them, else positions unless asked."""
         if not _accelerometers(self.outputs):
-            return self.asked.quantity or "position"
-        if self.asked.quantity not in (None, "acceleration"):
+            return self.request.quantity or "position"
+        if self.request.quantity not in (None, "acceleration"):
             raise StudyError(
-                "fit/posture", f"an accelerometer reads acceleration, not {self.asked.quantity}; leave quantity out"
+                "fit/posture", f"an accelerometer reads acceleration, not {self.request.quantity}; leave quantity out"
             )
         return "acceleration"
 
     def at(self, configuration: Configuration) -> FittedModel:
-        """Model about the equilibrium of a posture; raise StudyError without an equilibrium."""
-        if self.asked.payload is False:
+        """Return the model about the equilibrium of a posture; raise StudyError without an equilibrium."""
+        if self.request.payload is False:
             configuration = replace(configuration, has_payload=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
         moved = {name: linear.slopes[name] for name in self._moved if name in linear.slopes}
-        loop = self._loop(configuration) if self.asked.motors == "controlled" else None
-        whole = acted_on(replace(linear, slopes=moved), self._ports(configuration), self.asked.motors, loop)
+        loop = self._loop(configuration) if self.request.motors == "controlled" else None
+        whole = acted_on(replace(linear, slopes=moved), self._ports(configuration), self.request.motors, loop)
         if not whole.n:
             raise StudyError(
                 "fit/posture",
@@ -134,12 +134,12 @@ class Family:
         places = (*whole.inputs, *whole.outputs)
         slides = tuple(place for place in places if place.startswith("force ") or place in linear.sliding)
         whole = replace(whole, channel_numbers=(), sliding=slides)
-        return FittedModel(whole, self.estimated, self.model.coordinates, self.frame, self.asked.axes)
+        return FittedModel(whole, self.estimated, self.model.coordinates, self.frame, self.request.axes)
 
     def _ports(self, configuration: Configuration) -> Ports:
         model, theta = self.model, self.theta
         rows, turned = {place: i for i, place in enumerate(self.places)}, {}
-        if self.asked.axes == "world":
+        if self.request.axes == "world":
             q = equilibrium(model, theta, configuration).q[None, : len(self.robot.joints)]
             names = dict.fromkeys(filter(None, map(_frame_of, self.places)))
             turned = {name: frame_poses(model.robot_at(theta), q, name).rotation[0] for name in names}
@@ -148,7 +148,7 @@ class Family:
             """Row of a place, as a sum of `places`."""
             weights = np.zeros(len(rows) + model.n_u)
             kind, name, axis = split_place(place)
-            if kind in ("motor", "joint", "body") or self.asked.axes == "own":
+            if kind in ("motor", "joint", "body") or self.request.axes == "own":
                 weights[rows[place]] = 1.0
                 return weights
             for along, share in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
@@ -162,7 +162,7 @@ class Family:
         return Ports(self.inputs, outputs, act, np.array([row(place)[: len(rows)] for place in outputs]))
 
     def _loop(self, configuration: Configuration) -> JointLoop:
-        given = self.asked.controller
+        given = self.request.controller
         if isinstance(given, ControllerSpec):
             if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
                 raise StudyError(
@@ -173,11 +173,11 @@ class Family:
             q = rigid_posture(self.model, configuration, self.theta)
             given = gains_of(self.model, q, given)
         n_u = self.model.n_u
-        return JointLoop.each(given, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
+        return JointLoop.gain_derivatives(given, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
 
 
 def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configuration]) -> Configuration:
-    """A posture as angles of the driven joints: numbers, a mapping from joints, or the name of one that was fitted."""
+    """Return a posture (numbers, mapping from joints, or name of a fitted configuration) as a configuration."""
     if isinstance(posture, Configuration):
         return posture
     if isinstance(posture, str):
@@ -201,7 +201,7 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
 
 
 def default_frame(robot: Robot) -> str:
-    """Frame `tool`, else the last frame; for a robot without frames, the frame added to it."""
+    """Return frame `tool`, else the last frame; for a robot without frames, the frame added to it."""
     names = [frame.name for frame in robot.frames]
     return TOOL if TOOL in names or not names else names[-1]
 
@@ -215,13 +215,13 @@ def _accelerometers(outputs: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(_frame_of(place) for place in outputs if place.startswith("accelerometer ")))
 
 
-def _with_frames(robot: Robot, asked: Asked) -> tuple[Robot, str]:
+def _with_frames(robot: Robot, request: PredictionPorts) -> tuple[Robot, str]:
     """The robot with a frame for the one that was asked for, and for each body that is named like one."""
-    frame = asked.frame or default_frame(robot)
+    frame = request.frame or default_frame(robot)
     if isinstance(frame, Frame):
         others = tuple(known for known in robot.frames if known.name != frame.name)
         robot, frame = replace(robot, frames=(*others, frame)), frame.name
-    return with_frames(robot, filter(None, [frame, *map(_frame_of, (*asked.inputs, *asked.outputs))])), frame
+    return with_frames(robot, filter(None, [frame, *map(_frame_of, (*request.inputs, *request.outputs))])), frame
 
 
 def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], motors: Motors) -> None:

@@ -23,11 +23,12 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.rank_hypotheses import temper
-from elastid.fit.diagnosis.sensitivities import thinning
-from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_taken_out
+from elastid.fit.diagnosis.refit import thinning
+from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_compensated
 from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.result import Presliding, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import Presliding
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
 from elastid.linear.linear_model import DELAY, is_load
 from elastid.linear.presliding import AMPLITUDES, RelaxingSpring, element_names
@@ -60,10 +61,10 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
     is_large |= any(note.code == UNEXPLAINED for note in notes_of(assembly.responses))
     joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
-    is_explained = evidence.best.explained_fraction > LIMITS.whole and evidence.is_unexplained
+    is_explained = evidence.best.explained_fraction > LIMITS.complete_fraction and evidence.is_unexplained
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
-    bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_floor(None)
+    bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_model_error(None)
     first = _State.of(bare, evidence.optimum.end.x)
     last = _with_all(first, joints)
     if not last.springs or _is_beaten(evidence, first, last):
@@ -79,7 +80,7 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
         if any(map(is_load, response.inputs)) or response.controller is not None:
             return ()
         bias = None
-        if response.bias is not None and is_friction_taken_out(response):
+        if response.bias is not None and is_friction_compensated(response):
             bias = response.bias[response.image_errors : -1]
         places |= {
             place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
@@ -90,7 +91,9 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
 def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
     """True where springs leave too much of the excess of V, or another cause has better odds than theirs by the BIC."""
     drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
-    if evidence.is_unexplained and drop < LIMITS.explained_share * (first.cost - last.level * first.fit.problem.dof):
+    if evidence.is_unexplained and drop < LIMITS.sufficient_fraction * (
+        first.cost - last.level * first.fit.problem.dof
+    ):
         return True
     if scores is None or cause is None:
         return False
@@ -111,7 +114,7 @@ class _State:
 
     @classmethod
     def of(cls, base: Assembly, x: FloatArray) -> "_State":
-        """The state without springs, from x (n_x,)."""
+        """Return the state without springs, from x (n_x,)."""
         fit, share = _thinned(base, x)
         end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
         return cls(base, {}, fit, end.x, end.cost, share)
@@ -134,7 +137,7 @@ class _State:
         return float(np.sum((np.linalg.qr(of_springs[joint].T)[0].T @ r) ** 2))
 
     def starts(self, joint: str) -> list[tuple[RelaxingSpring, float, float]]:
-        """A spring with s and a for each starting rate that a linear step in s favours.
+        """Return a spring with s and a for each starting rate that a linear step in s favours.
 
         Both signs at two rates where the motion is not measured.
         """
@@ -174,7 +177,7 @@ class _State:
         return {joint: C - (C @ Q) @ Q.T for joint, C in of_springs.items()}, np.concatenate([*residuals, distance])
 
     def trials(self, joint: str) -> "Iterator[_State]":
-        """States with a spring of another motor, from all starts."""
+        """Return states with a spring of another motor, from all starts."""
         for spring, stiffness, a in self.starts(joint):
             every = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, every)
@@ -243,7 +246,7 @@ def _rates(responses: Sequence[Response]) -> FloatArray:
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
-    """Lowest and highest angular frequency of the lines, rad/s."""
+    """Return lowest and highest angular frequency of the lines, rad/s."""
     lines = np.concatenate([response.freq_hz for response in responses])
     return 2 * np.pi * float(lines[lines > 0].min()), 2 * np.pi * float(lines.max())
 
@@ -254,7 +257,7 @@ def relaxation(joint: str) -> str:
 
 
 def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
-    """Assembly with springs at motors, free from s and a."""
+    """Return the assembly with springs at motors, free from s and a."""
     low, high = rate_band(assembly.responses)
     times = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
     middle = Prior(1 / math.sqrt(low * high), TIME_STD)
@@ -290,7 +293,7 @@ def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
 
 
 def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:
-    """Result with springs in `presliding` and as notes, and no longer among its parameters.
+    """Return the result with springs in `presliding` and as notes, and no longer among its parameters.
 
     The covariance of the others includes them.  before: the result without springs.
     """
@@ -329,7 +332,7 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
 def _has_moved(before: Result, after: Result) -> bool:
     """True if a stiffness or a damping has moved by more than counts as an effect."""
     limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
-    moves = zip(after.parameters.asked, np.abs(after.x - before.x).tolist(), strict=False)
+    moves = zip(after.parameters.of_interest, np.abs(after.x - before.x).tolist(), strict=False)
     return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
 
 

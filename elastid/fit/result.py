@@ -1,10 +1,9 @@
-"""Result: estimate, covariance and status of a fit, ends of its starts, and indices of numbers that it held."""
+"""Result: estimate, covariance and status of a fit, and its predictions in any posture."""
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -12,174 +11,47 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, capital, digits, interval_of, number, percent
 from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_you_mean, index_of, installed
 from elastid.base.names import matching
-from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
+from elastid.base.statistics import QUANTILE_95, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.spec import USUAL_FLOOR
-from elastid.linear.fitted_model import Axes, Doubt, FittedModel
+from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
+from elastid.fit.result_rows import (
+    NO_NUMBERS,
+    NO_PAIRS,
+    NO_TABLE,
+    Estimate,
+    ModificationIndex,
+    Presliding,
+    RigidPart,
+)
+from elastid.fit.spec import TYPICAL_MODEL_ERROR
+from elastid.fit.status_terms import (
+    BIASED,
+    BY_PRIOR,
+    CAUSES,
+    CONTRADICTED,
+    DISTORTED,
+    LARGE,
+    MEANING,
+    NO_CAUSE,
+    OTHER_AMPLITUDE,
+    OTHER_JOINTS,
+    REQUIRED,
+    Status,
+)
+from elastid.linear.fitted_model import Axes, FittedModel, ModelErrorFactor
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.presliding import RelaxingSpring
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
 if TYPE_CHECKING:
-    from elastid.fit.posture import Asked, Family, Posture  # equations, which a page does without
-
-_NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
-
-
-@frozen_value
-class RigidPart:
-    """A base, about one axis, that the model takes as rigid.
-
-    stiffness: such a part's usual one.  changes (n,): of the variables x that were asked for where it is as stiff as
-    that.  detection_limit: the stiffness from which on none of them leaves its 95 % interval by it.
-    """
-
-    name: str
-    stiffness: float = labelled("usual stiffness", "N*m/rad")
-    changes: FloatArray = labelled("change of each parameter asked for, of x")
-    detection_limit: float = labelled("stiffness from which on no interval is left", "N*m/rad")
-
-    def most_moved(self, names: Sequence[str]) -> dict[str, float]:
-        """The two stiffnesses among `names` (n,) that it moves most, and their relative changes."""
-        changes = zip(names, np.expm1(self.changes).tolist(), strict=True)
-        stiff = [pair for pair in changes if pair[0].startswith("k") and pair[1]]
-        return dict(sorted(stiff, key=lambda pair: -abs(pair[1]))[:2])
-
-
-@frozen_value
-class Presliding:
-    """Presliding friction of a motor, estimated with the parameters of the fit: a spring that relaxes.
-
-    stiffness: negative of bristles with much damping, and of friction that was compensated too much.  amplitude: motion
-    between two reversals over the presliding distance, about; NaN where no motion is known.
-    """
-
-    place: str
-    unit: str
-    stiffness: float = labelled("stiffness, link side", "{unit}")
-    stiffness_std: float = labelled("its standard deviation", "{unit}")
-    rate: float = labelled("relaxation rate", "1/s")
-    rate_std: float = labelled("its standard deviation", "1/s")
-    amplitude: float = labelled("motion between two reversals over the presliding distance", default=math.nan)
-
-    @property
-    def spring(self) -> RelaxingSpring:
-        """The spring in the equations."""
-        return RelaxingSpring(self.place.removeprefix("motor "), 1 if self.stiffness > 0 else -1)
-
-
-@frozen_value
-class ModificationIndex:
-    """Numbers that the fit held, freed together for one Gauss-Newton step with its parameters.
-
-    name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
-    members, values, units: the numbers, at which value they were held, SI.  log: whether the step of each is of ln p.
-    steps (n_m,): their changes, cut where they would leave what is plausible.  std: of the first by the measured noise.
-    drop: of V.  explained_fraction: of the excess of V.  effects (n_x,): implied change of each free parameter, in x.
-    alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
-    sequence in which each is freed after those before it, with the further share that it explains.
-    odds: 2 ln of those against the likeliest cause, of which occam is what its freedom and the prior of its size take.
-    """
-
-    name: str
-    group: str
-    members: tuple[str, ...] = ()
-    values: FloatArray = labelled("values at which the numbers were held", "SI", default_factory=_NO_NUMBERS)
-    units: tuple[str, ...] = ()
-    log: tuple[bool, ...] = ()
-    steps: FloatArray = labelled("their changes, of ln p where log", default_factory=_NO_NUMBERS)
-    std: float = math.nan
-    drop: float = labelled("decrease of V", default=0.0)
-    explained_fraction: float = labelled("share of the excess of V over the noise", default=0.0)
-    effects: FloatArray = labelled("implied change of each free parameter, of x", default_factory=_NO_NUMBERS)
-    alike: tuple[str, ...] = ()
-    place: int = 0
-    odds: float = labelled("2 ln of the odds against the likeliest cause", default=0.0)
-    occam: float = labelled("part of the odds by freedom and size", default=0.0)
-
-    @property
-    def changed(self) -> tuple[float, ...]:
-        """Their values after the step, SI."""
-        return tuple(
-            value * math.exp(step) if log else value + step
-            for value, step, log in zip(self.values.tolist(), self.steps.tolist(), self.log, strict=True)
-        )
-
-    def most_moved(self, free_names: Sequence[str]) -> tuple[str, float]:
-        """Free stiffness with the largest relative change, and this change; "" without one."""
-        stiff = [i for i, name in enumerate(free_names) if name.startswith("k") and math.isfinite(self.effects[i])]
-        if not stiff:
-            return "", 0.0
-        most = max(stiff, key=lambda i: abs(float(self.effects[i])))
-        # A larger change of ln k is of a fit that ended far from any robot.
-        return free_names[most], math.expm1(min(float(self.effects[most]), 50.0))
-
-
-# misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
-# model_error: an optimum was found, but the model there explains less than half of the response that was measured.
-Status: TypeAlias = Literal[
-    "converged", "noise_unknown", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"
-]
-
-# Limit of the residuals over noise and declared model error; of those over the noise, a larger model error is large.
-LARGE = 1.5
-
-# The meaning for the parameters; after the full stop the next action.
-MEANING: dict[Status, str] = {
-    "converged": "all parameters identified. Use them with their intervals",
-    "noise_unknown": "no residual test, because the responses have no covariance; the intervals are computed from the "
-    "residuals. To test the model, measure two periods or more, or give the covariance",
-    "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
-    "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "significant model error: the estimates can be biased; do not use the results. Correct the likely cause, "
-    "and fit again",
-    "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
-    "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
-    "model_error": "the model does not describe these responses: do not use its parameters. Check channels, "
-    "configurations and robot model",
-}
-
-# Meaning of a misfit whose residuals are consistent with the noise.
-CONTRADICTED = "the data contradict a value of the robot model. Correct or estimate the value, and fit again"
-
-# Code of the note on errors of held numbers that no residual shows.
-HELD_AS_EXACT = "fit/fixed-values"
-# Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
-CAUSES = (
-    "fit/frequency-unit", "fit/likely-cause", "fit/inconsistent-responses", "fit/loads", "fit/tool",
-    "fit/prior-contradicted", "fit/tolerances",
-)  # fmt: skip
-NO_CAUSE = "no tested cause explains the residuals above the noise"
-REQUIRED = "the data require"  # beginning of a cause that the fit includes
-OTHER_JOINTS = (
-    "Add the joints that may be elastic to the robot model, and search among them: `elastid compare STUDY --search`"
-)
-OTHER_AMPLITUDE = (
-    "To find the cause of the model error, measure again at half the torque. If the residuals relative "
-    "to |G| change, the cause is nonlinear; otherwise it is linear, for example a missing elastic joint"
-)
-
-
-def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
-    return cost > expected_cost * largest_by_chance(cost_dof)
-
-
-def largest_by_chance(cost_dof: float) -> float:
-    """Upper limit of V / E[V] for a correct model (false-alarm rate 1/700).
-
-    2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
-    """
-    dof = max(cost_dof, 1.0)
-    return chi_square_limit(dof, 1 / 700) / dof
+    from elastid.fit.posture import Family, Posture, PredictionPorts  # equations, which a page does without
 
 
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
-    """C_xx - C_xn C_nn^-1 C_nx (n, n): conditional covariance of the first n variables given the others. C: of all."""
+    """Return C_xx - C_xn C_nn^-1 C_nx (n, n), the conditional covariance of the first n variables given the others."""
     cross = C[:n, n:]
     if not np.isfinite(C).all():  # of what the data do not reach
         return C[:n, :n].copy()
@@ -191,42 +63,16 @@ CORRELATED = 0.99  # beyond which two parameters cannot be distinguished
 
 
 def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
-    """A note for each pair that the noise correlates; covariance by noise: a file that is off moves all alike."""
+    """Return a note for each indistinguishable pair.  covariance: by noise, since errors of a robot model move all."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
         text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
         yield Note("fit/correlated", text)
 
 
-# Verdicts on a parameter; one on a biased parameter begins so, and its reason follows.
-GOOD, BY_PRIOR, AT_BOUND, BIASED = "good", "dominated by the prior", "at its bound", "biased"
-UNCERTAIN = "weakly identifiable: std above 50 %"
-DISTORTED = f"{BIASED}: inconsistent records, gear hysteresis or a nonlinear spring"
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
 DOUBT, LONE_CAUSE = 0.6, 0.95
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One identified number in SI: value, standard deviation and the ends of its 95 % interval."""
-
-    name: str
-    value: float
-    std: float
-    low: float
-    high: float
-    unit: str
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Both ends of the 95 % interval."""
-        return self.low, self.high
-
-    def __str__(self) -> str:
-        kept = digits(self.value, self.std)
-        ends = " to ".join(interval_of(self.interval, kept))
-        return f"{self.name} = {number(self.value, kept)} {self.unit}, 95 % {ends}"
 
 
 @frozen_value
@@ -278,15 +124,15 @@ class Result:
     criterion: str
     notes: tuple[Note, ...] = ()
     profile95: FloatArray = labelled(
-        "95 % interval by profile likelihood", "SI", "free_names end", default_factory=_NO_PAIRS
+        "95 % interval by profile likelihood", "SI", "free_names end", default_factory=NO_PAIRS
     )
-    bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=_NO_PAIRS)
+    bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=NO_PAIRS)
     configurations: tuple[str, ...] = ()
     information_fraction: FloatArray = labelled(
-        "fraction of the information", "", "configurations free_names", default_factory=_NO_TABLE
+        "fraction of the information", "", "configurations free_names", default_factory=NO_TABLE
     )
     information_band_hz: FloatArray = labelled(
-        "middle half of that information", "", "free_names end", default_factory=_NO_PAIRS
+        "middle half of that information", "", "free_names end", default_factory=NO_PAIRS
     )
     cost_dof: float = math.nan
     model_error: float = 0.0
@@ -296,10 +142,10 @@ class Result:
     verdicts: tuple[str, ...] = ()
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
     averaging_fraction: FloatArray = labelled(
-        "fraction of the variance that averages out", "", "free_names", default_factory=_NO_NUMBERS
+        "fraction of the variance that averages out", "", "free_names", default_factory=NO_NUMBERS
     )
     persistent_fraction: FloatArray = labelled(
-        "fraction of the variance that no data reduce", "", "free_names", default_factory=_NO_NUMBERS
+        "fraction of the variance that no data reduce", "", "free_names", default_factory=NO_NUMBERS
     )
     robot: Robot | None = None
     equations: ModelSpec | None = None
@@ -324,7 +170,7 @@ class Result:
         values, std = self.values, self.std
         rows, least = [], {name: ROUNDING * number for name, number in std.items()}
         parts = {kind: part for kind, part in self.std_contributions.items() if any(part[p] > least[p] for p in part)}
-        for p in self.parameters.asked:
+        for p in self.parameters.of_interest:
             places = digits(values[p.name], std[p.name])
             ends = " to ".join(interval_of(self.interval(p.name), places))
             each = (stds_of[p.name] for stds_of in (*parts.values(), std))
@@ -348,7 +194,7 @@ class Result:
     @property
     def _counts(self) -> str:
         """Numbers of the parameters that data, and prior alone, identify, and of the weakly identifiable, in words."""
-        n, weak = len(self.parameters.asked), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
+        n, weak = len(self.parameters.of_interest), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
         by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
         good = n - weak - len(by_prior)
         if len(by_prior) == n:
@@ -361,7 +207,7 @@ class Result:
     def coverage(self) -> str:
         """The errors that the intervals include, in a sentence without its full stop."""
         errors = ["measured noise"]
-        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
+        if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
             errors.append(f"the assumed model error of {percent(self.model_error)} of each FRF")
         elif np.any(1 - self.averaging_fraction - self.persistent_fraction > 0.01):
             is_friction = not (self.has_tolerances or self.model_error or DISTORTED in self.verdicts)
@@ -375,8 +221,8 @@ class Result:
         """Verdict of the residual test, the ratio of the residuals, and its limit."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
-        limit, ratio = math.sqrt(largest_by_chance(self.cost_dof)), self.residual_ratio
-        if self.exceeds_noise and self.model_error > USUAL_FLOOR:
+        limit, ratio = math.sqrt(max_cost_ratio(self.cost_dof)), self.residual_ratio
+        if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
             verdict = "passed" if self.is_within_declared else "failed"
             error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
             return f"residual test {verdict}: residuals {error} (rms; fixed limit {LARGE:g})"
@@ -396,7 +242,9 @@ class Result:
         """For each stiffness that a typical base lowers beyond its interval: by how much."""
         limits, remarks = QUANTILE_95 * self.std_of_x, {}
         for part in self.assumed_rigid:
-            for p, change, limit in zip(self.parameters.asked, part.changes.tolist(), limits.tolist(), strict=False):
+            for p, change, limit in zip(
+                self.parameters.of_interest, part.changes.tolist(), limits.tolist(), strict=False
+            ):
                 if p.name.startswith("k") and -change > limit:
                     remarks[p.name] = (
                         f"{p.name} is estimated for a rigid base. If the base has a typical stiffness "
@@ -432,12 +280,12 @@ class Result:
     @property
     def exceeds_noise(self) -> bool:
         """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
-        return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
+        return self.noise_is_known and exceeds_noise(self.cost, self.cost_expected, self.cost_dof)
 
     @property
     def is_within_declared(self) -> bool:
         """True if the residuals exceed the noise, but not 1.5 times noise and declared model error (above 1 %)."""
-        return self.exceeds_noise and self.model_error > USUAL_FLOOR and self.error_ratio < LARGE
+        return self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR and self.error_ratio < LARGE
 
     @property
     def error_ratio(self) -> float:
@@ -473,7 +321,7 @@ class Result:
     @property
     def has_tolerances(self) -> bool:
         """True if numbers of the robot's file moved within their tolerances."""
-        return len(self.parameters.asked) < len(self.x)
+        return len(self.parameters.of_interest) < len(self.x)
 
     @property
     def std_noise(self) -> dict[str, float]:
@@ -506,23 +354,23 @@ class Result:
     @property
     def std_with_base(self) -> dict[str, float]:
         """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
-        n = len(self.parameters.asked)
+        n = len(self.parameters.of_interest)
         base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
     def _shared(self, share: FloatArray, without: float) -> FloatArray:
         """Fraction of the variance (n_asked,), infinite for unidentifiable parameters. without: default fraction."""
-        variance = np.diag(self.covariance)[: len(self.parameters.asked)]
+        variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
         part = share[: len(variance)] if len(share) else np.full(len(variance), without)
         return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
-        wanted, std = self.parameters.asked, np.sqrt(np.maximum(variance, 0.0))
+        wanted, std = self.parameters.of_interest, np.sqrt(np.maximum(variance, 0.0))
         scale = [math.exp(x) if p.log else 1.0 for p, x in zip(wanted, self.x, strict=False)]
         return Named("parameter", {p.name: float(s * e) for p, s, e in zip(wanted, std, scale, strict=True)})
 
     def interval(self, name: str) -> tuple[float, float]:
-        """The 95 % interval of a free parameter in SI: by profile likelihood where that was found, else symmetric in x.
+        """Return the 95 % interval of a free parameter in SI, by profile likelihood if computed, else symmetric in x.
 
         Symmetric in x is positive for a logarithmic one.  UnknownNameError for a name that was not identified, with
         those that were.
@@ -546,8 +394,8 @@ class Result:
         return iter(self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """Names of the identified parameters that were asked for: a result is a mapping of them to estimates."""
-        return tuple(p.name for p in self.parameters.asked)
+        """Return names of the identified parameters that were asked for: a result is a mapping of them to estimates."""
+        return tuple(p.name for p in self.parameters.of_interest)
 
     def __contains__(self, name: object) -> bool:
         return name in self.parameters.free_names
@@ -580,7 +428,7 @@ class Result:
         return installed("pandas", "notebook").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: Configuration | str) -> FittedModel:
-        """The fitted model in one configuration that was fitted, by its name: response, modes, state space.
+        """Return the fitted model in one configuration that was fitted, by its name: response, modes, state space.
 
         UnknownNameError names the configurations there are; ValueError for a result without models.
         """
@@ -604,7 +452,7 @@ class Result:
         quantity: Motion | None = None,
         controller: Any = None,
     ) -> FittedModel:
-        """The fitted robot in any posture, at rest under gravity and payload: its responses, modes and stiffness.
+        """Return the fitted robot in any posture, in equilibrium under gravity: its responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
         configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
@@ -615,20 +463,20 @@ class Result:
         (world).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
         that the robot lacks, and where it finds no rest.
         """
-        from elastid.fit.posture import Asked, as_configuration
+        from elastid.fit.posture import PredictionPorts, as_configuration
 
-        asked = Asked(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
+        ports = PredictionPorts(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
         where = posture if isinstance(posture, str) else getattr(posture, "name", "")
-        family = self.family(asked, where)
+        family = self.family(ports, where)
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
-    def family(self, asked: "Asked", where: str = "") -> "Family":
-        """Family of many postures. where: configuration whose group parameters apply."""
+    def family(self, ports: "PredictionPorts", where: str = "") -> "Family":
+        """Return the family of many postures. where: configuration whose group parameters apply."""
         from elastid.fit.posture import Family
 
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction
-        return Family.of(self.known_robot, spec, *known, asked, where, self.doubts)
+        return Family.of(self.known_robot, spec, *known, ports, where, self.doubts)
 
     @property
     def known_robot(self) -> Robot:
@@ -642,7 +490,7 @@ class Result:
         return self.robot
 
     def with_parameters(self, **values: float) -> "Result":
-        """Result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
+        """Return the result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
         TypeError for what is no number, ValueError for a tied number and one that is out of range.
@@ -682,14 +530,14 @@ class Result:
         return any(index.place == 1 and index.explained_fraction > LONE_CAUSE for index in self.indices)
 
     @property
-    def doubts(self) -> tuple[Doubt, ...]:
+    def doubts(self) -> tuple[ModelErrorFactor, ...]:
         """Numbers that would explain where the model is wrong, as errors of `DOUBT` of their steps."""
         if not self.exceeds_noise:
             return ()
         # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a sixth to spare.
         leading = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
-            Doubt(
+            ModelErrorFactor(
                 DOUBT * np.nan_to_num(index.effects, posinf=0.0, neginf=0.0), index.members,
                 tuple((DOUBT * index.steps).tolist()), index.log,
             )

@@ -1,4 +1,4 @@
-r"""Sums over the lines of one configuration, and the variance of the estimate by their scatter (jackknife, blocks).
+r"""Robust covariance: sums over the lines of one configuration, and variances by their scatter (blocks, jackknife).
 
 Blocks are as many bands of equal numbers of lines as are twice as long as the correlation length tau of the
 configuration's residuals (`correlation_length`), at least 4 and at most 24: errors of a model are equal on neighbouring
@@ -60,7 +60,7 @@ class LineSums:
     noise, None where none was.  disagreement: of the bands, and its rank (`sum_blocks`).  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
-    exactly or not at all.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
+    exactly or not at all.  model_error_power: sum |r|^2 if every element were off by the floor.  model_error_pull:
     (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
     factor.  ratios: the errors by the ratios of its gears.
     """
@@ -77,8 +77,8 @@ class LineSums:
     noise_power: float
     noise_spread: float
     noise_dof: float
-    floor_power: float
-    floor_pull: dict[tuple[str, str, int], ComplexArray]
+    model_error_power: float
+    model_error_pull: dict[tuple[str, str, int], ComplexArray]
     ratios: RatioSums
 
     @property
@@ -90,7 +90,7 @@ class LineSums:
 def triangle(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[Part, Response, Weights]]
 ) -> FloatArray:
-    """R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
+    """Return R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
     blocks = (_block(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
     return _triangle(np.vstack([_triangle(_rows(J)) @ T.T for J, T in blocks]))
 
@@ -99,7 +99,7 @@ def sum_lines(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], half: FloatArray,
     configuration: tuple[Part, Response, Weights],
 ) -> LineSums:  # fmt: skip
-    """The sums of one configuration at x (n_p,); fit: whose parameters count.
+    """Return the sums of one configuration at x (n_p,); fit: whose parameters count.
 
     factors: of systematic errors, which are further columns of J.  half (n_x, n_p): H with A^-1 = H^T H.  The variables
     of the sums are z, with x = H^T z, in which A = 1: of variances that differ by 1e8 and more, as those of a scale
@@ -133,10 +133,10 @@ def sum_lines(
     S = None if S is None else together * S
     lags = autocovariance(residual)
     blocks, scatter, parted = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
-    floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
-    floor_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
+    model_error_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
+    model_error_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
     of_ratios = _of_ratios(part, response, part.theta(fit.parameters, x), r, J, U)
-    noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, of_ratios)
+    noise_sums, error_sums = (power, spread, dof), (model_error_power, model_error_pull, of_ratios)
     by_line = response.freq_hz, _triangle(rows) @ U.T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
     return LineSums(*by_line, lags, n_residuals, *of_z, parted, *noise_sums, *error_sums)
@@ -171,14 +171,14 @@ def _triangle(rows: FloatArray) -> FloatArray:
 
 
 def autocovariance(residual: ComplexArray) -> FloatArray:
-    """Re sum_k r_k^* r_{k+l} (F,) of residuals (F, n), l = 0 ... F - 1."""
+    """Return Re sum_k r_k^* r_{k+l} (F,) of residuals (F, n), l = 0 ... F - 1."""
     F = len(residual)
     spectrum = np.sum(np.abs(np.fft.fft(residual, 2 * F, axis=0)) ** 2, axis=1)
     return np.fft.ifft(spectrum)[:F].real
 
 
 def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) -> float:
-    r"""Correlation time tau of the whitened residuals, pooled over configurations with n_residuals real non-zero
+    r"""Return correlation time tau of the whitened residuals, pooled over configurations with n_residuals real non-zero
     values; 1 if white.
 
     .. math:: \tau = 1 + 2 \sum_{l=1}^{L} \rho(l), \qquad \rho(l) = \mathrm{Re} \sum_k r_k^* r_{k+l} / \sum_k |r_k|^2
@@ -222,7 +222,7 @@ MIN_BANDS, MAX_BANDS = 4, 24
 
 
 def bands(n_lines: int, length: float) -> tuple[slice, ...]:
-    """Bands of equal numbers of lines by the correlation length of the residuals, in lines.
+    """Return bands of equal numbers of lines by the correlation length of the residuals, in lines.
 
     >>> bands(60, 7.0)
     (slice(0, 15, None), slice(15, 30, None), slice(30, 45, None), slice(45, 60, None))
@@ -235,7 +235,7 @@ def bands(n_lines: int, length: float) -> tuple[slice, ...]:
 def sum_blocks(
     pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length: float
 ) -> tuple[FloatArray, FloatArray | None, tuple[float, int]]:
-    """Sums of one configuration: pulls g_b (B, n_x), the S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
+    """Return sums of one configuration: pulls g_b (B, n_x), the S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
 
     pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
     residuals.  length: their correlation length, in lines.
@@ -254,7 +254,7 @@ def sum_blocks(
 
 
 def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
-    """Variances (n_p,) of x = H^T z, zero for fewer than three configurations.
+    """Return variances (n_p,) of x = H^T z, zero for fewer than three configurations.
 
     half (n_x, n_p): H, with which J^T J of all, priors included, is 1 in the variables z of the sums.
     """
@@ -274,7 +274,7 @@ def _moved_without(part: LineSums) -> FloatArray:
 
 
 def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:
-    """Variances (n_p,) of x = H^T z by the scatter of the pulls of all blocks; zero for fewer than two."""
+    """Return variances (n_p,) of x = H^T z by the scatter of the pulls of all blocks; zero for fewer than two."""
     moved = np.concatenate(blocks) @ half
     n = int(np.count_nonzero(np.any(moved != 0, axis=1)))
     if n < 2:
@@ -284,7 +284,7 @@ def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray
 
 
 def disagreement(of_each: Iterable[tuple[float, int]], n_x: int) -> float:
-    """T from the disagreement of each configuration (`sum_blocks`); NaN without more of them than n_x unknowns."""
+    """Return T from the disagreement of each configuration (`sum_blocks`); NaN with at most n_x blocks."""
     totals, ranks = zip(*of_each, strict=True)
     rank = sum(ranks) - n_x
     return sum(totals) / rank if rank > 0 else math.nan

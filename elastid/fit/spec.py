@@ -33,7 +33,7 @@ class FactorSpec:
 def misnamed(
     spec: FactorSpec, known: Mapping[str, Collection[str]]
 ) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """The names that a factor has wrong: key path, noun, name.  known: by the key, those that exist.
+    """Return the names that a factor has wrong: key path, noun, name.  known: by the key, those that exist.
 
     Outputs are not checked as long as none is known.
     """
@@ -47,7 +47,7 @@ def misnamed(
 
 # Model error of a search, and of responses without measured noise, if the study declares none; the residuals alone
 # never set a larger one.
-USUAL_FLOOR = 0.01
+TYPICAL_MODEL_ERROR = 0.01
 
 
 @section

@@ -265,7 +265,9 @@ def _with_covariances(
     elif levels is not None:
         error = fast_total_error(levels, lines, of_noise, data.dof)
         total = (
-            None if error is None else replace(kronecker(fitted.left, *error), averaging_lines=noise.averaging_lines)
+            None
+            if error is None
+            else replace(kronecker(fitted.input_factor, *error), averaging_lines=noise.averaging_lines)
         )
     if total is not None and error is not None:
         bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], of_noise, error[1])
@@ -322,7 +324,7 @@ def _representative(records: Sequence[Record]) -> list[Record]:
 def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> ComplexArray:
     """Complex amplitudes (N // 2, c) of some signals in the last period of a record that is used; twice at 0."""
     N, P = record.period_samples, record.n_periods
-    last = max((p for p in range(P) if p not in record.left_out), default=P - 1)
+    last = max((p for p in range(P) if p not in record.discarded_periods), default=P - 1)
     return rfft(signals[last * N : (last + 1) * N, columns], axis=0)[: N // 2] * (2 / N)
 
 

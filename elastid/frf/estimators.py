@@ -48,13 +48,13 @@ class Estimate:
 
     G: ComplexArray
     W: tuple[ComplexArray, ...]
-    share: float = 1.0
+    scale: float = 1.0
 
     @cached_property
-    def left(self) -> ComplexArray:
+    def input_factor(self) -> ComplexArray:
         """s^2 sum_m W_m^T W_m^* (F, n_u, n_u): the input factor, where all errors V have the same covariance."""
         W = [W_m.mT for W_m in self.W]
-        return self.share**2 * added_cross_products(W, W)
+        return self.scale**2 * added_cross_products(W, W)
 
 
 Estimator: TypeAlias = Callable[[MeanSpectra], Estimate]
@@ -63,7 +63,7 @@ Estimator: TypeAlias = Callable[[MeanSpectra], Estimate]
 def arithmetic(data: MeanSpectra) -> Estimate:
     """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
     W, share = tuple(block.W for block in data.blocks), 1 / len(data.blocks)
-    return Estimate(share * added_products(data.Y, W), W, share=share)
+    return Estimate(share * added_products(data.Y, W), W, scale=share)
 
 
 def h1(data: MeanSpectra) -> Estimate:
@@ -132,9 +132,9 @@ def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -
     """Covariance of vec G by the disturbing noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
     P = data.periods
     if np.ptp(P) == 0:
-        return kronecker(estimate.left / P[0], C_V, data.dof)
+        return kronecker(estimate.input_factor / P[0], C_V, data.dof)
     weighted = [W / np.sqrt(block.periods[:, None]) for block, W in zip(data.blocks, estimate.W, strict=True)]
-    return kronecker(replace(estimate, W=tuple(weighted)).left, C_V, data.dof)
+    return kronecker(replace(estimate, W=tuple(weighted)).input_factor, C_V, data.dof)
 
 
 def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, int] | None:
@@ -151,7 +151,7 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
     K = len(data.periods)
     if len(data.blocks) < 2 or n_u >= K:
         return None
-    expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
+    expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.input_factor, data.UU).real
     D_squared = added_error_products(data.Y, estimate.G, data.U)
     D_squared /= expected[:, None, None]
     return D_squared, K - n_u
@@ -166,7 +166,7 @@ def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, d
     _, n_y, n_u = estimate.G.shape
     M = len(data.blocks)
     if n_u == 1 or 2 * n_y * n_u > M - 1 or any(U.shape[2] < n_u for U in data.U):
-        return kronecker(estimate.left, C_T, dof)
+        return kronecker(estimate.input_factor, C_T, dof)
     D = np.stack([block.Y @ block.W for block in data.blocks])
     D = D - D.mean(axis=0)
     vec = D.transpose(1, 3, 2, 0).reshape(len(estimate.G), -1, M)

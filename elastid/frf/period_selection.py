@@ -60,14 +60,14 @@ class Distances:
 class Compared:
     """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
 
-    power (c, P): sums of its squares; apart (c, P, Q): the distance of each period from Q of them, in general all.
+    power (c, P): sums of its squares; distance (c, P, Q): the distance of each period from Q of them, in general all.
     references (Q,): their indices.  outlier_sigma: threshold of far ones, in standard deviations.  is_weighed: X is in
     units of its noise.
     """
 
     X: FloatArray
     power: FloatArray
-    apart: FloatArray
+    distance: FloatArray
     references: IntArray
     outlier_sigma: float
     is_weighed: bool = False
@@ -103,9 +103,9 @@ class Compared:
     @cached_property
     def agree(self) -> bool:
         """True if none can be far, whichever are good: the largest distance is within the limit of the smallest."""
-        others = np.arange(self.apart.shape[1])[:, None] != self.references
-        least = np.min(self.apart, axis=(1, 2), where=others, initial=np.inf)
-        ratio = float(np.max(self.apart.max(axis=(1, 2)) / np.maximum(least, 1e-300)))
+        others = np.arange(self.distance.shape[1])[:, None] != self.references
+        least = np.min(self.distance, axis=(1, 2), where=others, initial=np.inf)
+        ratio = float(np.max(self.distance.max(axis=(1, 2)) / np.maximum(least, 1e-300)))
         return ratio < 1 + self.outlier_sigma * MIN_SPREAD
 
 
@@ -115,7 +115,9 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     Raises DataError where transient_periods leaves fewer than two.
     """
     record = spectra.record
-    spectra = spectra.only(np.array([i for i, p in enumerate(spectra.periods) if p not in record.left_out], dtype=int))
+    spectra = spectra.only(
+        np.array([i for i, p in enumerate(spectra.periods) if p not in record.discarded_periods], dtype=int)
+    )
     P = len(spectra.periods)
     if P < 2:
         raise DataError(
@@ -158,7 +160,7 @@ def settled(record: Record) -> Record:
     if not any(map(_decays, (signals[:L] - signals[L : 2 * L]).T, signals.std(axis=0))):
         return record
     r = None if record.r is None else record.r[L : 2 * L]
-    return replace(record, u=record.u[L : 2 * L], y=record.y[L : 2 * L], r=r, left_out=())
+    return replace(record, u=record.u[L : 2 * L], y=record.y[L : 2 * L], r=r, discarded_periods=())
 
 
 def _decays(difference: FloatArray, size: float) -> bool:
@@ -206,7 +208,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
 def _leave_one_out_median(compared: Compared, good: IntArray) -> FloatArray:
     """Median (P, c) over the good periods, of those compared with, of the distances of each period from the others."""
     columns = np.flatnonzero(np.isin(compared.references, good))
-    of_good = compared.apart[:, :, columns]
+    of_good = compared.distance[:, :, columns]
     of_good[:, compared.references[columns], np.arange(len(columns))] = np.nan
     return np.nanmedian(of_good, axis=2).T
 

@@ -46,7 +46,7 @@ def single_logs(record: Record) -> tuple[Record, ...]:
         replace(
             record, name=f"{record.name}, log {i}", u=record.u[a * L : b * L], y=record.y[a * L : b * L], starts=(),
             r=None if record.r is None else record.r[a * L : b * L], notes=record.notes if i == 1 else (),
-            left_out=tuple(p - a for p in record.left_out if a <= p < b),
+            discarded_periods=tuple(p - a for p in record.discarded_periods if a <= p < b),
         )
         for i, (a, b) in enumerate(pairwise((0, *record.starts, record.n_repeats)), start=1)
     )  # fmt: skip
@@ -56,8 +56,8 @@ def undivided_logs(records: Sequence[Record]) -> list[Record]:
     """The record of each log of some records, for methods that take a log as one piece; DataError where parts miss."""
     logs = [log for record in records for log in single_logs(record)]
     for log in logs:
-        if log.left_out:
-            periods = ", ".join(str(period + 1) for period in log.left_out)
+        if log.discarded_periods:
+            periods = ", ".join(str(period + 1) for period in log.discarded_periods)
             raise DataError(
                 "records/missing-samples",
                 f"too many samples of period {periods} are missing for a local method, which needs one piece. Cut the "

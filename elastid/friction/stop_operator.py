@@ -23,7 +23,7 @@ class Path:
 
     steps: FloatArray
     last: IntArray
-    moved: FloatArray
+    displacement: FloatArray
 
     @classmethod
     def of(cls, q: FloatArray) -> "Path":
@@ -37,7 +37,7 @@ class Path:
 
     def without(self, n: int) -> "Path":
         """Path without the points of its first n q, whose steps it still has."""
-        return Path(self.steps, self.last[n:], self.moved[n:])
+        return Path(self.steps, self.last[n:], self.displacement[n:])
 
 
 def stop(path: Path, D: float) -> FloatArray:
@@ -47,7 +47,7 @@ def stop(path: Path, D: float) -> FloatArray:
     states = [0.0]
     for step in path.steps.tolist():
         states.append(min(max(states[-1] + step, -D), D))
-    return np.clip(np.array(states)[path.last] + path.moved, -D, D)
+    return np.clip(np.array(states)[path.last] + path.displacement, -D, D)
 
 
 def bristle(path: Path, D: float) -> FloatArray:
@@ -58,13 +58,13 @@ def bristle(path: Path, D: float) -> FloatArray:
     for step in path.steps.tolist():
         end = math.copysign(D, step)
         states.append(end + (states[-1] - end) * math.exp(-abs(step) / D))
-    ends = np.copysign(D, path.moved)
-    return np.asarray(ends + (np.array(states)[path.last] - ends) * np.exp(-np.abs(path.moved) / D))
+    ends = np.copysign(D, path.displacement)
+    return np.asarray(ends + (np.array(states)[path.last] - ends) * np.exp(-np.abs(path.displacement) / D))
 
 
 def _in_c(path: Path, D: float, is_bristle: bool) -> FloatArray:
     """State by `base/kernels/operators.c`."""
-    s, states = np.empty(len(path.moved)), np.empty(len(path.steps) + 1)
+    s, states = np.empty(len(path.displacement)), np.empty(len(path.steps) + 1)
     numbers = len(path.steps), len(s), int(is_bristle), np.array([D], np.float64)
-    call("element", *numbers, path.steps, path.last, path.moved, states, s)
+    call("element", *numbers, path.steps, path.last, path.displacement, states, s)
     return s

@@ -80,7 +80,7 @@ class FollowedJoint:
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
     @property
-    def held(self) -> tuple[str, ...]:
+    def consider_parameters(self) -> tuple[str, ...]:
         """The numbers that the filter holds, with a tolerance, in order."""
         is_there = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
         is_there["stiffness"] = self.stiffness > 0
@@ -93,8 +93,10 @@ class FollowedJoint:
         """
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
-        c = ca.SX.sym("c", len(self.held))
-        factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {name: 1 + c[i] for i, name in enumerate(self.held)}
+        c = ca.SX.sym("c", len(self.consider_parameters))
+        factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {
+            name: 1 + c[i] for i, name in enumerate(self.consider_parameters)
+        }
         state = dict(zip(names, ca.vertsplit(x), strict=True))
         n_q = 2 if self.stiffness > 0 else 1
         coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
@@ -154,14 +156,14 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
     u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
     """
-    n, m = len(joint.states), len(joint.held)
+    n, m = len(joint.states), len(joint.consider_parameters)
     x, P, c = ca.SX.sym("x", n), ca.SX.sym("P", n, n + m), ca.SX.sym("c", m)
     u, g, y = ca.SX.sym("u"), ca.SX.sym("g"), ca.SX.sym("y")
     noise = ca.SX.sym("noise", 4 + len(joint.followed))
     moved = joint.step(rate_hz)(x, c, u, g)
     predicted, by_held = ca.substitute([moved, ca.jacobian(moved, c)], [c], [ca.SX.zeros(m)])
     F = ca.jacobian(predicted, x)
-    std = ca.DM([joint.tolerances[name] for name in joint.held])
+    std = ca.DM([joint.tolerances[name] for name in joint.consider_parameters])
     carried, added = F @ P[:, n:], by_held @ ca.diag(std)
     cross, mixed = carried + added, carried @ added.T
     spread = F @ P[:, :n] @ F.T + mixed + mixed.T + added @ added.T
@@ -270,7 +272,7 @@ def first_estimate(
         start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
     x = np.array([start.get(name, 0.0) for name in names])
-    return x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.held))[: len(names)]
+    return x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.consider_parameters))[: len(names)]
 
 
 FIRST_SAMPLES = 5  # over which the velocity at the start of a motion is averaged

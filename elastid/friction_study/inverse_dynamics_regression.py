@@ -15,6 +15,10 @@ filtering is no error of the equation and neither ripple nor the noise of deriva
 1997). What a joint does at rest and at reversals, where it sticks, is no sliding: samples as near are left out. The
 residuals of a real axis are not white; the covariance of `least_squares.solve` allows for it.
 
+Noise of the position attenuates the numbers of velocity and acceleration (errors in variables). Its variance in the
+acceleration grows with the fifth power of the passband, which is halved until the expected bias is small beside the
+std of the numbers.
+
 Axes that move together are regressed jointly with the rigid body that they carry,
 
 .. math:: u = Y(q, \dot q, \ddot q)\, \pi + J_m \ddot q + o + f \dot q + F_c\, \mathrm{sgn}\, \dot q
@@ -25,8 +29,10 @@ body lacks (springs, counterbalances, couplings of gears) stay in the residuals:
 are small. The base parameters, with the columns that they belong to, give the rigid body's torque along other logs.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import casadi as ca
@@ -54,6 +60,7 @@ from elastid.friction_study.regressor import (
     axis_equations,
     change_of,
     equations_of,
+    noise_bias,
     regressed,
     select_terms,
 )
@@ -73,6 +80,7 @@ from elastid.robot import Friction, MeasuredRange, Robot
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
+LOWEST_PASSBAND_HZ = 5.0  # to which it is halved where noise of the position biases the numbers
 # Share of the time of sliding at lower speeds, which is short.
 _LOWEST_SPEED_QUANTILE = 0.02
 # Numbers that are compared between both bands.
@@ -80,6 +88,8 @@ COMPARED_PARAMETERS = ("inertia", "viscous", "coulomb")
 
 
 # Limits of the judgement of a motion (scripts/studies/results.csv).
+NOISE_ERROR = 0.1  # of the expected shift between both bands by noise of the position, whose spectrum is assumed white
+MAX_BIAS = 0.5  # of a number by noise of the position, over its std, with which the band is wide enough
 NARROW_BAND = 0.25  # of the passband, in which a true model has the same numbers
 MAX_SHIFT = 2.8  # of a number between both bands, over its std, that counts as an error of the model
 SPRING_SHIFT = 0.5  # of a number with a spring between motor and link, over its std, that is a misfit
@@ -93,10 +103,10 @@ class RigidBody:
 
     .. math:: \tau = Y_b(q, \dot q, \ddot q)\, \pi_b, \qquad Y = Y_b\, regrouped
 
-    Y: the regressor of all frames (10 n_l), rotors and offsets of the joints, n_c in all; chosen: places of Y_b in it.
-    A base parameter is its number and regrouped (n_b, n_c) times those which the motions could not separate from it
-    (Gautier, J. Robotic Systems 8(4), 1991).  columns: names of all n_c; units: of the base parameters.
-    values: by least squares, with std; predicting: by ridge regression, for other logs.
+    Y: the regressor of all frames (10 n_l), rotors and offsets of the joints, n_c columns; base_columns: indices of
+    Y_b. A base parameter is its number and regrouped (n_b, n_c) times those which the motions could not separate from
+    it (Gautier, J. Robotic Systems 8(4), 1991).  columns: names of all n_c; units: of the base parameters. values: by
+    least squares, with std; predicting: by ridge regression, for other logs.
     """
 
     joints: tuple[str, ...]
@@ -104,14 +114,14 @@ class RigidBody:
     values: FloatArray
     std: FloatArray
     predicting: FloatArray
-    chosen: IntArray
+    base_columns: IntArray
     regrouped: FloatArray
     columns: tuple[str, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the base parameters, taken from their columns."""
-        return tuple(self.columns[i] for i in self.chosen)
+        return tuple(self.columns[i] for i in self.base_columns)
 
 
 @dataclass(frozen=True)
@@ -120,17 +130,18 @@ class MotionFriction:
 
     motion: its first log; of joints that move together, without the torque of the rigid body.  terms: parts of the
     regression.  plateaus: where it slides steadily.  passband_hz: of the regression.  seconds: of all logs, in the
-    regression and not, by reason.  held: parts that the motion cannot identify.  notes: on its data.  misfit: errors of
-    the model that the intervals do not hold, empty without.  rigid_body: of joints that moved together, which share it.
+    regression and not, by reason.  unidentified: terms that the motion cannot identify.  notes: on its data. misfit:
+    errors of the model that the intervals do not contain, or empty.  rigid_body: of joints that moved together, which
+    share it.
     """
 
     motion: Motion
-    chosen: Regression
+    regression: Regression
     terms: MotionTerms
     plateaus: tuple[Plateau, ...]
     passband_hz: float
     seconds: Mapping[str, float]
-    held: tuple[UnidentifiedTerm, ...] = ()
+    unidentified: tuple[UnidentifiedTerm, ...] = ()
     notes: tuple[Note, ...] = ()
     misfit: str = ""
     rigid_body: RigidBody | None = None
@@ -148,7 +159,7 @@ class MotionFriction:
         plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
         seconds = {name: sum(signal.seconds[name] for signal in signals) for name in first.seconds}
         fit = cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
-        return replace(fit, held=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
+        return replace(fit, unidentified=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
 
     @property
     def time_summary(self) -> str:
@@ -158,19 +169,19 @@ class MotionFriction:
         return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
 
     @property
-    def known(self) -> tuple[str, ...]:
+    def identified_names(self) -> tuple[str, ...]:
         """The numbers that are no extrapolations."""
-        unseen = STRIBECK_NUMBERS if any(held.part == "stribeck" for held in self.held) else ()
-        return tuple(name for name in self.chosen.names if not name.endswith(unseen))
+        unseen = STRIBECK_NUMBERS if any(held.term == "stribeck" for held in self.unidentified) else ()
+        return tuple(name for name in self.regression.names if not name.endswith(unseen))
 
     @property
     def viscous(self) -> float:
         """The viscous friction that a robot's file has next to the law."""
-        return max(0.0, self.chosen["viscous"])
+        return max(0.0, self.regression["viscous"])
 
     def to_friction(self) -> Friction:
         """The law as a robot's file has it; its presliding is another's."""
-        fit, terms, speeds = self.chosen, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
+        fit, terms, speeds = self.regression, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
         measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
         numbers = {"exponent": terms.exponent, "temperature.decay": terms.decay}
         numbers |= named(fit.names, fit.values)
@@ -184,16 +195,17 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     agree better with a rigid joint have no such spring.
     """
     for _ in range(3):
-        fit = _regressed(motions, passband_hz)
+        fit = _regressed(motions, passband_hz, passband_hz)
         spring = fit.motion.spring
-        if spring is None or 2 * abs(fit.chosen["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
+        if spring is None or 2 * abs(fit.regression["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
             return fit
-        link = max(fit.chosen["inertia"] - spring.motor_inertia, SPRING_STD * spring.inertia)
+        link = max(fit.regression["inertia"] - spring.motor_inertia, SPRING_STD * spring.inertia)
         motions = tuple(replace(motion, spring=replace(spring, link_inertia=link)) for motion in motions)
     return fit
 
 
-def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
+def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) -> MotionFriction:
+    """Friction in the passband, or in a half or quarter of it if noise of the position requires this."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for signal in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
@@ -206,31 +218,68 @@ def _regressed(motions: Sequence[Motion], passband_hz: float) -> MotionFriction:
                 )
     terms = select_terms(signals)
     chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
-    if terms.apart and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
-        terms = replace(terms, apart=False)
+    if terms.by_direction and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
+        terms = replace(terms, by_direction=False)
         chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
+    bias = noise_bias(signals, terms.at(chosen), chosen)
+    if _is_noisy(chosen, bias) and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
+        try:
+            slow = [MotionSignals.of(motion, half_hz) for motion in motions]
+        except DataError:
+            slow = signals
+        if not any(signal.used.all() for signal in slow):
+            return _regressed(motions, half_hz, widest_hz)
+    chosen = chosen.widened(bias)
     if motions[0].spring is not None:
         stiff = [replace(motion, spring=None) for motion in motions]
         rigid = regressed([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
         if rigid.sum_of_squares < chosen.sum_of_squares:
-            return _regressed(stiff, passband_hz)
+            return _regressed(stiff, passband_hz, widest_hz)
         chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
-    if fit.motion.is_run_down:
-        return fit
-    bands = both_bands([MotionLog({"": signal}) for signal in signals], NARROW_BAND)
-    result = assess_motion(fit, "", band_differences(bands, lambda log: axis_equations(log.first, fit.terms)))
-    if not bands:
-        return result
-    change, text = _by_spring(fit.chosen, [log.first for log in bands[1]], fit.terms)
-    misfit = "; ".join(filter(None, (text, result.misfit)))
-    return replace(result, chosen=result.chosen.widened(change), misfit=misfit)
+    return fit if fit.motion.is_run_down else _with_model_errors(fit, motions, widest_hz)
+
+
+def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz: float) -> MotionFriction:
+    """Friction with errors of the model in its intervals and a misfit's reason.
+
+    A spring is visible in some band from the regression's to the widest; the numbers are compared in the widest.
+    """
+    bands, texts = tuple[list[MotionLog], ...](), list[str]()
+    halvings = round(math.log2(widest_hz / fit.passband_hz))
+    for band_hz in (widest_hz / 2**k for k in range(halvings, -1, -1)):
+        logs = [MotionLog({"": MotionSignals.of(motion, band_hz)}) for motion in motions]
+        if bands := both_bands(logs, NARROW_BAND):
+            fit, text = _by_spring(fit, [log.first for log in bands[1]])
+            texts.append(text)
+    fit = assess_motion(fit, "", _differences_without_noise(bands, fit), widest_hz)
+    return replace(fit, misfit="; ".join(filter(None, (next(filter(None, texts), ""), fit.misfit))))
+
+
+def _differences_without_noise(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
+    """Shift of the numbers of one axis between both bands, without the expected shift by noise of the position."""
+    moved = band_differences(bands, lambda log: axis_equations(log.first, fit.terms))
+    if not moved:
+        return moved
+    wide, slow = (noise_bias([log.first for log in band], fit.terms, fit.regression) for band in bands)
+    expected = dict(zip(fit.regression.names, (slow - wide).tolist(), strict=True))
+    return {
+        (joint, name): (change - expected[name], math.hypot(std, NOISE_ERROR * expected[name]))
+        for (joint, name), (change, std) in moved.items()
+    }
+
+
+def _is_noisy(fit: Regression, bias: FloatArray) -> bool:
+    """True if the bias (n_x,) by noise of the position counts beside the std of a number."""
+    return any(
+        abs(bias[i]) > MAX_BIAS * fit.std(name) for i, name in enumerate(fit.names) if name in COMPARED_PARAMETERS
+    )
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
-    place, F_c = f"motion of {fit.motion.place}", max(abs(fit.chosen["coulomb"]), 1e-300)
+    place, F_c = f"motion of {fit.motion.place}", max(abs(fit.regression["coulomb"]), 1e-300)
     if fit.terms.angles:
-        change = legval(np.linspace(-1, 1, 101), [0.0, *(fit.chosen[name] for name in ANGLE)]) / F_c
+        change = legval(np.linspace(-1, 1, 101), [0.0, *(fit.regression[name] for name in ANGLE)]) / F_c
         unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
         text = (
             f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} "
@@ -243,11 +292,13 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
             np.concatenate([s.filtered(getattr(s, name))[s.used] for s in signals])
             for name in ("velocity", "direction")
         )
-        friction = float(np.linalg.norm(fit.chosen["viscous"] * v + fit.chosen["coulomb"] * s))
-        share = float(np.sqrt(fit.chosen.sum_of_squares)) / max(friction, 1e-300)
+        friction = float(np.linalg.norm(fit.regression["viscous"] * v + fit.regression["coulomb"] * s))
+        share = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
         dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
-        text = f"{fit.chosen.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what "
-        text += "friction takes" + dominates * (
+        text = (
+            f"rigid body and friction do not explain {fit.regression.relative_error:.1%} of its torque, {share:.0%} of "
+        )
+        text += "the friction torque" + dominates * (
             ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
             "and the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
         )
@@ -288,11 +339,15 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Uni
         yield UnidentifiedTerm("directions.coulomb", text)
 
 
-def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: MotionTerms) -> tuple[FloatArray, str]:
-    """The change of the numbers (n_x,) by a spring between motor and link, 0 within chance, and a misfit's reason."""
+def _by_spring(fit: MotionFriction, slow: Sequence[MotionSignals]) -> tuple[MotionFriction, str]:
+    """Friction with the change by a spring between motor and link in its intervals, and a misfit's reason.
+
+    The change is zero if the spring is within chance.
+    """
+    numbers, terms = fit.regression, fit.terms
     rigid, elastic = (regressed(slow, replace(terms, spring=shows), steps=0) for shows in (False, True))
     if elastic.chance("spring", 1) > FALSE_ALARM:
-        return np.zeros(len(numbers.names)), ""
+        return fit, ""
     change = change_of(rigid, elastic)
     stds = np.max(np.abs(change) / np.maximum(np.sqrt(np.diag(numbers.covariance)), 1e-300))
     highest_hz = np.sqrt(max(elastic["inertia"], 0.0) / elastic["spring"]) / 2 / np.pi
@@ -301,7 +356,7 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
         f"motor is held; with it numbers change by {stds:.2g} std; move more slowly, or identify the spring from "
         "frequency responses"
     )
-    return change, text if stds > SPRING_SHIFT else ""
+    return replace(fit, regression=numbers.widened(change)), text if stds > SPRING_SHIFT else ""
 
 
 Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
@@ -316,9 +371,9 @@ def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[
     return shift_between(wide, slow, rate_hz)
 
 
-def assess_motion(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
+def assess_motion(fit: MotionFriction, joint: str, moved: Moved, passband_hz: float) -> MotionFriction:
     """Friction with the change between bands in its intervals where it is beyond chance, and a misfit's reason."""
-    numbers, passband_hz = fit.chosen, fit.passband_hz
+    numbers = fit.regression
     changes = {name: change for (of, name), change in moved.items() if of == joint and name in COMPARED_PARAMETERS}
     shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
     stds, worst = max(((abs(change) / std, name) for name, (change, std) in changes.items()), default=(0.0, ""))
@@ -336,7 +391,7 @@ def assess_motion(fit: MotionFriction, joint: str, moved: Moved) -> MotionFricti
         f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: law or rigid body lack a part; measure "
         "passes of this joint alone, which show it"
     )
-    return replace(fit, chosen=numbers, misfit=text if texts and error > MAX_ERROR else "")
+    return replace(fit, regression=numbers, misfit=text if texts and error > MAX_ERROR else "")
 
 
 TORQUE_COMPONENTS = ("inertia", "gravity", "viscous", "coulomb")
@@ -358,6 +413,7 @@ def torque_components(numbers: Regression, columns: Mapping[str, FloatArray]) ->
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
+_PIECE = 10_000  # samples whose columns are in memory at once
 # Numbers of a joint's frame in the order of the regressor's columns, with their units.
 _OF_FRAME = {"m": "kg"} | dict.fromkeys(("mcx", "mcy", "mcz"), "kg*m")
 _OF_FRAME |= dict.fromkeys(("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"), "kg*m^2")
@@ -377,7 +433,8 @@ def regress_robot_motion(
     """
     joints = tuple(logs[0].of_joints)
     chosen, regrouped = _base_columns(robot, joints, logs)
-    rigid = [_columns(robot, joints, joints, log, chosen) for log in logs]
+    of_chosen = RigidColumns(robot, joints, joints, chosen)
+    rigid = [of_chosen.filtered(log) for log in logs]
 
     def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
         return [equations_of(log, terms, block, sliding) for log, block in zip(logs, rigid, strict=True)]
@@ -385,13 +442,13 @@ def regress_robot_motion(
     terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.decimated_hz
     every = solve(equations(terms), rate_hz)
     terms = {
-        joint: replace(rule, apart=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
+        joint: replace(rule, by_direction=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
         for joint, rule in terms.items()
     }
     least = solve(equations(terms), rate_hz)
     moved = band_differences(
         both_bands(logs, NARROW_BAND),
-        lambda log: equations_of(log, terms, _columns(robot, joints, joints, log, chosen)),
+        lambda log: equations_of(log, terms, of_chosen.filtered(log)),
     )
     names, units = zip(*_numbers(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
@@ -401,24 +458,28 @@ def regress_robot_motion(
     alone = [
         {
             joint: replace(signal, motion=replace(signal.motion, torque=signal.motion.torque - torque))
-            for (joint, signal), torque in zip(log.of_joints.items(), (columns @ least_shrunk).T, strict=True)
+            for (joint, signal), torque in zip(log.of_joints.items(), of_chosen.torques(log, least_shrunk), strict=True)
         }
-        for log, columns in zip(logs, rigid, strict=True)
+        for log in logs
     ]
     friction = {
         joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
     }
-    return {joint: replace(assess_motion(fit, joint, moved), rigid_body=body) for joint, fit in friction.items()}, alone
+    return {
+        joint: replace(assess_motion(fit, joint, moved, fit.passband_hz), rigid_body=body)
+        for joint, fit in friction.items()
+    }, alone
 
 
-def _states(robot: Robot, log: MotionLog) -> FloatArray:
+def _states(robot: Robot, log: MotionLog, samples: slice = slice(None)) -> FloatArray:
     """q, v, a (3, n_l, n) of all joints of the robot."""
     names = [joint.name for joint in robot.joints]
-    state = np.zeros((3, len(names), len(log.first.position)))
+    state = np.zeros((3, len(names), len(log.first.position[samples])))
     for joint, angle in log.resting.items():
         state[0, names.index(joint)] = angle
     for joint, signal in log.of_joints.items():
-        state[:, names.index(joint)] = signal.position, signal.velocity, signal.acceleration
+        moved = (signal.position, signal.velocity, signal.acceleration)
+        state[:, names.index(joint)] = [part[samples] for part in moved]
     return state
 
 
@@ -427,9 +488,10 @@ def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
     if robot.loops:
         text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
         raise DataError("friction/rigid-body", text, f"robot {robot.name}")
-    names, state = [joint.name for joint in robot.joints], _states(robot, log)
+    names, dynamics = [joint.name for joint in robot.joints], inverse_dynamics(robot)
     theta = np.array([[value] for value, _ in robot.parameters().values()])
-    tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
+    states = (_states(robot, log, slice(i, i + _PIECE)) for i in range(0, len(log.first.position), _PIECE))
+    tau = np.hstack([dynamics(*state, np.tile(theta, state.shape[2])).full() for state in states])
     rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
     return {joint: tau[names.index(joint)] + rotors[joint] * axis.acceleration for joint, axis in log.of_joints.items()}
 
@@ -442,8 +504,8 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
     rows = tuple(joint for joint in log.of_joints if joint in body.joints)
     if not rows:
         return {}
-    sample = _columns(robot, body.joints, rows, log).reshape(-1, len(body.columns))
-    left = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0)
+    sample = RigidColumns(robot, body.joints, rows).sampled(log).reshape(-1, len(body.columns))
+    left = np.linalg.norm(sample - sample[:, body.base_columns] @ body.regrouped, axis=0)
     lacking = left / _sizes(sample) > MAX_UNIDENTIFIED
     if lacking.any():
         first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
@@ -452,8 +514,8 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
             f"the motion needs rigid-body parameters that are not identified ({first}"
             f"{', ...' if lacking.sum() > 3 else ''}). Use a friction study of a log in which these joints move",
         )
-    torques = _columns(robot, body.joints, rows, log, body.chosen) @ body.predicting
-    return {joint: torques[:, i] for i, joint in enumerate(rows)}
+    torques = RigidColumns(robot, body.joints, rows, body.base_columns).torques(log, body.predicting)
+    return dict(zip(rows, torques, strict=True))
 
 
 def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
@@ -469,7 +531,8 @@ def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLo
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """
-    sample = np.vstack([column for log in logs for column in _columns(robot, joints, joints, log)])
+    every = RigidColumns(robot, joints, joints)
+    sample = np.vstack([columns for log in logs for columns in every.sampled(log)])
     size = _sizes(sample)
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
@@ -484,23 +547,57 @@ def _sizes(sample: FloatArray) -> FloatArray:
     return np.where(size > 1e-9 * size.max(), size, np.inf)
 
 
-def _columns(
-    robot: Robot, joints: Sequence[str], rows: Sequence[str], log: MotionLog, chosen: IntArray | None = None
-) -> FloatArray:
-    """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; all for None, at some 500 instants."""
-    names, state = [joint.name for joint in robot.joints], _states(robot, log)
-    if chosen is None:
-        chosen, state = np.arange(10 * len(names) + 2 * len(joints)), state[:, :, :: max(1, state.shape[2] // 500)]
-    n, n_l, places, m = state.shape[2], len(names), [names.index(joint) for joint in rows], len(joints)
-    q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
-    of_frames = chosen[chosen < 10 * n_l].tolist()
-    Y = ca.Function("part", [q, v, a], [regressor(robot)(q, v, a)[places, of_frames]])
-    rotors = np.zeros((n, len(rows), 2 * m))
-    for i, (joint, place) in enumerate(zip(rows, places, strict=True)):
-        k = list(joints).index(joint)
-        rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
-    of_rigid_body = np.asarray(ca.DM(Y(*state))).reshape(len(rows), n, -1).swapaxes(0, 1)
-    return np.concatenate([of_rigid_body, rotors[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
+@dataclass(frozen=True)
+class RigidColumns:
+    """Columns of all but friction in the torques of the joints of `rows`, of joints that moved together.
+
+    chosen: indices of the columns in `_numbers`; None for all.
+    """
+
+    robot: Robot
+    joints: tuple[str, ...]
+    rows: tuple[str, ...]
+    chosen: IntArray | None = None
+
+    @cached_property
+    def _function(self) -> tuple[ca.Function, IntArray, list[int]]:
+        """Rigid body's columns from q, v, a; indices of rotors and offsets among `chosen`; places of the rows."""
+        n_l, names = len(self.robot.joints), [joint.name for joint in self.robot.joints]
+        chosen = np.arange(10 * n_l + 2 * len(self.joints)) if self.chosen is None else self.chosen
+        places = [names.index(joint) for joint in self.rows]
+        q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
+        columns = regressor(self.robot)(q, v, a)[places, chosen[chosen < 10 * n_l].tolist()]
+        return ca.Function("part", [q, v, a], [columns]), chosen[chosen >= 10 * n_l] - 10 * n_l, places
+
+    def at(self, log: MotionLog, samples: slice) -> FloatArray:
+        """Columns (n, len(rows), n_b) at some samples."""
+        (function, further, places), state = self._function, _states(self.robot, log, samples)
+        n, m = state.shape[2], len(self.joints)
+        rotors = np.zeros((n, len(places), 2 * m))
+        for i, (joint, place) in enumerate(zip(self.rows, places, strict=True)):
+            k = self.joints.index(joint)
+            rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
+        of_rigid_body = np.asarray(ca.DM(function(*state))).reshape(len(places), n, -1).swapaxes(0, 1)
+        return np.concatenate([of_rigid_body, rotors[:, :, further]], axis=2)
+
+    def sampled(self, log: MotionLog) -> FloatArray:
+        """Columns (n, len(rows), n_b) at some 500 samples."""
+        return self.at(log, slice(0, None, max(1, len(log.first.position) // 500)))
+
+    def torques(self, log: MotionLog, numbers: FloatArray) -> FloatArray:
+        """Torque (len(rows), n) of numbers (n_b,)."""
+        starts = range(0, len(log.first.position), _PIECE)
+        return np.concatenate([self.at(log, slice(i, i + _PIECE)) @ numbers for i in starts]).T
+
+    def filtered(self, log: MotionLog) -> FloatArray:
+        """Columns behind the filter of both sides, at the samples that are kept."""
+        used, reach = log.first.decimation, len(log.first.taps) + log.first.decimation.step
+        pieces, length = [], max(_PIECE // used.step, 1) * used.step
+        for start in range(used.start, used.stop, length):
+            stop, first = min(start + length, used.stop), max(0, start - reach)
+            here = replace(log.first, decimation=slice(start - first, stop - first, used.step))
+            pieces.append(here.filtered(self.at(log, slice(first, stop + reach))))
+        return np.concatenate(pieces)
 
 
 def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:

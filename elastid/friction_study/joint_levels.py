@@ -142,7 +142,7 @@ def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJo
     of_logs = [commanded_log(robot, log) for log in logs]
     fit, carried = (
         fit_commanded(of_logs),
-        {j: c for log in of_logs for j, c in zip(log.joints, log.carried, strict=True)},
+        {j: c for log in of_logs for j, c in zip(log.joints, log.coupled_inertia, strict=True)},
     )
     return {
         joint: replace(_with_motion(fit.of_joint(joint), measured.of(joint, "commands")), carried=float(carried[joint]))
@@ -223,9 +223,9 @@ def simulated_commands(
     """
     commanded, records = commanded_log(robot, log), list(log.values())
     moved = np.asarray(simulate_commanded(commanded, joints))
-    for _ in range(MAX_SWEEPS if np.any(commanded.carried) else 0):
+    for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
         before, (load, carried) = moved, rigid_loads(robot, records, moved)
-        moved = simulate_commanded(replace(commanded, load=load, carried=carried), joints)
+        moved = simulate_commanded(replace(commanded, load=load, coupled_inertia=carried), joints)
         if np.max(np.abs(moved - before)) < SWEEP_TOLERANCE * float(np.ptp(moved)):
             break
     return moved
@@ -324,10 +324,10 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
     friction = noted(notes, code, _regressed, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
-    if friction is not None and not robot.loops and friction.chosen.chance("inertia", 1) < FALSE_ALARM:
+    if friction is not None and not robot.loops and friction.regression.chance("inertia", 1) < FALSE_ALARM:
         log, signals = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ), friction.motion
         columns = full_rate_columns(MotionSignals.of(signals, PASSBAND_HZ), friction.terms)
-        parts = torque_components(friction.chosen, columns)
+        parts = torque_components(friction.regression, columns)
         rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
         check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
     return JointMotion(friction, passes, (*(friction.notes if friction is not None else ()), *notes))

@@ -20,6 +20,7 @@ chance, it counts.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from scipy.fft import dct
 from scipy.optimize import least_squares
 from scipy.special import fdtri, stdtr, stdtrit
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, f_test
 
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
@@ -38,6 +39,7 @@ _HIGHEST_HZ, _TERMS = 0.2, 8
 _STATE_CHANCE = 0.05
 # Least mean of such a variance over the truth: that of columns which change no faster than the cosines is all but zero.
 _LEAST_MEAN = 0.1
+_ROWS = 10_000  # of a matrix that are decomposed at once
 # Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
 
@@ -107,9 +109,9 @@ def chance_of_terms(narrow: float, wide: float, added: int, dof: int) -> float:
     return f_test(narrow - wide, added, max(wide, dof), dof)
 
 
-@frozen_value
+@dataclass(frozen=True)
 class Equations:
-    """Equations of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m).
+    """Equations of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m); not copied.
 
     Rows that are not used are zero.  states (n, n_s): with which errors of the model may repeat; none of them: (n, 0).
     names: joint and name of each number of friction.
@@ -191,13 +193,14 @@ class Solution:
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     """Parameters common to all logs; rate_hz of the samples."""
-    X, R, y, states = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y", "states"))
+    every = [[getattr(log, name) for log in logs] for name in ("X", "R", "y", "states")]
+    X, R, y, states = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in every)
     (n, m), n_x = y.shape, X.shape[2]
     weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)
     for _ in range(5 if m > 1 else 1):  # weights, then the solution
         flat_X, flat_R = ((weight[:, None] * columns).reshape(n * m, -1) for columns in (X, R))
         flat_y = (weight * y).ravel()
-        basis = _basis(flat_R)
+        basis, inverse_R = _basis(flat_R)
         free_X, free_y = (columns - basis @ (basis.T @ columns) for columns in (flat_X, flat_y))
         size = np.linalg.norm(free_X, axis=0)
         size[size == 0] = 1.0
@@ -211,8 +214,8 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
     meat = sum(long_run(part, count) for part, count in zip(parts, terms, strict=True))
     of_errors = (free_X / size @ bread).reshape(n, m, n_x)
-    explained = np.hstack([basis, _basis(free_X)]).reshape(n, m, -1)
-    shrinkage, dof = _expected(np.split(of_errors, ends), np.split(explained, ends), terms)
+    explained = [np.split(columns.reshape(n, m, -1), ends) for columns in (basis, _basis(free_X)[0])]
+    shrinkage, dof = _expected(np.split(of_errors, ends), [*zip(*explained, strict=True)], terms)
     covariance = bread @ meat @ bread / np.sqrt(np.outer(shrinkage, shrinkage))
     widening = state_widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
     # Of hardly any degree of freedom it is without bound, and its square would overflow.
@@ -220,9 +223,8 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
     independent = used * (1 - correlation) / (1 + correlation)
-    size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
-    pi = np.linalg.lstsq(flat_R / size_R, flat_y - flat_X @ beta, rcond=RANK_TOLERANCE)[0] / size_R
-    normal = inverse_normal(np.hstack([flat_X, flat_R]))[n_x:, n_x:]
+    pi = inverse_R @ (basis.T @ (flat_y - flat_X @ beta))
+    normal = inverse_normal(_triangle(flat_X, flat_R))[n_x:, n_x:]
     # The numbers take degrees of freedom from the independent residuals.
     pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, float(independent.sum()) - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
@@ -248,13 +250,14 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
 
 
 def _expected(
-    of_errors: Sequence[FloatArray], explained: Sequence[FloatArray], terms: Sequence[int]
+    of_errors: Sequence[FloatArray], explained: Sequence[Sequence[FloatArray]], terms: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
     r"""Mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
 
-    of_errors (n, m, n_x): of each log, the parts that its errors have in those of the numbers.  explained (n, m, r):
-    orthonormal columns of all numbers, which the residuals lack, so that these are smaller than the errors, above all
-    where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of B terms,
+    of_errors (n, m, n_x): of each log, the parts that its errors have in those of the numbers.  explained: orthonormal
+    columns (n, m, r) of all numbers in some blocks, which the residuals lack, so that these are smaller than the
+    errors, above all where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's
+    cosines C of B terms,
 
     .. math:: V = \frac{2}{B} \mathrm{tr}\, C D (I - Q Q^T) D C^T, \quad D = \mathrm{diag}(w), \quad Q Q^T: explained
     """
@@ -266,7 +269,10 @@ def _expected(
         cosines = np.concatenate([squares.sum(axis=0)[None], dct(squares, axis=0)[1 : 2 * count + 1] / 2])
         j, k = np.indices((count, count)) + 1
         starts = np.linspace(0, len(e), min(len(e), 16 * count), endpoint=False).astype(int)  # sixteen a half wave
-        sums = np.add.reduceat(np.einsum("nmx,nmr->nxr", e, columns), starts)
+        ranges = [*pairwise([*starts.tolist(), len(e)])]
+        sums = np.concatenate(
+            [[np.tensordot(e[i:j], part[i:j], ((0, 1), (0, 1))) for i, j in ranges] for part in columns], axis=2
+        )
         lacking = dct(sums, axis=0)[1 : count + 1] / 2
         M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2 - np.einsum("jxr,kxr->jkx", lacking, lacking)
         truth += squares.sum(axis=0)
@@ -305,10 +311,22 @@ def long_run(scores: FloatArray, terms: int) -> FloatArray:
     return np.asarray(2 / terms * cosines.T @ cosines)
 
 
-def _basis(R: FloatArray) -> FloatArray:
-    """Orthonormal basis (n, rank) of the columns of R (n, n_r)."""
+def _triangle(*blocks: FloatArray) -> FloatArray:
+    """Upper triangle (k, k) of the QR decomposition of blocks (n, .) next to each other, k columns in all."""
+    triangle = np.zeros((0, sum(block.shape[1] for block in blocks)))
+    for i in range(0, len(blocks[0]), _ROWS):
+        rows = np.hstack([block[i : i + _ROWS] for block in blocks])
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
+    return triangle
+
+
+def _basis(R: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal basis (n, rank) of the columns of R (n, n_r), and the inverse (n_r, rank): numbers of a basis."""
     size = np.linalg.norm(R, axis=0)
     if not size.any():
-        return np.zeros((len(R), 0))
-    U, s, _ = np.linalg.svd(R[:, size > 0] / size[size > 0], full_matrices=False)
-    return U[:, s > RANK_TOLERANCE * s[0]]
+        return np.zeros((len(R), 0)), np.zeros((R.shape[1], 0))
+    size = np.where(size > 0, size, np.inf)
+    _, s, Vt = np.linalg.svd(_triangle(R) / size, full_matrices=False)
+    known = s > RANK_TOLERANCE * s[0]
+    inverse = (Vt[known] / s[known, None] / size).T
+    return R @ inverse, inverse

@@ -14,6 +14,7 @@ velocity is steady.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -234,7 +235,7 @@ class MotionSignals:
     """A motion at full rate (n,) behind the filter of derivatives; direction: sgn of the velocity.
 
     derivatives (2, n): of the position as logged, which the filter of both sides smooths.
-    taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
+    taps: the filter of both sides.  decimation: the samples of the filtered equation, thinned, without the ends.
     """
 
     motion: Motion
@@ -244,7 +245,7 @@ class MotionSignals:
     derivatives: FloatArray
     direction: FloatArray
     taps: FloatArray
-    kept: slice
+    decimation: slice
     passband_hz: float
 
     @classmethod
@@ -299,16 +300,29 @@ class MotionSignals:
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """A side of the equation (n, ...) behind the filter, at the samples that are kept, away from the ends."""
-        kept, h = self.kept, len(self.taps) // 2
+        kept, h = self.decimation, len(self.taps) // 2
         before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
         sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
         first = (before + h) // kept.step
         return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
 
     @property
+    def noise_powers(self) -> FloatArray:
+        """Variances (2,) of filtered velocity and acceleration by white noise of the position.
+
+        The noise is that of fifth differences, to which slow motion adds nothing (Hall, Kay and Titterington,
+        Biometrika 77, 1990), away from reversals.
+        """
+        inner = self.slides[3:-2] if self.slides.any() else slice(None)
+        variance = np.mean(np.diff(self.motion.position, 5)[inner] ** 2) / comb(10, 5)
+        slopes = np.convolve(self.taps, [0.5, 0.0, -0.5]), np.convolve(self.taps, [1.0, -2.0, 1.0])
+        gains = [np.sum((slope * self.motion.rate_hz**order) ** 2) for order, slope in enumerate(slopes, start=1)]
+        return np.asarray(variance * np.array(gains))
+
+    @property
     def decimated_hz(self) -> float:
         """The rate of the samples that are kept."""
-        return self.motion.rate_hz / int(self.kept.step)
+        return self.motion.rate_hz / int(self.decimation.step)
 
     @property
     def rests(self) -> BoolArray:
@@ -328,7 +342,7 @@ class MotionSignals:
     @cached_property
     def used(self) -> BoolArray:
         """Flags of the samples that are kept (k,), those that slide; all, where hardly any does."""
-        slides = self.slides[self.kept]
+        slides = self.slides[self.decimation]
         # All are used where fewer than a fifth slide clear of reversals.
         return slides if slides.mean() > 0.2 else np.ones_like(slides)
 
@@ -346,7 +360,7 @@ class MotionSignals:
 
     def moves(self, direction: int) -> bool:
         """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
-        inside = self.velocity[self.kept.start : self.kept.stop]
+        inside = self.velocity[self.decimation.start : self.decimation.stop]
         return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
 
 
@@ -393,8 +407,10 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
             return ()
         if any(signal.used.all() for signal in slow.values()):
             return ()
-        kept = next(iter(slow.values())).kept
-        same = slice(kept.start, kept.stop, log.first.kept.step)
+        kept = next(iter(slow.values())).decimation
+        same = slice(kept.start, kept.stop, log.first.decimation.step)
         for band, signals in zip(bands, (log.of_joints, slow), strict=True):
-            band.append(replace(log, of_joints={joint: replace(axis, kept=same) for joint, axis in signals.items()}))
+            band.append(
+                replace(log, of_joints={joint: replace(axis, decimation=same) for joint, axis in signals.items()})
+            )
     return bands

@@ -46,7 +46,7 @@ class MotionTerms:
     rigid body is taken out of the torque, or has columns of its own.
     """
 
-    apart: bool = True
+    by_direction: bool = True
     delay: bool = False
     stribeck_velocity: float = 0.0
     waves: tuple[int, ...] = ()
@@ -66,7 +66,7 @@ class MotionTerms:
         """Linear numbers of friction, as `static.columns` has them."""
         shows = {"stiction": self.stribeck_velocity > 0, "load.coulomb": self.load}
         shown = [name for name, is_shown in shows.items() if is_shown]
-        return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.apart else ()))
+        return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.by_direction else ()))
 
     @property
     def searched(self) -> dict[str, float]:
@@ -76,9 +76,9 @@ class MotionTerms:
 
     def at(self, numbers: Regression) -> "MotionTerms":
         """Terms with the nonlinear numbers of a regression with these parts, which has searched for its own."""
-        return self.moved({name: numbers[name] for name in self.searched if name in numbers.names})
+        return self.with_nonlinear({name: numbers[name] for name in self.searched if name in numbers.names})
 
-    def moved(self, ends: Mapping[str, float]) -> "MotionTerms":
+    def with_nonlinear(self, ends: Mapping[str, float]) -> "MotionTerms":
         """Terms with other nonlinear numbers."""
         velocity = ends.get("stribeck_velocity", self.stribeck_velocity)
         return replace(self, stribeck_velocity=velocity, decay=ends.get("temperature.decay", self.decay))
@@ -87,7 +87,7 @@ class MotionTerms:
 def select_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     """The parts that the data show beyond chance, one after the other."""
     if signals[0].motion.is_run_down:
-        return _curve(signals, MotionTerms(apart=False, friction_only=True))
+        return _curve(signals, MotionTerms(by_direction=False, friction_only=True))
     terms = MotionTerms(load=len({signal.motion.load for signal in signals}) > 1)
     if terms.load:
         terms = replace(terms, load=regressed(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
@@ -149,6 +149,22 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
     """Change of the numbers (n_x,) in the other regression."""
     return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
+
+
+def noise_bias(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> FloatArray:
+    r"""Change of the numbers (n_x,) by noise of the position in the columns of velocity and acceleration.
+
+    .. math:: \Delta\beta = -(X^T X)^{-1} N \beta, \quad N = E[\tilde X^T \tilde X]
+
+    (Fuller, Measurement Error Models, 1987, section 1.1.)
+    """
+    equations = [axis_equations(axis, terms, fit if terms.searched else None).X[:, 0] for axis in signals]
+    X, of_noise = np.concatenate(equations), np.zeros(len(fit.names))
+    powers = sum(axis.used.sum() * axis.noise_powers for axis in signals)
+    for name, power in zip(("viscous", "inertia"), powers, strict=True):
+        of_noise[[of == name for of in fit.names]] = power
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    return np.asarray(-np.linalg.pinv((X / size).T @ (X / size)) @ (of_noise * fit.values / size) / size)
 
 
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
@@ -228,7 +244,7 @@ def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int =
         if "temperature.decay" in ends:
             ends["temperature.decay"] = float(np.clip(ends["temperature.decay"], *DECAY_RANGE_K))
         values = np.array([ends.get(name, fit[name]) for name in fit.names])
-        fit, terms = replace(fit, values=values), terms.moved(ends)
+        fit, terms = replace(fit, values=values), terms.with_nonlinear(ends)
         if all(abs(ends[name] - x) < 1e-3 * x for name, x in start.items()):
             break
     return fit
@@ -246,7 +262,7 @@ def equations_of(
     sliding: bool = True,
     about: Regression | None = None,
 ) -> Equations:
-    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all at full rate.
+    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all behind the filter.
 
     sliding: of samples that are clear of reversals alone.
     """
@@ -256,7 +272,7 @@ def equations_of(
     X = np.zeros((*used.shape, len(names)))
     for k, (i, _, name) in enumerate(names):
         X[:, i, k] = columns[i][name]
-    R = np.zeros((*used.shape, 0)) if rigid is None else log.first.filtered(rigid)
+    R = np.zeros((*used.shape, 0)) if rigid is None else rigid
     y = np.stack([axis.filtered(axis.motion.torque) for axis in log.of_joints.values()], axis=1)
     states = [axis.filtered(state) for axis in log.of_joints.values() for state in (axis.position, axis.velocity)]
     numbers = tuple((joint, name) for _, joint, name in names)
@@ -307,7 +323,7 @@ def full_rate_columns(
         low, high = terms.angles
         waves = legvander(np.clip(2 * (q - low) / (high - low) - 1, -1, 1), len(ANGLE))
         columns |= {name: s * waves[:, k] for k, name in enumerate(ANGLE, start=1)}
-    columns["directions.coulomb" if terms.apart else "offset"] = np.ones_like(v)
+    columns["directions.coulomb" if terms.by_direction else "offset"] = np.ones_like(v)
     if motion.turns_against_gravity:
         columns |= {"gravity.cos": np.cos(q), "gravity.sin": np.sin(q)}
     for wave, column in zip(terms.waves, turn_waves(q, s, motion.turn, terms.waves).T, strict=True):

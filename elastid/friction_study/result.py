@@ -81,7 +81,7 @@ class JointFriction:
     """Friction of one joint, link side; None if it was not measured or is not identifiable.
 
     friction, viscous: the law as a whole, with the ranges in which it was measured.
-    numbers: the table.  held: parts without numbers, with reasons.
+    numbers: the table.  unidentified: parts without numbers, with reasons.
     """
 
     joint: str
@@ -95,7 +95,7 @@ class JointFriction:
     friction: Friction | None = None
     viscous: float | None = None
     numbers: tuple[FrictionNumber, ...] = ()
-    held: tuple[UnidentifiedTerm, ...] = ()
+    unidentified: tuple[UnidentifiedTerm, ...] = ()
     notes: tuple[Note, ...] = ()
     commanded: CommandedJoint | None = None
 
@@ -104,7 +104,7 @@ class JointFriction:
         """Values and stds of identified parameters other than friction: inertia, gravity."""
         if self.motion is None:
             return {} if self.constant_velocity is None else self.constant_velocity.shared
-        chosen = self.motion.chosen
+        chosen = self.motion.regression
         return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
 
     @property
@@ -128,8 +128,8 @@ class JointFriction:
             return (UnidentifiedTerm("friction", why),)
         return tuple(
             held
-            for held in self.held
-            if held.part in ("stribeck", "presliding") and not held.reason.startswith((NOT_ASKED, ABSENT))
+            for held in self.unidentified
+            if held.term in ("stribeck", "presliding") and not held.reason.startswith((NOT_ASKED, ABSENT))
         )
 
 
@@ -189,7 +189,7 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    levels, values = law.levels, np.array([law.values[name] for name in law.names])
+    levels, values = law.curve, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", levels.slides)
     learnt = f"{levels.n_conditions} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
     at, terms = f"friction torque at {levels.speed.mean():.3g} {unit}", dict(TERMS)
@@ -199,14 +199,14 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
         terms["temperature.coulomb"] = replace(
             TERMS["temperature.coulomb"], prefix="tauT", symbol="tau_T", meaning=by_heat
         )
-    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.reach)
+    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
     yield from _table(joint, levels.slides, learnt, known, *of_law, terms)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Time constants, and heat given off where kelvins are known."""
     constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
-    learnt = f"{read} readings, {len(warm_up.level)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
+    learnt = f"{read} readings, {len(warm_up.torque)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
     numbered = zip([""] if len(constants) == 1 else ["1", "2"], constants, strict=True)
     rows = [(f"h_m{joint}", "h", "heat given off", "W/K", model.h)]
     rows += [(f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T) for i, T in numbered]
@@ -262,9 +262,9 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
         return {}
     paths = {path: known[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in known}
     if static is not None:
-        degc, by_load = static.levels.measured_temperatures, law.load is not None and "load.coulomb" not in static.names
+        degc, by_load = static.curve.measured_temperatures, law.load is not None and "load.coulomb" not in static.names
         placed = next(law for law in frictions(robot) if law.place == f"motor {joint}")
-        load = float(np.mean(static.levels.load)) if by_load else 0.0
+        load = float(np.mean(static.curve.load)) if by_load else 0.0
         curve = placed.curve(load, float(np.mean(degc)) if len(degc) else None)
         F_c, F_s, inverse_nu_s, _, alpha_T, F_l = curve[:6].tolist()
         terms = {"coulomb": F_c, "stiction": F_s + F_l, "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s else None}
@@ -313,13 +313,14 @@ def _joint(
         numbers |= {row.name: row for row in numbers_of_heat(name, *warmed)}
         notes += warm_up_note(*warmed, f"warm-up of joint {name}")
     notes += () if at_rest is None else at_rest.notes
-    held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
+    fit = levels.motion if static is None else static
+    unidentified = () if fit is None else fit.unidentified
     if presliding is None and at_rest is None:  # logs that were recorded for it, and give no number
-        held += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
+        unidentified += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
     return JointFriction(
         name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
-        None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
-        levels.commanded,
+        None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), unidentified,
+        (*notes, *refused), levels.commanded,
     )  # fmt: skip
 
 
@@ -370,9 +371,11 @@ def _numbers(
     if static is not None:
         yield from numbers_of_law(levels.joint, static, truth)
     if levels.motion is not None:
-        motion, fit = levels.motion, levels.motion.chosen
+        motion, fit = levels.motion, levels.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-        known = motion.known if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
+        known = (
+            motion.identified_names if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
+        )
         yield from _table(levels.joint, levels.slides, learnt, known, fit.names, fit.values, fit.covariance, truth)
     if levels.commanded is not None:
         found = levels.commanded
@@ -418,7 +421,7 @@ def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw 
         return None
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
-        viscous = static.viscous, static.known("viscous")[1]
+        viscous = static.viscous, static.value_and_std("viscous")[1]
     spring = joint_spring(robot, records[0])
     return fit_presliding_responses(f"joint {records[0].joint}", presliding_responses(records), spring, viscous)
 

@@ -42,7 +42,7 @@ class Terms:
 
     linear: tuple[str, ...]
     searched: tuple[str, ...]
-    held: Mapping[str, float]
+    fixed: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ class StaticLaw:
     among `held`: its own numbers are extrapolations.
     """
 
-    levels: FrictionCurve
+    curve: FrictionCurve
     terms: Terms
     T_0: float
     values: Mapping[str, float]
     covariance: FloatArray
     cost: float
     dof: int
-    held: "tuple[UnidentifiedTerm, ...]" = ()
+    unidentified: "tuple[UnidentifiedTerm, ...]" = ()
 
     @staticmethod
     def of(levels: FrictionCurve, spec: LawSpec) -> "StaticLaw":
@@ -94,10 +94,10 @@ class StaticLaw:
                 text = f"law.{name} cannot be identified: {reason}"
                 raise FitError("friction/law", text, f"friction of {levels.place}")
         fit = _add_curve_uncertainty(levels, fit, parts[0], spec)
-        return replace(fit, held=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
+        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
 
     @property
-    def reach(self) -> float:
+    def quantile_95(self) -> float:
         """Half of a 95 % interval in stds: Student's t where the scatter of the levels gave these, else normal."""
         return float(stdtrit(self.dof, 0.975) if excess(self.cost, self.dof) > 1 else ndtri(0.975))
 
@@ -106,7 +106,7 @@ class StaticLaw:
         """Names of the numbers in the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
 
-    def known(self, name: str) -> tuple[float, float]:
+    def value_and_std(self, name: str) -> tuple[float, float]:
         """A number, of stiction its excess over Coulomb friction, and its std."""
         places = [i for i, key in enumerate(self.names) if key in (name, FALLING.get(name))]
         a = np.array([1.0 if self.names[i] == name else -1.0 for i in places])
@@ -126,8 +126,8 @@ class StaticLaw:
     @property
     def intervals(self) -> dict[str, tuple[float, float, float, float]]:
         """Value, std and ends of the 95 % interval by name; without numbers that are extrapolated."""
-        reach, stds = self.reach, np.sqrt(np.diag(self.covariance)).tolist()
-        unseen = STRIBECK_NUMBERS if any(part.part == "stribeck" for part in self.held) else ()
+        reach, stds = self.quantile_95, np.sqrt(np.diag(self.covariance)).tolist()
+        unseen = STRIBECK_NUMBERS if any(part.term == "stribeck" for part in self.unidentified) else ()
         return {
             name: (x := self.values[name], std, x - reach * std, x + reach * std)
             for name, std in zip(self.names, stds, strict=True)
@@ -137,7 +137,7 @@ class StaticLaw:
     @property
     def measured(self) -> MeasuredRange:
         """The ranges of the conditions."""
-        levels, known = self.levels, self.levels.measured_temperatures
+        levels, known = self.curve, self.curve.measured_temperatures
         load = _range(levels.load) if levels.load.any() else None
         return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
 
@@ -211,7 +211,7 @@ class _Search:
 
     def eta(self, x: FloatArray) -> dict[str, float]:
         """The nonlinear numbers at x, held ones included."""
-        eta = dict(self.terms.held) | named(self.terms.searched, np.exp(x))
+        eta = dict(self.terms.fixed) | named(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
             known = self.levels.measured_temperatures - self.T_0
@@ -285,7 +285,7 @@ STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
 class UnidentifiedTerm:
     """Term of the friction model that is not identified: the reason, and the required data."""
 
-    part: str
+    term: str
     reason: str
 
 
@@ -293,7 +293,7 @@ class UnidentifiedTerm:
 class _Part:
     """Numbers that come together, if the terms have `after`, and the reason why the conditions cannot identify them.
 
-    name: key of the part in a study's law.  refusal: that reason, "" without one.  held: until they are searched for.
+    name: key of the part in a study's law.  refusal: that reason, "" without one.  fixed: until they are searched for.
     is_tested: by F.  Not so a number that would otherwise be held at one that was not measured: it is free where it can
     be identified at all, since the intervals of the others would not hold the truth.
     """
@@ -303,13 +303,13 @@ class _Part:
     linear: tuple[str, ...] = ()
     searched: tuple[str, ...] = ()
     after: str = ""
-    held: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
     is_tested: bool = True
 
     def added(self, terms: Terms) -> Terms:
         if self.after and self.after not in (*terms.linear, *terms.searched):
             return terms
-        held = {name: value for name, value in {**terms.held, **self.held}.items() if name not in self.searched}
+        held = {name: value for name, value in {**terms.fixed, **self.fixed}.items() if name not in self.searched}
         return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), held)
 
 
@@ -334,8 +334,8 @@ def _tried(levels: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tup
     nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
         return (wider, "") if wide is None else (None, wide)
-    text, (coulomb, std) = above_stribeck(lowest, nu_s), wider.known("coulomb")
-    is_known = std < MAX_RELATIVE_STD * coulomb and wider.known("stiction")[0] > 0
+    text, (coulomb, std) = above_stribeck(lowest, nu_s), wider.value_and_std("coulomb")
+    is_known = std < MAX_RELATIVE_STD * coulomb and wider.value_and_std("stiction")[0] > 0
     return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 
@@ -357,15 +357,15 @@ def _add_curve_uncertainty(levels: FrictionCurve, fit: StaticLaw, stribeck: _Par
     if is_free or spec.stribeck == "no" or stribeck.refusal:
         return fit
     terms = fit.terms if has_curve else stribeck.added(fit.terms)
-    held = terms.held["exponent"]
+    held = terms.fixed["exponent"]
     allowed = [a for a in EXPONENTS if a == held or spec.exponent != "no"]
     for exponent in (a for a in allowed if a != held or not has_curve):
         try:
-            trial = fit_curve(levels, replace(terms, held={**terms.held, "exponent": exponent}))
+            trial = fit_curve(levels, replace(terms, fixed={**terms.fixed, "exponent": exponent}))
         except FitError:
             continue
         would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * trial.values["stribeck_velocity"]
-        if trial.cost < fit.cost + MAX_COST and trial.known("stiction")[0] > 0 and not would_show:
+        if trial.cost < fit.cost + MAX_COST and trial.value_and_std("stiction")[0] > 0 and not would_show:
             changes.append(np.array([trial.values[name] - fit.values[name] for name in fit.names]))
     change = max(changes, key=lambda shift: float(abs(shift[fit.names.index("coulomb")])))
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
@@ -381,7 +381,7 @@ def _widest(fit: StaticLaw, names: list[str]) -> str | None:
     for name in names:
         if name.startswith("directions") or (name.startswith("temperature") and name not in COOLING):
             continue
-        value, std = fit.known(name)
+        value, std = fit.value_and_std(name)
         if not std < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
             return f"{name} would be {value:.3g} +- {std:.2g}, which says nothing; more speeds around it would"
     return None
@@ -408,12 +408,12 @@ def _parts(levels: FrictionCurve) -> tuple[_Part, ...]:
     one_T, two_T = (few(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
     by_speed = few(speeds, 2, "speeds", "at one speed the whole torque changes")
     return (
-        _Part("stribeck", curve, ("stiction",), ("stribeck_velocity",), held={"exponent": EXPONENTS[-1]}),
+        _Part("stribeck", curve, ("stiction",), ("stribeck_velocity",), fixed={"exponent": EXPONENTS[-1]}),
         _Part("directions", uneven, ("directions.coulomb", "directions.viscous")),
         _Part("load", one_load, ("load.coulomb",)),
         _Part("load", one_load, ("load.stiction",), after="stribeck_velocity"),
         _Part("load", two_loads, (), ("load.stribeck_velocity",), "load.stiction"),
-        _Part("temperature", one_T or by_speed, ("temperature.viscous",), held={"temperature.decay": START_DECAY_K}),
+        _Part("temperature", one_T or by_speed, ("temperature.viscous",), fixed={"temperature.decay": START_DECAY_K}),
         _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
         _Part("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
         _Part("exponent", curve, (), ("exponent",), "stribeck_velocity", is_tested=False),

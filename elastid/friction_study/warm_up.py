@@ -33,14 +33,14 @@ from elastid.record import FrictionRecord, WarmUpLog
 class WarmUp:
     """A log with its test passes.
 
-    test (m,): index of its times at which one was made, at test_speed (m,), with its level (m,) and std (m,).
+    test (m,): index of its times at which one was made, at test_speed (m,), with its torque (m,) and std (m,).
     """
 
     log: WarmUpLog
     test: IntArray
     test_speed: FloatArray
-    level: FloatArray
-    level_std: FloatArray
+    torque: FloatArray
+    torque_std: FloatArray
 
 
 # Std of the readings of a thermometer at least, in K; of a level the part that a parabola over the heat may miss; log
@@ -50,13 +50,13 @@ BEST_THERMOMETER, PARABOLA, MAX_LOG_STD = 0.05, 0.01, 0.3
 
 @dataclass(frozen=True)
 class ThermalModel:
-    """Time constants (n_nodes,) in s, their shares (n_nodes,), h in W/K, and the std of the logarithms of h and these.
+    """Time constants (n_nodes,) in s, their fractions (n_nodes,), h in W/K, and the std of the logarithms of both.
 
-    h is NaN where kelvins cannot be known; shares are then those of the levels.
+    h is NaN without a thermometer; fractions are then those of the friction torque.
     """
 
     time_constants: FloatArray
-    shares: FloatArray
+    fractions: FloatArray
     h: float
     log_std: FloatArray
     cost: float
@@ -68,7 +68,7 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
 
     Raises DataError where nothing warms up or nothing was measured, FitError where no start leads to an optimum.
     """
-    log, has_series = warm_up.log, len(warm_up.level) > 0
+    log, has_series = warm_up.log, len(warm_up.torque) > 0
     has_readings = bool(np.isfinite(log.temperature).any())
     if np.any(np.diff(log.time_s) <= 0) or not np.any(log.power > 0) or not (has_readings or has_series):
         text = "it takes times that increase, power that is positive, and readings of a thermometer or test passes"
@@ -99,7 +99,7 @@ class _Problem:
         second = ("ratio", *(name for name, is_there in shares.items() if is_there))
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
 
-    def parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
+    def thermal_parameters(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
         """Time constants, shares of the thermometer and of the levels, h, start."""
         value, log = named(self.names, x), self.warm_up.log
         ratio = math.exp(value.get("ratio", 0.0))
@@ -111,15 +111,15 @@ class _Problem:
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Residual of readings, levels and the start, of variance 1."""
-        warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.parts(x)
+        warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.thermal_parameters(x)
         parts = []
         if self.is_kelvin:
             log, T = warm_up.log, temperature(warm_up.log, constants, shares, h, start)
             read, std = np.isfinite(log.temperature), max(log.temperature_std, BEST_THERMOMETER)
             parts += [(log.temperature - T)[read] / std, x[-1:]]
         if self.has_series:
-            weight = 1 / np.hypot(warm_up.level_std, PARABOLA * warm_up.level)
-            A, b = self.series(constants, level_shares) * weight[:, None], warm_up.level * weight
+            weight = 1 / np.hypot(warm_up.torque_std, PARABOLA * warm_up.torque)
+            A, b = self.series(constants, level_shares) * weight[:, None], warm_up.torque * weight
             parts.append(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
         return np.concatenate(parts)
 
@@ -149,7 +149,7 @@ class _Problem:
         if not ends:
             raise FitError("friction/warm-up", "no start leads to an optimum; check levels and temperatures", "warm-up")
         end = min(ends, key=lambda end: end.cost)
-        constants, shares, level_shares, h, _ = self.parts(end.x)
+        constants, shares, level_shares, h, _ = self.thermal_parameters(end.x)
         eliminated = np.linalg.matrix_rank(self.series(constants, level_shares)) if self.has_series else 0
         rows = ("h",), ("constant",), ("constant", "ratio")  # ln T_2 = ln T_1 + ln ratio
         pick = np.array([[float(name in row) for name in self.names] for row in rows])

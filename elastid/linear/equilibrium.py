@@ -112,7 +112,7 @@ def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArr
 
 
 def free_coordinates(model: ElasticModel) -> IntArray:
-    """The free coordinates (n_f,): all but the motors', which are held."""
+    """Return the free coordinates (n_f,): all but the motors', which are held."""
     return np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])
 
 
@@ -147,7 +147,7 @@ def _shortened(
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration, theta: FloatArray | None = None) -> FloatArray:
-    """q (n_q,) without deflection: driven joints at their motors' angles, elastic joints at 0, loops closed.
+    """Return q (n_q,) without deflection: driven joints at their motors' angles, elastic joints at 0, loops closed.
 
     theta (n_theta,): model.parameters, of which the geometry counts; default the robot's own.
     StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
@@ -212,7 +212,7 @@ def _faults(
 def preloads(
     model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Joints with springs; deflection in rad or m and tangent stiffness (n_s, P) of these at operating points."""
+    """Return joints with springs, their deflection in rad or m, and their tangent stiffness (n_s, P)."""
     q, symbols = model.symbols("q", "theta")
     named = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
     deflection = deflections(model.robot, q)
@@ -223,7 +223,7 @@ def preloads(
 
 
 def spring_notes(model: ElasticModel, theta: FloatArray, at: Iterable[OperatingPoint]) -> tuple[Note, ...]:
-    """A note for each joint that rests inside its backlash, with the configurations."""
+    """Return a note for each joint that rests inside its backlash, with the configurations."""
     if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
         return ()
     points = tuple(at)

@@ -42,7 +42,7 @@ Axes: TypeAlias = Literal["own", "world"]
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
+class ModelErrorFactor:
     """An explanation of a misfit, as an error of unit variance: numbers that the fit held move by their steps.
 
     effects (n_x,): and with them the parameters.  members: the numbers; steps of each, of its logarithm where `log`.
@@ -54,7 +54,7 @@ class Doubt:
     log: tuple[bool, ...]
 
     def moved(self, name: str, value: float, size: float) -> float:
-        """The number of a member at so many steps."""
+        """Return the number of a member at so many steps."""
         i = self.members.index(name)
         return value * float(np.exp(size * self.steps[i])) if self.log[i] else value + size * self.steps[i]
 
@@ -76,14 +76,14 @@ class Estimated:
     rows: IntArray
     places: IntArray
     where: str = ""
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[ModelErrorFactor, ...] = ()
 
     @classmethod
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
-        where: str = "", doubts: tuple[Doubt, ...] = (), held: Collection[str] = (),
+        where: str = "", doubts: tuple[ModelErrorFactor, ...] = (), held: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
-        """Numbers of a fit; held: names that keep their base."""
+        """Return numbers of a fit; held: names that keep their base."""
         known = [i for i, name in enumerate(names) if name in parameters.names and name not in held]
         places = [parameters.names.index(names[i]) for i in known]
         return cls(
@@ -103,7 +103,7 @@ class Estimated:
         return whole
 
     def theta(self, x: FloatArray) -> FloatArray:
-        """theta (n_theta,) at x (n_x + n_d,), SI."""
+        """Return theta (n_theta,) at x (n_x + n_d,), SI."""
         n, theta = len(self.fit_x), self.base.copy()
         moved = x[:n] + sum((size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n))
         theta[self.rows] = self.parameters.expand(moved, self.where)[self.places]
@@ -246,7 +246,7 @@ class FittedModel:
 
     @classmethod
     def of(cls, linear: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> "FittedModel":
-        """A configuration that was fitted; covariance (n_x, n_x) of x (n_x,)."""
+        """Return a configuration that was fitted; covariance (n_x, n_x) of x (n_x,)."""
         none, where = np.zeros(len(linear.parameters)), linear.configuration.name
         return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, where))
 
@@ -272,7 +272,7 @@ class FittedModel:
         return self.estimated.theta(self.estimated.x)
 
     def response(self, freq_hz: FloatArray, *, sampled: bool = False, sampled_hz: float | None = None) -> Response:
-        """The frequency response at freq_hz (F,), or at one.
+        """Return the frequency response at freq_hz (F,), or at one.
 
         Without the delay these are the numbers of `to_control`.  sampled: with the images of torques that are held and
         angles that are sampled, as a measured response contains them: 0.1 % at an eighth of the rate.  sampled_hz: with
@@ -285,14 +285,14 @@ class FittedModel:
         return to_response(replace(self.linear, hold=hold), self.theta, checked_frequencies(freq_hz))
 
     def response_band(self, freq_hz: FloatArray, level: float = 0.95) -> ResponseBand:
-        """The response at freq_hz (F,) with its pointwise and simultaneous bands of probability `level`."""
+        """Return the response at freq_hz (F,) with its pointwise and simultaneous bands of probability `level`."""
         response, plain = self.response(freq_hz), replace(self.linear, hold=None)
         spread = self._spread(lambda theta: frequency_response(plain, theta, response.freq_hz))
         pointwise, simultaneous = spread.radii(level)
         return ResponseBand(response, spread.std, pointwise, simultaneous, level, spread.by)
 
     def response_std(self, freq_hz: FloatArray) -> FloatArray:
-        """Standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by the parameter covariance, first order."""
+        """Return the std E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by the parameter covariance, to first order."""
         if self.linear.integral is not None:
             return self.response_band(freq_hz).std
         J = self._response_slopes(freq_hz)
@@ -301,7 +301,7 @@ class FittedModel:
         return np.hypot(*parts).reshape(J.shape[1:])
 
     def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
-        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions.
+        """Return changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions.
 
         A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
         """
@@ -317,7 +317,7 @@ class FittedModel:
         return np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1)
 
     def modes(self) -> UncertainModes:
-        """Natural frequencies, damping ratios and mode shapes, without the integral states of a controller.
+        """Return natural frequencies, damping ratios and mode shapes, without the integral states of a controller.
 
         Standard deviations are infinite where they need infinite ones.
         """
@@ -345,7 +345,7 @@ class FittedModel:
         )  # fmt: skip
 
     def stiffness(self) -> FrameStiffness:
-        """Static stiffness and compliance (6, 6) of the frame, in its axes, with standard deviations.
+        """Return the static stiffness and compliance (6, 6) of the frame, in its axes, with standard deviations.
 
         StudyError where motors are free, which give way to any force.
         """
@@ -374,9 +374,9 @@ class FittedModel:
         return propagate(lambda x: function(known.theta(x)), known.x, known.covariance)
 
     def state_space(self) -> StateSpace:
-        """A, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
+        """Return a, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
         return state_space(self.linear, self.theta)
 
     def to_control(self, pade: int | None = None) -> Any:
-        """The model as `control.StateSpace`, as by `StateSpace.to_control`."""
+        """Return the model as `control.StateSpace`, as by `StateSpace.to_control`."""
         return self.state_space().to_control(pade)

@@ -57,11 +57,11 @@ class LagElement:
     coefficients: tuple[float, ...]
 
     def response(self, s: ComplexArray, T: float) -> ComplexArray:
-        """H(s T) of the shape of s."""
+        """Return H(s T) of the shape of s."""
         return np.asarray(1 / polynomial.polyval(s * T, (1.0, *self.coefficients)), dtype=np.complex128)
 
     def log_slope(self, s: ComplexArray, T: float) -> ComplexArray:
-        """d ln H / dT = -s P'(s T) / P(s T)."""
+        """Return d ln H / dT = -s P'(s T) / P(s T)."""
         P = (1.0, *self.coefficients)
         x = s * T
         return -s * polynomial.polyval(x, polynomial.polyder(P)) / polynomial.polyval(x, P)
@@ -74,7 +74,7 @@ class DifferenceElement:
     name: str
 
     def response(self, s: ComplexArray, T: float) -> ComplexArray:
-        """H(s T) of the shape of s."""
+        """Return H(s T) of the shape of s."""
         half = s * T / 2  # e^(-x/2) sinh(x/2) / (x/2) keeps its digits where x is small
         small = np.abs(half) < 1e-4
         safe = np.where(small, 1.0, half)
@@ -82,7 +82,7 @@ class DifferenceElement:
         return np.asarray(np.exp(-half) * sinhc, dtype=np.complex128)
 
     def log_slope(self, s: ComplexArray, T: float) -> ComplexArray:
-        """d ln H / dT = s (1 / (e^x - 1) - 1 / x), which is -s / 2 where x is small."""
+        """Return d ln H / dT = s (1 / (e^x - 1) - 1 / x), which is -s / 2 where x is small."""
         x = s * T
         small = np.abs(x) < 1e-3
         safe = np.where(small, 1.0, x)
@@ -93,19 +93,19 @@ Element = LagElement | DifferenceElement
 
 
 def elements(chain: Chain) -> tuple[Element, ...]:
-    """Elements of a chain: first of the torque, then of the sensor."""
+    """Return elements of a chain: first of the torque, then of the sensor."""
     return (*torque_elements(chain), *sensor_elements(chain))
 
 
 def torque_elements(chain: Chain) -> tuple[LagElement, ...]:
-    """Elements between command and torque: they are inside a control loop."""
+    """Return elements between command and torque: they are inside a control loop."""
     if chain.torque_lag is None:
         return ()
     return (LagElement(TORQUE_LAG, (1.0,) if chain.torque_order == 1 else (2 * chain.torque_damping, 1.0)),)
 
 
 def sensor_elements(chain: Chain) -> tuple[Element, ...]:
-    """Elements between motion and log."""
+    """Return elements between motion and log."""
     lag = () if chain.sensor_lag is None else (LagElement("sensor_lag", BUTTERWORTH[chain.sensor_order]),)
     return lag if chain.differentiator is None else (*lag, DifferenceElement("differentiator"))
 
@@ -114,12 +114,12 @@ DELAY = "delay"
 
 
 def is_load(place: str) -> bool:
-    """True of a force or a torque at a frame: `force tool x`."""
+    """Return True of a force or a torque at a frame: `force tool x`."""
     return place.startswith(("force ", "torque "))
 
 
 def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Z^T matrix Z, symmetric to the last bit."""
+    """Return Z^T matrix Z, symmetric to the last bit."""
     if len(Z) == Z.shape[1]:
         return matrix  # nothing is held: Z is the unit matrix
     product = Z.T @ matrix @ Z
@@ -222,7 +222,7 @@ class LinearModel:
         return "u" if self.controller is None else "r"
 
     def number(self, theta: FloatArray, name: str) -> float:
-        """The value of one parameter in theta (n_theta,); UnknownNameError names those there are."""
+        """Return the value of one parameter in theta (n_theta,); UnknownNameError names those there are."""
         return float(theta[index_of(name, self.parameters, "parameter")])
 
     def channel_factors(self, theta: FloatArray, s: ComplexArray | None = None) -> tuple[ComplexArray, ComplexArray]:
@@ -248,7 +248,7 @@ class LinearModel:
         return factors("y", self.outputs), 1 / of_inputs if self.controller is None else of_inputs
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """C and T (n_y, n) at theta (n_theta,) in SI."""
+        """Return C and T (n_y, n) at theta (n_theta,) in SI."""
         if not self.moved_outputs:
             return self.C, self.tilt
         C, T = np.array(self.C), np.array(self.tilt)
@@ -260,7 +260,7 @@ class LinearModel:
         return C, T
 
     def acting(self, theta: FloatArray) -> FloatArray:
-        """B (n, n_u) at theta (n_theta,) in SI."""
+        """Return B (n, n_u) at theta (n_theta,) in SI."""
         moved = [(name, self.slopes[name].B) for name in self.moved_outputs]
         change = [
             (self.number(theta, name) - self.number(self.theta_ref, name)) * dB for name, dB in moved if dB is not None
@@ -268,7 +268,7 @@ class LinearModel:
         return self.B + sum(change, np.zeros_like(self.B)) if change else self.B
 
     def with_outputs(self, rows: Sequence[int]) -> "LinearModel":
-        """Model with some of its outputs, by their places."""
+        """Return the model with some of its outputs, by their places."""
         rows = list(rows)
 
         def part(matrix: FloatArray | None) -> FloatArray | None:
@@ -281,7 +281,7 @@ class LinearModel:
         return replace(self, C=self.C[rows], T=self.tilt[rows], outputs=outputs, slopes=slopes, hold=hold)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """M, D, K (n, n) at theta (n_theta,) in SI; ValueError where theta is not one number for each parameter."""
+        """Return M, D, K (n, n) at theta (n_theta,) in SI; ValueError unless theta has one value per parameter."""
         check_theta(theta, self.parameters)
         change = np.asarray(theta) - self.theta_ref
         parts = ((getattr(self, letter), *self._moved[letter]) for letter in "MDK")
@@ -326,13 +326,13 @@ class StateSpace:
         return Display(title + late, ("signal", "at", "quantity"), rows)
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
-        """G (F, n_y, n_u) = [C (s I - A)^-1 B + D] exp(-s T_d) on the lines freq_hz (F,)."""
+        """Return G (F, n_y, n_u) = [C (s I - A)^-1 B + D] exp(-s T_d) on the lines freq_hz (F,)."""
         s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
         X = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B.astype(complex))
         return np.asarray((self.C @ X + self.D) * np.exp(-s * self.delay))
 
     def to_control(self, pade: int | None = None) -> Any:
-        """The system as `control.StateSpace` with the names of its inputs and outputs.
+        """Return the system as `control.StateSpace` with the names of its inputs and outputs.
 
         The delay is not part of it, unless `pade` gives the order of an approximation by Pade in front of each input;
         ValueError for another than a positive integer.
@@ -350,7 +350,7 @@ class StateSpace:
 
 
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
-    """The state space of a LinearModel at theta (n_theta,), model.parameters in SI.
+    """Return the state space of a LinearModel at theta (n_theta,), model.parameters in SI.
 
     Inputs are torques, also of a model whose inputs are references.
     StudyError where an accelerometer's reading is turned into a velocity or a position: gravity would be integrated;

@@ -59,7 +59,7 @@ class PointDerivatives:
     def at(
         self, point: OperatingPoint, theta: FloatArray, K: FloatArray, Z: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """dq_f (n_f, n_theta) and dA (.., n_theta) by the motion of the point, and dZ (n_theta, n_q, n).
+        """Return dq_f (n_f, n_theta) and dA (.., n_theta) by the motion of the point, and dZ (n_theta, n_q, n).
 
         K (n_q, n_q), Z (n_q, n): stiffness and motions there; dZ is None without loops.
         StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
@@ -187,13 +187,13 @@ class Linearisation:
         cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = (),
         presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Linearisation":  # fmt: skip
-        """A robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
+        """Return a robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
         return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
     ) -> LinearModel:
-        """The LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
+        """Return the LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
         model = self.model
         check_theta(theta, self.parameters)
         theta, of_presliding = np.split(theta, [len(model.parameters)])
@@ -253,7 +253,7 @@ def _linearised(
 def linearise(
     model: ElasticModel, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
 ) -> LinearModel:
-    """The LinearModel of one configuration; for several, build `Linearisation.of(model)` once.
+    """Return the LinearModel of one configuration; for several, build `Linearisation.of(model)` once.
 
     theta (n_theta,): model.parameters in SI, without the delay, which LinearModel adds at the end.
     outputs: places such as `motor 1`, `joint 1`, `body arm z`, `frame tool x`.  quantity: measured there.

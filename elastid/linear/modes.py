@@ -43,7 +43,7 @@ class Modes:
 
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:
-    """Modes with the motors free, at theta (n_theta,): the poles of the frequency response."""
+    """Return modes with the motors free, at theta (n_theta,): the poles of the frequency response."""
     poles, shapes = _eigenvalues(*model.matrices(theta))
     scale = np.abs(poles).max(initial=0.0)
     poles = np.where(np.abs(poles) <= RIGID_RATE * scale, 0.0, poles)
@@ -56,13 +56,13 @@ def modes(model: LinearModel, theta: FloatArray) -> Modes:
 
 
 def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
-    """Shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
+    """Return shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
     assert model.Z is not None  # set when it is made
     return normalised(model.Z @ shapes)
 
 
 def normalised(shapes: ComplexArray) -> ComplexArray:
-    """Columns whose largest entry is 1."""
+    """Return columns whose largest entry is 1."""
     if not shapes.size:
         return shapes
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
@@ -94,7 +94,7 @@ class StrainEnergy:
 
 
 def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint, shapes: ComplexArray) -> StrainEnergy:
-    """Energy of mode shapes (n_q, n_m) about an operating point; theta (n_theta,): model.parameters, SI.
+    """Return energy of mode shapes (n_q, n_m) about an operating point; theta (n_theta,): model.parameters, SI.
 
     Neither the length nor the phase of a shape matters. NaN for a motion without potential energy, as that of a rigid
     body is.

@@ -49,10 +49,10 @@ _LINES_ERROR = 30.0
 _LARGEST_SHIFT = 30.0
 
 
-def effect_of_motion(
+def estimate_motion_bias(
     model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response
 ) -> ComplexArray | None:
-    """dG (F, n_y, n_u) that the motion adds to the response of a model about its static posture.
+    """Return dG (F, n_y, n_u) that the motion adds to the response of a model about its static posture.
 
     linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
     measured count as standing still.  StudyError as `equilibrium`.
@@ -74,7 +74,7 @@ def effect_of_motion(
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
         """dG of a motion of at most so many lines."""
         omega = 2 * np.pi * lines_hz
-        moved = _Moved.of(expansion, motion, measured, at, mean, most)
+        moved = _MotionBias.of(expansion, motion, measured, at, mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
         changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
         dG = expansion.response_change(omega, changes)[:, :, inputs]
@@ -112,12 +112,12 @@ class _Expansion:
     orders: IntArray
 
     def z(self, omega: float) -> ComplexArray:
-        """(n_z, n): z of the unknowns x at a frequency."""
+        """Return (n_z, n): z of the unknowns x at a frequency."""
         rates = np.eye(self.n_q, self.n)
         return np.asarray(np.vstack([np.eye(self.n), 1j * omega * rates, -(omega**2) * rates]), np.complex128)
 
     def L(self, omega: Any) -> ComplexArray:
-        """The dynamic stiffness (n, n) with its constraints; (K, n, n) at K frequencies."""
+        """Return the dynamic stiffness (n, n) with its constraints; (K, n, n) at K frequencies."""
         return self._in_front_of_x(self.J[: self.n], omega)
 
     def _in_front_of_x(self, J: FloatArray, omega: Any) -> ComplexArray:
@@ -128,7 +128,7 @@ class _Expansion:
         return np.asarray(of_x)
 
     def X(self, omega: Any) -> ComplexArray:
-        """L^-1 B (..., n, n_u)."""
+        """Return L^-1 B (..., n, n_u)."""
         return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
 
     def response_change(self, omega: FloatArray, change: ComplexArray) -> ComplexArray:
@@ -138,8 +138,8 @@ class _Expansion:
         moved = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
         return moved / (1j * omega[:, None, None]) ** self.orders[:, None]
 
-    def held(self, omega: Any) -> ComplexArray:
-        """L^-1 (..., n, n) with motors that stand still."""
+    def locked_inverse(self, omega: Any) -> ComplexArray:
+        """Return L^-1 (..., n, n) with motors that stand still."""
         L = self.L(omega)
         inverse, free = np.zeros_like(L), (..., self.free[:, None], self.free)
         try:
@@ -150,7 +150,7 @@ class _Expansion:
 
 
 @dataclass(frozen=True, eq=False)
-class _Moved:
+class _MotionBias:
     """An expansion and the motion about it.
 
     omega (2 K,), of both signs; curved (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each.
@@ -166,7 +166,7 @@ class _Moved:
     @classmethod
     def of(
         cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
-    ) -> "_Moved":
+    ) -> "_MotionBias":
         """measured: indices of the model's motors in the motion signals. most: most lines of the motion."""
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
@@ -179,7 +179,7 @@ class _Moved:
         return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
 
     def change(self, omega: float) -> ComplexArray:
-        """(n + n_y, n): change of the coefficients of x in equations and outputs at a frequency."""
+        """Return (n + n_y, n): change of the coefficients of x in equations and outputs at a frequency."""
         e, both, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curved_parts
         (_, K, n_r, m, n_k), s = met.shape, 1j * both[:, None]
         # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
@@ -214,7 +214,7 @@ class _Moved:
         return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
 
     @cached_property
-    def _held_up(self) -> FloatArray:
+    def _controlled_stiffness(self) -> FloatArray:
         """The dynamic stiffness with the feedback, before 1 / s, 1, s and s^2 (4, n n)."""
         e, parts = self.expansion, np.zeros((4, self.expansion.n, self.expansion.n))
         if self.feedback is not None:
@@ -227,11 +227,11 @@ class _Moved:
         """Inverse from torques on some of the unknowns to e_2 (2 K, n, n_r)."""
         e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
-            return e.held(omega)[:, :, rows]
+            return e.locked_inverse(omega)[:, :, rows]
         s = 1j * np.where(rest, 1.0, omega)[:, None]
-        L = np.hstack([1 / s, np.ones_like(s), s, s**2]) @ self._held_up
+        L = np.hstack([1 / s, np.ones_like(s), s, s**2]) @ self._controlled_stiffness
         inverse = np.linalg.solve(L.reshape(-1, e.n, e.n), np.eye(e.n)[:, rows])
-        inverse[rest] = e.held(0.0)[:, rows]
+        inverse[rest] = e.locked_inverse(0.0)[:, rows]
         return np.asarray(inverse)
 
 
@@ -268,7 +268,7 @@ def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) 
     """R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
     n, moved = expansion.n, expansion.B @ shift
     torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ moved
-    mean = moved - expansion.held(0.0).real @ torque
+    mean = moved - expansion.locked_inverse(0.0).real @ torque
     return np.tensordot(mean, expansion.curvature[:n], axes=1)
 
 
@@ -320,7 +320,7 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
 
 
 def is_point(place: str) -> bool:
-    """True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
+    """Return True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
     kind, _, axis = split_place(place)
     return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
 

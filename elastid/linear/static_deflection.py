@@ -1,4 +1,4 @@
-r"""Forces and torques at frames: deflection under constant ones, and inputs of a linear model.
+r"""Static deflection of frames under constant forces and torques.
 
 .. math:: \partial V / \partial q_f + \Phi_f^T \lambda = J_f^T F, \qquad \varphi = 0, \qquad
           y = p(q_{loaded}) - p(q_{unloaded}), \qquad
@@ -9,18 +9,10 @@ r"""Forces and torques at frames: deflection under constant ones, and inputs of 
 Solved by Newton's method for all postures and loads at once: gravity, nonlinear springs and closed loops are exact. To
 first order y = J K^-1 J^T F, K the tangent stiffness under the load. Forces and torques keep their directions, in the
 axes of the base.
-
-Forces and torques at frames as inputs of a linear model, with its motors held, free or controlled.
-
-.. math:: B = J^T, \qquad \text{held: } q = N y, \; B_m^T N = 0, \qquad
-          \text{controlled: } K + B_m (k_p + k_i k_d) B_m^T, \; D + B_m k_d B_m^T, \; \Delta = B_m k_i k_p B_m^T
-
-J: velocity of a frame's origin, or its angular velocity, so that a force at a place works on its motion.  B_m: of the
-motors.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -29,12 +21,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.linear.equilibrium import MAX_STEP, MAX_STEPS, ROUNDING_GAP, equilibrium, free_coordinates
-from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import position, rotation, tree, turns
-from elastid.model.loop_closure import null_space
-from elastid.record import Configuration, JointLoop, Motors
-from elastid.robot.robot import split_place
+from elastid.record import Configuration
 
 _SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
 
@@ -59,8 +48,8 @@ class LoadedRobot:
     """The loads of a robot, and where it rests without them to begin with.
 
     z (2 L, n_z): coordinates that are free, and multipliers, of L postures twice, unloaded and to be loaded.
-    held (2 L, n_q): coordinates with the motors at their angles.  wrench (2 L, 6 n_f): zero without load.
-    moved (n_p,): parameters to which there are derivatives.  statics(z, held, theta, wrench) -> forces that remain
+    locked (2 L, n_q): coordinates with the motors at their angles.  wrench (2 L, 6 n_f): zero without load.
+    moved (n_p,): parameters to which there are derivatives.  statics(z, locked, theta, wrench) -> forces that remain
     (n_z,) and their slopes to z; slopes(...) -> to the moved parameters, and position of all frames (3 n_f,) with its
     slopes to both.
     """
@@ -70,7 +59,7 @@ class LoadedRobot:
     frames: tuple[str, ...]
     moved: IntArray
     z: FloatArray
-    held: FloatArray
+    locked: FloatArray
     wrench: FloatArray
     statics: ca.Function
     slopes: ca.Function
@@ -79,7 +68,7 @@ class LoadedRobot:
     def of(
         cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], moved: Sequence[str]
     ) -> "LoadedRobot":
-        """Robot under loads, each with theta (n_theta,) of its posture to begin with; StudyError without a rest."""
+        """Return the robot under loads, with theta (n_theta,) of each posture; StudyError without an equilibrium."""
         known = [frame.name for frame in model.robot.frames]
         frames = tuple(dict.fromkeys(name for load in loads for name in (load.frame, load.read_at)))
         for name in frames:
@@ -91,13 +80,13 @@ class LoadedRobot:
         places = np.array([i for i, name in enumerate(model.parameters) if name in moved], np.int64)
         points = [equilibrium(model, t, load.configuration) for t, load in zip(theta, loads, strict=True)]
         z = np.array([np.append(point.q[free], point.lambda_) for point in points])
-        held = np.array([point.q for point in points])
+        locked = np.array([point.q for point in points])
         wrench = np.zeros((len(loads), len(frames), 6))
         for i, load in enumerate(loads):
             wrench[i, frames.index(load.frame)] = np.append(load.force, load.torque)
         both = np.concatenate([np.zeros_like(wrench), wrench]).reshape(2 * len(loads), -1)
         functions = _functions(model, frames, tuple(places.tolist()))
-        return cls(model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(held, (2, 1)), both, *functions)
+        return cls(model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(locked, (2, 1)), both, *functions)
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
         """Readings (n,) of each load and their slopes (n, n_p) to the moved parameters; theta (n_theta,) of each.
@@ -144,7 +133,7 @@ class LoadedRobot:
 
     def _at(self, function: ca.Function, z: FloatArray, theta: FloatArray) -> tuple[FloatArray, ...]:
         """The outputs of a function for all rows of z, each (2 L, m, n)."""
-        parts = function.map(len(z))(z.T, self.held.T, theta.T, self.wrench.T)
+        parts = function.map(len(z))(z.T, self.locked.T, theta.T, self.wrench.T)
         shapes = (function.size_out(i) for i in range(function.n_out()))
         return tuple(
             part.full().T.reshape(len(z), n, m).transpose(0, 2, 1) for part, (m, n) in zip(parts, shapes, strict=True)
@@ -166,9 +155,9 @@ def _size(r: FloatArray, K: FloatArray) -> FloatArray:
 def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
     """`LoadedRobot.statics` and `LoadedRobot.slopes`."""
     free = free_coordinates(model).tolist()
-    z, held = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
+    z, locked = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
     (theta,), wrench = model.symbols("theta"), ca.SX.sym("wrench", 6 * len(frames))
-    q, lambda_ = ca.SX(held), z[len(free) :]
+    q, lambda_ = ca.SX(locked), z[len(free) :]
     q[free] = z[: len(free)]
     named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
     layout = tree(model.robot, {name: symbol for name, symbol in named.items() if name in model.robot.geometry})
@@ -186,63 +175,6 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
     left, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
     slopes = [ca.jacobian(left, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]
-    given, options = [z, held, theta, wrench], {"cse": True}
+    given, options = [z, locked, theta, wrench], {"cse": True}
     statics = ca.Function("statics", given, [ca.densify(term) for term in (left, ca.jacobian(left, z))], options)
     return statics, ca.Function("slopes", given, [ca.densify(term) for term in slopes], options)
-
-
-def moved_by(place: str) -> str:
-    """The motion on which a force or torque works."""
-    kind, name, axis = split_place(place)
-    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
-
-
-def with_held_motors(B: FloatArray) -> FloatArray:
-    """N (n, m): motions that leave the motors B^T q = 0 at rest; columns of the unit matrix where these are."""
-    still = ~np.any(B, axis=1)
-    if np.linalg.matrix_rank(B) == np.count_nonzero(~still):
-        return np.eye(len(B))[:, still]
-    return null_space(B.T)
-
-
-@dataclass(frozen=True, eq=False)
-class Ports:
-    """Forces and motions as sums of the places of a linear model.
-
-    act (n_u, n_p + n_m): forces at its outputs, then torques of its motors.  read (n_y, n_p): of its outputs.
-    """
-
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    act: FloatArray
-    read: FloatArray
-
-    @classmethod
-    def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> "Ports":
-        """Forces on motions that are among the outputs of a model, which are read as they are."""
-        n, rows = len(model.outputs), [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
-        return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))
-
-
-def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop | None) -> LinearModel:
-    """Model between ports; no chain of drives is in it."""
-    K, D, integral = model.K, model.D, None
-    if motors == "controlled" and loop is not None:
-        gains = loop.kp + loop.ki * loop.kd, loop.kd, loop.ki * loop.kp
-        stiffness, damping, drift = ((model.B * gain) @ model.B.T for gain in gains)
-        K, D, integral = K + stiffness, D + damping, drift if np.any(drift) else None
-    N = with_held_motors(model.B) if motors == "locked" else np.eye(model.n)
-    slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
-    M, D, K = (projected(N, A) for A in (model.M, D, K))
-    B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.tilt @ N
-    return replace(
-        model, M=M, D=D, K=K, B=B, C=C, T=T, Z=np.asarray(model.Z) @ N, slopes=slopes,
-        inputs=ports.inputs, outputs=ports.outputs, chain=(), motors=motors, loop=loop, integral=integral,
-    )  # fmt: skip
-
-
-def _on(slope: Slope, N: FloatArray, ports: Ports) -> Slope:
-    M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
-    C, T = (None if part is None else ports.read @ part @ N for part in (slope.C, slope.T))
-    B = None if slope.C is None else N.T @ slope.C.T @ ports.act[:, : len(slope.C)].T
-    return Slope(M, D, K, C, T, B if B is not None and np.any(B) else None)

@@ -32,7 +32,7 @@ from elastid.logs.motion_relations import (
 from elastid.logs.repair import Log as RepairLog
 from elastid.logs.repair import bridged
 from elastid.logs.repair.outliers import without_lone
-from elastid.logs.units_and_sides import MAX_COMPUTABLE
+from elastid.logs.units_and_sides import MAX_COMPUTABLE, unwrapped
 
 DRIVES = ("torque", "force", "current", "voltage")
 MIN_SAMPLES = 100  # of a log
@@ -268,12 +268,19 @@ def _with_sensors(
 def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
     """Joint with its sensor; its sign turns it into the torque of the links on the motor."""
     s, of_motor = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
-    y = joint.motion.to_si * values[joint.motion.key]
+    y = joint.motion.sign * _in_si(joint.motion, values)
     gain, std = sensor_gain(of_motor, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
     is_certain, why = MIN_GAIN_OVER_STD * std < abs(gain), "torque sensor behind the gear, by its name"
     sensor = replace(sensor, unit=sensor.unit or "N*m", sign=1 if is_certain and gain < 0 else -1, why=why)
     is_torque = joint.torque.quantity == "torque"  # of a current the constant is unknown
     return replace(joint, sensor=sensor, sensor_gain=abs(gain) if is_certain and is_torque else 1.0)
+
+
+def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
+    """Motion (n,) in SI without its sign, an angle unwrapped."""
+    size, turns = abs(motion.to_si), motion.quantity == "position" and dimension_and_size(motion.unit)[0] == "rad"
+    x = values[motion.key]
+    return size * (unwrapped(x, 2 * np.pi / size)[0] if turns else x)
 
 
 def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
@@ -373,10 +380,9 @@ def _joint(
     drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
 ) -> JointGuess:
     """The joint of a torque and a motion, among the motions of all joints."""
-    y, order = (values[motion.key] * dimension_and_size(motion.unit)[1], MOTIONS.index(motion.quantity))
-    others = {g.key: (values[g.key] * dimension_and_size(g.unit)[1], MOTIONS.index(g.quantity)) for g in motions}
-    others.pop(motion.key)
-    best = torque_relation(values[drive.key], y, order, rate_hz, others=[*others.values()])
+    others = {g.key: (_in_si(g, values), MOTIONS.index(g.quantity)) for g in (*motions, motion)}
+    y, order = others.pop(motion.key)
+    best = torque_relation(drive.to_si * values[drive.key], y, order, rate_hz, others=[*others.values()])
     if best.is_against_motion:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")

@@ -50,7 +50,7 @@ class ChannelGuess:
 
     @property
     def to_si(self) -> float:
-        """Factor from the numbers of a motion to SI on the link side."""
+        """Factor from the numbers of a motion, or of a drive on the link side, to SI on the link side."""
         return self.sign * self.scale * dimension_and_size(self.unit)[1] / self.ratio
 
     @property

@@ -184,7 +184,7 @@ class RecordedRig:
             hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
             half_wave=recorded.half_wave,
             repairs=dict(repairs),
-            left_out=tuple(log.findings.left_out),
+            discarded_periods=tuple(log.findings.discarded_periods),
             sliding=self.robot.sliding((*inputs, *outputs)),
             input_units=units,
         )
@@ -270,11 +270,11 @@ def joined(
             arrays.release(signal)
         notes |= dict.fromkeys(part.notes)
         repairs.update(part.repairs)
-        left_out += [start // part.repeat_samples + p for p in part.left_out]
+        left_out += [start // part.repeat_samples + p for p in part.discarded_periods]
     large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
     period_samples = first.period_samples if first.is_periodic else n
     record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
-    return replace(record, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
+    return replace(record, notes=tuple(notes), repairs=dict(repairs), discarded_periods=tuple(left_out))
 
 
 def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
@@ -343,7 +343,9 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
         starts=tuple(starts[1:-1]),
         notes=(*dict.fromkeys(notes_of(every)), note),
         repairs=dict(repairs),
-        left_out=tuple(start + p for start, part in zip(starts, every, strict=False) for p in part.left_out),
+        discarded_periods=tuple(
+            start + p for start, part in zip(starts, every, strict=False) for p in part.discarded_periods
+        ),
     )
 
 
@@ -402,8 +404,9 @@ def _shift_periods(record: Record, lag: float) -> Record:
     is_whole = abs(lag - round(lag)) <= MAX_LAG
     start = float(round(lag) % N) if is_whole else lag % N
     periods = max(1, int((record.n_samples - start) // N))
-    left_out = {int(p - start // L) - i for p in record.left_out for i in (range(2) if start % L else range(1))}
-    left_out = {p for p in left_out if 0 <= p < periods * N // L}
+    overlap = range(2) if start % L else range(1)
+    discarded = {int(p - start // L) - i for p in record.discarded_periods for i in overlap}
+    discarded = {p for p in discarded if 0 <= p < periods * N // L}
     times = np.arange(periods * N, dtype=np.float64) + start
     is_inside = is_whole and times[-1] < record.n_samples
 
@@ -411,4 +414,4 @@ def _shift_periods(record: Record, lag: float) -> Record:
         return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
 
     r = None if record.r is None else moved(record.r)
-    return replace(record, u=moved(record.u), y=moved(record.y), r=r, left_out=tuple(sorted(left_out)))
+    return replace(record, u=moved(record.u), y=moved(record.y), r=r, discarded_periods=tuple(sorted(discarded)))

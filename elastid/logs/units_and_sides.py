@@ -78,13 +78,13 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log)
     """The signal (n,) in SI on the link side, an angle unwrapped."""
     factor, turns = _side_factor(channel, robot), 0
     if channel.quantity == "position":
-        values, turns = _unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
+        values, turns = unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
     if turns:
         log.note(UNWRAPPED, f"{turns} wraps of its counter or revolution were removed from {channel.name_in_file}")
     return (values * factor + channel.offset) * _gear_factor(channel, robot)
 
 
-def _unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
+def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
     """Values (n,) without their jumps by nearly a turn, or by the 2^k of a counter of whole numbers, and the number."""
     known = np.isfinite(values)
     x = values[known]

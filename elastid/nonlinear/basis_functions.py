@@ -1,4 +1,4 @@
-r"""Effects of gears: shapes Phi along the motion, each times a level f, that act at a place of the drivetrain.
+r"""Basis functions Phi of gear effects along the motion, each times a magnitude f at a place of the drivetrain.
 
 .. math:: J \ddot q + f_m \dot q + (F_m + F_{load} |\tau|)\, \mathrm{sgn}\, \dot q + ripple(q) + (1 + e'(q))\, \tau = u,
           \qquad \tau = n(\delta) + d\, \dot\delta + h(\delta), \qquad \delta = q + e(q) - l
@@ -22,22 +22,22 @@ from numpy.fft import irfft, rfft
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import Note
 from elastid.friction.stop_operator import Path, bristle, stop
-from elastid.nonlinear.friction import Shape, sliding_means
+from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
 from elastid.response import UNEXPLAINED
 
 Signal = TypeVar("Signal", FloatArray, BoolArray)
 
 
 def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
-    """tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
-    means = sliding_means(np.append(v, v[0])[None], [(Shape("", "sign", scale), 1.0)])[0]
+    """Return tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
+    means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
     step, phi = following(v) - v, np.tanh(v / scale) if scale else np.sign(v)
     slope = np.divide(following(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
     return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
 
 
 def points_of_means(means: FloatArray) -> FloatArray:
-    """Values at the points (n,) of a period by means over the cells that begin there."""
+    """Return values at the points (n,) of a period by means over the cells that begin there."""
     n = len(means)
     return irfft(rfft(means) * _from_means(n), n)
 
@@ -50,7 +50,7 @@ def _from_means(n: int) -> ComplexArray:
 
 
 def following(x: Signal) -> Signal:
-    """Value at the next point, of each point (n,) of a period."""
+    """Return the value at the next point, of each point (n,) of a period."""
     return np.concatenate([x[1:], x[:1]])
 
 
@@ -87,7 +87,7 @@ class Row:
     place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
     sheet.  scales: that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the
     middle one; without any an effect has an order and is not implicit.  rivals: of which a joint has one, it apart.
-    brakes: its level cannot be negative: it takes energy, or is missing within a gap.
+    brakes: its magnitude cannot be negative: it takes energy, or is missing within a gap.
     """
 
     place: Place
@@ -125,7 +125,7 @@ APART = 1.5  # factor from which on two scales, or stiffnesses, are told apart
 class GearEffect:
     """One effect at a joint.
 
-    friction, load: at the motor, one level and one for each Nm of the gear's torque; behind: at the link.  cubic,
+    friction, load: at the motor, one magnitude and one for each Nm of the gear's torque; behind: at the link.  cubic,
     progressive: k_3 delta^3 and k_2s |delta| delta.  range: the stiffness beyond a deflection, more than before it.
     gap: the stiffness within one, less than beyond it; lost motion.  stop, bristle: elements of the gear's hysteresis.
     scale: rad/s over which friction turns, rad over which a hysteresis bends or at which a range or a gap ends, order
@@ -194,7 +194,7 @@ class GearMotion:
 
 
 def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) over a period; for a load, per Nm.
+    """Return Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) over a period; for a load, per Nm.
 
     What breaks or turns between the points does so there.
     """
@@ -204,7 +204,7 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of a spring or a loop point by point of its deflection x (n,), of a whole period."""
+    """Return Phi and dPhi / dx (n,) of a spring or a hysteresis along its deflection x (n,) over a period."""
     if effect.kind == "cubic":
         return x**3, 3 * x**2
     if effect.kind == "progressive":
@@ -220,15 +220,15 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / b
 
 
-def periodic_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
-    """e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
+def transmission_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
+    """Return e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
     order = effect.scale * ratio
     sine, cosine = np.sin(order * angle), np.cos(order * angle)
     return (cosine, -order * sine) if effect.kind.endswith("cosine") else (sine, order * cosine)
 
 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
-    """Phi (n,) at each place where the effect acts, against the motion there."""
+    """Return Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_edge:
         h, smooth = 1e-3 * effect.scale, replace(effect, is_edge=False)
         both = forces(smooth, motion), forces(replace(smooth, scale=smooth.scale + h), motion)
@@ -236,7 +236,7 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]
-    e, slope = periodic_error(effect, motion.angle, motion.ratio)
+    e, slope = transmission_error(effect, motion.angle, motion.ratio)
     if effect.kind.startswith("ripple"):
         return [("motor", e)]
     return [("gear", motion.k * e + motion.d * slope * motion.velocity), ("motor", motion.torque * slope)]
@@ -247,5 +247,5 @@ ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 
 
 def notes_before_gears(notes: Iterable[Note], is_next: bool) -> tuple[Note, ...]:
-    """Notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
+    """Return notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
     return tuple(note for note in notes if not (is_next and note.code in ANSWERED))

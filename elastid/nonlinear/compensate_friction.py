@@ -1,12 +1,12 @@
-r"""Responses of records with compensated motor friction, and the errors of the compensation.
+r"""Friction compensation: responses of records with compensated motor friction, and their errors.
 
-Levels that are off by df leave their torque in U, the same in all configurations, at the lines of Phi
+Coefficients that are off by df leave their torque in U, the same in all configurations, at the lines of Phi
 
 .. math:: \delta G = G\, e_j\, (\Phi\, df)\, U_{net}^+, \qquad U_{net} = U - \Phi f
 
-for shapes Phi at motor j. The levels have the covariance L L^T, so that each column of L is a systematic error of known
-size, which no scatter between realisations shows. A further error is that of reversals, which are found to a part of a
-sample: j omega dt Phi f takes the place of Phi df.
+for shapes Phi at motor j. The coefficients have the covariance L L^T, so that each column of L is a systematic error of
+known size, which no scatter between realisations shows. A further error is that of reversals, which are found to a part
+of a sample: j omega dt Phi f takes the place of Phi df.
 
 Dry friction acts on shafts, whose motors' gears may couple the axes. Shafts keep the names of their motors:
 
@@ -27,9 +27,10 @@ from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.statistics import interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.friction import FrictionTakenOut, held_samples
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import zoh_samples
 from elastid.nonlinear.motion import whole_samples
-from elastid.nonlinear.spectra import gather_configuration, taken
+from elastid.nonlinear.spectra import compensation_torque, gather_configuration
 from elastid.nonlinear.variable_projection import MIN_UNEXPLAINED
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Response
@@ -39,21 +40,21 @@ from elastid.robot.tolerances import RATIO
 TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
 
 
-def estimate_without_friction(
+def estimate_compensated_response(
     records: Sequence[Record],
-    friction: FrictionTakenOut | None,
+    friction: CompensatedFriction | None,
     spec: EstimatorSpec,
     planned_lines: IntArray | None = None,
     E: FloatArray | None = None,
     robot: Robot | None = None,
 ) -> Response:
-    """G of one configuration as `estimate` has it, from the net torques of its records, with the levels' errors.
+    """Estimate G of one configuration from the net torques of its records, with the errors of the coefficients.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
     own distortion is known; None where none is.
     Raises DataError as `estimate` does.
     """
-    net = tuple(net_records(records, friction, E))
+    net = tuple(compensated_records(records, friction, E))
     response = estimate(net, spec, planned_lines)
     response = replace(response, ratio_std=ratio_std(records, robot))
     if friction is None:
@@ -62,14 +63,14 @@ def estimate_without_friction(
     response = replace(response, notes=(*response.notes, *_unexplained(response, friction, arm)))
     if not friction.shapes:
         return response
-    errors = _level_errors(records, friction, response, spec, planned_lines, E)
+    errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
     none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
     before = none if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
 
 
 def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
-    """Relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
+    """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
 
     An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
     an n-th is left. 0 of motors whose numbers are given at the link; a fit scales it to the tolerance of the file.
@@ -87,7 +88,7 @@ def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
 
 
 def _unexplained(
-    response: Response, friction: FrictionTakenOut, arm: Callable[[], FloatArray | float]
+    response: Response, friction: CompensatedFriction, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
@@ -139,23 +140,25 @@ def _arm_variance(
     return variance / len({record.realisation for record in net})
 
 
-def _level_errors(
+def _coefficient_errors(
     records: Sequence[Record],
-    friction: FrictionTakenOut,
+    friction: CompensatedFriction,
     response: Response,
     spec: EstimatorSpec,
     planned_lines: IntArray | None,
     E: FloatArray | None,
 ) -> ComplexArray:
-    """delta G (n_b, n_u, F, n_y, n_u) by the levels of each motor, their largest errors first, and by its reversals."""
+    """delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
+    reversals.
+    """
     places, n_u = friction.places, len(friction.places)
     coupling = np.eye(n_u) if E is None else E
-    data = gather_configuration([on_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
+    data = gather_configuration([to_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
     motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
     on = data.excited
-    pseudo = np.linalg.pinv((data.U - taken(friction.coulomb_torque, data.Phi, motor_of, n_u))[on]) @ np.linalg.inv(
-        coupling.T
-    )
+    pseudo = np.linalg.pinv(
+        (data.U - compensation_torque(friction.coulomb_torque, data.Phi, motor_of, n_u))[on]
+    ) @ np.linalg.inv(coupling.T)
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
     errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
@@ -176,10 +179,10 @@ def _factors(C: FloatArray) -> FloatArray:
     return np.asarray(V[:, large] * np.sqrt(power[large]))
 
 
-def net_records(
-    records: Iterable[Record], friction: FrictionTakenOut | None, E: FloatArray | None = None
+def compensated_records(
+    records: Iterable[Record], friction: CompensatedFriction | None, E: FloatArray | None = None
 ) -> Iterator[Record]:
-    """Records with the net torque as u, one at a time; unchanged without compensation.
+    """Return records with the net torque as u, one at a time; unchanged without compensation.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
     """
@@ -187,24 +190,24 @@ def net_records(
         if friction is None or not friction.shapes:
             yield record
         else:
-            yield on_links(net_record(on_shafts(record, E), friction), E)
+            yield to_links(compensate_friction(to_shafts(record, E), friction), E)
 
 
-def net_record(record: Record, friction: FrictionTakenOut) -> Record:
-    """Record over its whole periods with the net torque as u; unchanged without compensation."""
+def compensate_friction(record: Record, friction: CompensatedFriction) -> Record:
+    """Return the record over its whole periods with the net torque as u; unchanged without compensation."""
     if not friction.shapes:
         return record
     n = whole_samples(record)
     record = replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
     u = record.u.copy()
-    for place in friction.taken_places():
-        taken, motion = friction.taken_shapes(place), friction.motion(record, place)
-        u[:, record.inputs.index(place)] -= held_samples(record, place, motion, taken)
+    for place in friction.compensated_motors():
+        basis, motion = friction.compensated_basis(place), friction.motion(record, place)
+        u[:, record.inputs.index(place)] -= zoh_samples(record, place, motion, basis)
     return replace(record, u=u)
 
 
-def on_shafts(record: Record, E: FloatArray | None) -> Record:
-    """The record with torques and motions of shafts instead of motors; itself without couplings (None).
+def to_shafts(record: Record, E: FloatArray | None) -> Record:
+    """Return the record with torques and motions of shafts instead of motors; itself without couplings (None).
 
     Motions of motors are left out where they are not of all motors, or not of one quantity: no shaft is known then.
     """
@@ -220,8 +223,8 @@ def on_shafts(record: Record, E: FloatArray | None) -> Record:
     return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 
-def on_links(record: Record, E: FloatArray | None) -> Record:
-    """The inverse of `on_shafts`, for records of all motors."""
+def to_links(record: Record, E: FloatArray | None) -> Record:
+    """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
     columns = [record.outputs.index(place) for place in record.inputs]
@@ -236,7 +239,7 @@ def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion
 
 
 def shaft_couplings(robot: Robot | None) -> FloatArray | None:
-    """E (n_u, n_u) from the link side to the motor shafts; None without gear couplings."""
+    """Return E (n_u, n_u) from the link side to the motor shafts; None without gear couplings."""
     if robot is None:
         return None
     E = robot.mixing

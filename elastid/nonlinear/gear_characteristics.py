@@ -1,4 +1,4 @@
-r"""The sheet of each gear from the levels of its effects: makers' numbers with intervals, or bounds, and its torsion.
+r"""Gearbox characteristics by the magnitudes of effects: makers' numbers with intervals or bounds, and torsion.
 
 .. math:: \tau = k\, \delta + \sum_i f_i\, \Phi_i(\delta), \qquad
           \sigma_\delta = \frac{\sqrt{r\, C\, r^T}}{d\tau / d\delta}, \quad r = \partial \tau / \partial (x, f)
@@ -36,10 +36,10 @@ from elastid.nonlinear.basis_functions import (
     SheetNumber,
     implicit_law,
 )
-from elastid.nonlinear.gear_estimation import GearData, Levels
-from elastid.nonlinear.gear_model_selection import Group, choose_effects, level_bounds
+from elastid.nonlinear.gear_estimation import GearData, GearEstimate
+from elastid.nonlinear.gear_model_selection import Group, choose_effects, magnitude_bounds
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
-from elastid.nonlinear.hidden_motion_smoother import Estimate, residuals
+from elastid.nonlinear.hidden_motion_smoother import SmoothedMotion, residuals
 from elastid.nonlinear.period_model import DriveLines, elastic_joints, without_arm
 from elastid.nonlinear.spec import GearsSpec
 from elastid.nonlinear.spectra import PeriodLines, gather_lines
@@ -69,7 +69,7 @@ def open_gears(
     model: ModelSpec = EXACT,
     planned: IntArray | None = None,
 ) -> GearResult:
-    """Effects of all gears with the parameters beside them, and the sheet of each gear.
+    """Return effects of all gears with the parameters beside them, and the sheet of each gear.
 
     measured, responses: of each fitted configuration in one order.  result: the fit of these responses with straight
     springs, to which the effects add (`with_straight_springs`).  Where nothing can be found the numbers are those of
@@ -95,7 +95,7 @@ def open_gears(
     execution.progress(0, 3)
     chosen = choose_effects(data, result.parameters, result.x, gears.orders)
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    bounds = level_bounds(data, chosen, gears.orders)
+    bounds = magnitude_bounds(data, chosen, gears.orders)
     execution.progress(3, 3)
     pairs = [*zip(data.lines, chosen.drives, strict=True)]
     peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
@@ -108,15 +108,15 @@ def open_gears(
         *coarse_encoders(data.lines, drives),
         *rigid_gears([joint for joint in data.joints if joint not in elastic]),
     )
-    nothing_acts = [Estimate.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
-    before = left(linear, drives, nothing_acts, np.zeros(0))
-    after = left(data, chosen.drives, chosen.estimates, chosen.levels)
-    numbers = chosen.x, chosen.covariance, chosen.effects, chosen.levels, sheets
+    nothing_acts = [SmoothedMotion.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
+    before = unexplained_fraction(linear, drives, nothing_acts, np.zeros(0))
+    after = unexplained_fraction(data, chosen.drives, chosen.estimates, chosen.magnitudes)
+    numbers = chosen.x, chosen.covariance, chosen.effects, chosen.magnitudes, sheets
     return GearResult(*numbers, before=before, after=after, notes=notes)
 
 
 def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str:
-    """Reason why no gear effects can be estimated, and its consequence; empty if they can."""
+    """Return reason why no gear effects can be estimated, and its consequence; empty if they can."""
     if result.status not in _SOLVED:
         ended = result.status.replace("_", " ")
         return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
@@ -159,14 +159,14 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
 
 
 def difference(lines: PeriodLines) -> float:
-    """Ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
+    """Return the ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
     motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
     scatter = np.sum(lines.scatter - lines.noise, axis=0)
     return float(np.sqrt(np.max(np.maximum(scatter, 0.0) / motion)))
 
 
 def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -> list[Note]:
-    """Joints whose deflection is not large against the noise of their motor's angle, or a count of its encoder."""
+    """Return a note for each joint with a small deflection relative to the noise or the count of its encoder."""
     notes = []
     for j, joint in enumerate(drives[0].joints):
         if not drives[0].directions("gear", j).any():
@@ -189,13 +189,13 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
 
 
 def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
-    """Torque (M, n) of a gear on the fine grid by the linear model, including its static torque."""
+    """Return the torque (M, n) of a gear on the fine grid by the linear model, including its static torque."""
     of_motion = (drive.k[j] + lines.s * drive.d[j]) * drive.moved("gear", j, lines.U).T
     return np.asarray(lines.fine(of_motion) + drive.torque[j])
 
 
 def rigid_gears(joints: Sequence[str]) -> list[Note]:
-    """Gears of which the model has no deflection, and so the friction of their motors alone."""
+    """Return gears of which the model has no deflection, and so the friction of their motors alone."""
     text = (
         "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that friction "
         "at its motor alone was looked for; what the gear does otherwise is left out, and has no bound"
@@ -203,11 +203,13 @@ def rigid_gears(joints: Sequence[str]) -> list[Note]:
     return [Note("gears/effect-discarded", text, f"joint {joint}", "information") for joint in joints]
 
 
-def left(data: GearData, drives: Sequence[DriveLines], estimates: Sequence[Estimate], levels: FloatArray) -> float:
-    """Share of the motors' motion at the excited lines that a model with effects of these levels leaves, rms."""
+def unexplained_fraction(
+    data: GearData, drives: Sequence[DriveLines], estimates: Sequence[SmoothedMotion], magnitudes: FloatArray
+) -> float:
+    """Return the unexplained fraction of the motors' motion at the excited lines, rms, with these magnitudes."""
     shares = []
     for lines, drive, estimate in zip(data.lines, drives, estimates, strict=True):
-        signals = residuals(lines, drive, estimate, levels), lines.Y
+        signals = residuals(lines, drive, estimate, magnitudes), lines.Y
         r, motion = (np.sum(np.abs(x[lines.excited]) ** 2, axis=(1, 2)) for x in signals)
         shares.append(np.mean(r / motion))
     return float(np.sqrt(np.mean(shares)))
@@ -215,17 +217,19 @@ def left(data: GearData, drives: Sequence[DriveLines], estimates: Sequence[Estim
 
 @dataclass(frozen=True, eq=False)
 class SlidingFriction:
-    """The levels at the gear of a joint: values with rows d value / d (x, f), from which standard deviations follow."""
+    """The magnitudes at the gear of a joint: values with rows d value / d (x, f), from which standard deviations
+    follow.
+    """
 
-    found: Levels
+    found: GearEstimate
     robot: Robot
     joint: str
     peak: float
 
     @property
     def effects(self) -> list[tuple[int, GearEffect, float]]:
-        """Effects at the joint, with place and level."""
-        pairs = enumerate(zip(self.found.effects, self.found.levels.tolist(), strict=True))
+        """Effects at the joint, with place and magnitude."""
+        pairs = enumerate(zip(self.found.effects, self.found.magnitudes.tolist(), strict=True))
         return [(i, effect, f) for i, (effect, f) in pairs if effect.joint == self.joint]
 
     @property
@@ -234,44 +238,44 @@ class SlidingFriction:
         return not any(effect.kind in SPRINGS for _, effect, _ in self.effects)
 
     def parameter(self, letter: str) -> tuple[float, FloatArray]:
-        """Stiffness k or damping d of the joint, and its row."""
-        levels, row = self.found, np.zeros(len(self.found.covariance))
-        place = levels.parameters.names.index(f"{letter}_{self.joint}")
-        row[: len(levels.x)] = levels.parameters.jacobian(levels.x)[place]
-        return float(levels.parameters.expand(levels.x)[place]), row
+        """Return the stiffness k or damping d of the joint, and its row."""
+        magnitudes, row = self.found, np.zeros(len(self.found.covariance))
+        place = magnitudes.parameters.names.index(f"{letter}_{self.joint}")
+        row[: len(magnitudes.x)] = magnitudes.parameters.jacobian(magnitudes.x)[place]
+        return float(magnitudes.parameters.expand(magnitudes.x)[place]), row
 
-    def levels(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
-        """Sum of levels, each by its weight, and its row."""
+    def magnitudes(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
+        """Sum of magnitudes, each by its weight, and its row."""
         row = np.zeros(len(self.found.covariance))
         row[[len(self.found.x) + i for i in weights]] = [*weights.values()]
-        return float(row[len(self.found.x) :] @ self.found.levels), row
+        return float(row[len(self.found.x) :] @ self.found.magnitudes), row
 
     def over_k(self, value: float, row: FloatArray) -> tuple[float, FloatArray]:
-        """A value over the stiffness."""
+        """Return a value over the stiffness."""
         k, of_k = self.parameter("k")
         return value / k, (row - value / k * of_k) / k
 
     def number(self, what: SheetNumber, value: float, row: FloatArray, **further: float) -> GearNumber:
-        """A number of the sheet with its standard deviation."""
-        return _named(what, self.joint, value=value, std=self.std(row), **further)
+        """Return a number of the sheet with its standard deviation."""
+        return _as_gap_or_range(what, self.joint, value=value, std=self.std(row), **further)
 
     def std(self, row: FloatArray) -> float:
-        """Standard deviation of a value by its row."""
+        """Return the standard deviation of a value by its row."""
         return math.sqrt(max(float(row @ self.found.covariance @ row), 0.0))
 
     def torque(self, delta: FloatArray, hysteresis: bool) -> tuple[FloatArray, FloatArray]:
-        """tau (n,) over a closed path of delta (n,), and its rows (n, n_x + n_f); hysteresis: with it."""
+        """Return tau (n,) over a closed path of delta (n,), and its rows (n, n_x + n_f); hysteresis: with it."""
         k, row = self.parameter("k")
         tau, rows = k * delta, delta[:, None] * row
         for i, effect, f in self.effects:
             if effect.kind in SPRINGS or (hysteresis and effect.kind in LOOPS):
                 phi = implicit_law(effect, delta)[0]
                 tau = tau + f * phi
-                rows = rows + phi[:, None] * self.levels({i: 1.0})[1]
+                rows = rows + phi[:, None] * self.magnitudes({i: 1.0})[1]
         return tau, rows
 
     def largest(self) -> float:
-        """Deflection at the largest torque of the records."""
+        """Return deflection at the largest torque of the records."""
         reach = self.peak / self.parameter("k")[0]
         for _ in range(40):
             tau = float(self.torque(np.array([0.0, reach]), hysteresis=False)[0][1])
@@ -281,14 +285,14 @@ class SlidingFriction:
 
 
 def sheet_of(gear: SlidingFriction, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
-    """Characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
+    """Return characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
     rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
     numbers = [*_springs(gear, result, reach), *_levels(gear, reach), *_periodic(gear)]
     seen = {number.name for number in numbers}
     numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in seen]
     numbers = [
-        replace(row, rated_fraction=(row.value if row.is_seen else row.bound) / rated)
+        replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
         if row.kind == "torque" and math.isfinite(rated) else row
         for row in numbers
     ]  # fmt: skip
@@ -307,7 +311,7 @@ def sheet_of(gear: SlidingFriction, result: Result, bounds: Mapping[Group, float
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
 
-def _named(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
+def _as_gap_or_range(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
     if not order:
         return GearNumber(f"{what.prefix}{joint}", what.meaning, what.kind, what.unit, **further)
     times = {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
@@ -343,7 +347,8 @@ def _springs(gear: SlidingFriction, result: Result, reach: float) -> list[GearNu
 
 
 def _levels(gear: SlidingFriction, reach: float) -> list[GearNumber]:
-    """Levels of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at zero.
+    """Magnitudes of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at
+    zero.
 
     Lost motion 2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free.
     """
@@ -360,7 +365,7 @@ def _levels(gear: SlidingFriction, reach: float) -> list[GearNumber]:
         if what in (HYSTERESIS, LOST_MOTION) or (effect.place != "gear" and not effect.order):
             weights.setdefault(what, {})[i] = weight
     for what, at in weights.items():
-        value, row = gear.levels(at)
+        value, row = gear.magnitudes(at)
         if what == LOST_MOTION:
             of_ends = [2 * f * gear.found.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in at]
             number = gear.number(what, *gear.over_k(value, row))
@@ -377,7 +382,9 @@ def _periodic(gear: SlidingFriction) -> list[GearNumber]:
     numbers = []
     for what, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
         parts = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (what, order)}
-        (x, of_x), (y, of_y) = (gear.levels({parts[part]: 1.0} if part in parts else {}) for part in ("sine", "cosine"))
+        (x, of_x), (y, of_y) = (
+            gear.magnitudes({parts[part]: 1.0} if part in parts else {}) for part in ("sine", "cosine")
+        )
         size = math.hypot(x, y)
         phase_std = gear.std((x * of_y - y * of_x) / size**2)
         row = (x * of_x + y * of_y) / size
@@ -399,11 +406,11 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
     what, joint = effect.row.number, effect.joint
     if what == LOST_MOTION:
         # None of a gear that never crosses it.
-        return [_named(what, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
+        return [_as_gap_or_range(what, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
     if what == STIFFENING:
         bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
     if what != HYSTERESIS:
-        return [_named(what, joint, effect.order, bound=bound)]
-    # Within the records it does not reach its level where it bends over more than they bend the gear.
+        return [_as_gap_or_range(what, joint, effect.order, bound=bound)]
+    # Within the records it does not reach its magnitude where it bends over more than they bend the gear.
     bound *= min(1.0, reach / effect.scale)
-    return [_named(what, joint, bound=bound), _named(WIDTH, joint, bound=2 * bound / k)]
+    return [_as_gap_or_range(what, joint, bound=bound), _as_gap_or_range(WIDTH, joint, bound=2 * bound / k)]

@@ -1,13 +1,13 @@
-r"""Levels of effects and parameters of the model together, from the records' own lines, excited or not.
+r"""Estimate of gear magnitudes and model parameters together, from all lines of the records, excited or not.
 
 .. math:: V(x, f) = \sum_{c, k, m} r^H S^{-1} r + priors, \qquad
           r = y - G(x)\, u + C H(x) \sum_i f_i P_i \Phi_i(\hat q)
 
 with S the covariance of the residuals, averaged over experiments and neighbouring lines as a multiple of what the model
 makes of noise of torques and angles, so that what it does not explain widens the intervals. Gauss-Newton in x and f
-with the motion held, then the motion along the new x and f, until neither moves. The fit of a strongly nonlinear gear
-starts from that of a linear one and needs no amplitude to be small. Scales s are found with the levels, by the change
-f_i d Phi_i / d s of every effect that turns or bends over s.
+with the motion fixed, then the motion along the new x and f, until neither moves. The fit of a strongly nonlinear gear
+starts from that of a linear one and needs no amplitude to be small. Scales s are found with the magnitudes, by the
+change f_i d Phi_i / d s of every effect that turns or bends over s.
 """
 
 from collections.abc import Collection, Sequence
@@ -20,7 +20,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.nonlinear.basis_functions import GearEffect
-from elastid.nonlinear.hidden_motion_smoother import Estimate, estimate_motion, residuals, smoothed_covariance
+from elastid.nonlinear.hidden_motion_smoother import SmoothedMotion, residuals, smooth_motion, smoothed_covariance
 from elastid.nonlinear.period_model import DriveLines, drive_lines
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.nonlinear.variable_projection import inverse
@@ -30,41 +30,41 @@ from elastid.response import Response
 
 ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation
 _STEP = 0.5  # of itself, by which a positive number or a scale falls or grows at once, at most
-SEEN = 3.0  # standard deviations of a level, from which on its scale moves, and below which it is left out at the end
+MIN_SIGNIFICANCE = 3.0  # std of a magnitude, from which on its scale moves, and below which it is discarded at the end
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
-    """x (n_x,) of the parameters and levels (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
+class GearEstimate:
+    """x (n_x,) of the parameters and magnitudes (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
 
-    move: of the last round, in standard deviations.  lack: sum of ln det S of its residuals, by which alternatives are
-    compared, -2 ln of their likelihood.  scale_std (n_f,): of the effects' scales that are found with them, 0 of the
-    others.
+    last_step_norm: largest step of the last round, in standard deviations.  weighted_cost: sum of ln det S of its
+    residuals, by which alternatives are compared, -2 ln of their likelihood.  scale_std (n_f,): of the effects' scales
+    that are found with them, 0 of the others.
     """
 
     parameters: Parameters
     effects: tuple[GearEffect, ...]
     x: FloatArray
-    levels: FloatArray
+    magnitudes: FloatArray
     covariance: FloatArray
-    move: float
-    lack: float
-    estimates: tuple[Estimate, ...]
+    last_step_norm: float
+    weighted_cost: float
+    estimates: tuple[SmoothedMotion, ...]
     drives: tuple[DriveLines, ...]
     scale_std: FloatArray
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviation (n_f,) of the levels."""
+        """Standard deviation (n_f,) of the magnitudes."""
         return np.sqrt(np.diag(self.covariance)[len(self.x) :])
 
-    def levels_of(self, effects: Sequence[GearEffect]) -> FloatArray:
-        """Levels of any effects, 0 of those that are not among these."""
-        levels = dict(zip(self.effects, self.levels.tolist(), strict=True))
-        return np.array([levels.get(effect, 0.0) for effect in effects])
+    def magnitudes_of(self, effects: Sequence[GearEffect]) -> FloatArray:
+        """Return magnitudes of any effects, 0 of those that are not among these."""
+        magnitudes = dict(zip(self.effects, self.magnitudes.tolist(), strict=True))
+        return np.array([magnitudes.get(effect, 0.0) for effect in effects])
 
-    def estimates_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[Estimate]:
-        """The motions that were found, with forces of any effects, 0 of those not among these and of further ones."""
+    def motions_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[SmoothedMotion]:
+        """Return the estimated motions with forces of any effects, 0 of those not among these and of further ones."""
         places = {effect: i for i, effect in enumerate(self.effects)}
         columns = [*(places.get(effect, -1) for effect in effects), *(-1,) * further]
         return [motion.of(columns) for motion in self.estimates]
@@ -84,80 +84,82 @@ class GearData:
         return self.linearisation.model.robot.driven_names
 
     def drives(self, parameters: Parameters, x: FloatArray) -> list[DriveLines]:
-        """The model of each configuration at x (n_x,)."""
+        """Return the model of each configuration at x (n_x,)."""
         pairs = zip(self.lines, self.responses, strict=True)
         return [drive_lines(lines, self.linearisation, G, parameters, x) for lines, G in pairs]
 
     def motions(
-        self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], levels: FloatArray,
-        before: Sequence[Estimate], near: float = 1e-4,
-    ) -> list[Estimate]:  # fmt: skip
-        """The motion in each configuration under effects of given levels, as `estimate_motion` has it."""
+        self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], magnitudes: FloatArray,
+        before: Sequence[SmoothedMotion], near: float = 1e-4,
+    ) -> list[SmoothedMotion]:  # fmt: skip
+        """Return the motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
         every = zip(self.lines, drives, before, strict=True)
-        return [estimate_motion(lines, drive, effects, levels, start, near) for lines, drive, start in every]
+        return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in every]
 
-    def sums_with(self, known: Levels, further: Sequence[GearEffect]) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
-        """Normal equations, and priors, of parameters, levels and levels of further effects about 0."""
+    def augmented_normal_equations(
+        self, known: GearEstimate, further: Sequence[GearEffect]
+    ) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
+        """Return normal equations, and priors, of parameters, magnitudes and magnitudes of further effects about 0."""
         effects, drives = [*known.effects, *further], self.drives(known.parameters, known.x)
-        levels = known.levels_of(effects)
-        estimates = self.motions(drives, effects, levels, known.estimates_of(effects))
-        sums, _ = normal_equations(self.lines, drives, estimates, len(known.x), levels)
-        return sums, priors(known.parameters, known.x, len(known.x) + len(levels))
+        magnitudes = known.magnitudes_of(effects)
+        estimates = self.motions(drives, effects, magnitudes, known.motions_of(effects))
+        sums, _ = normal_equations(self.lines, drives, estimates, len(known.x), magnitudes)
+        return sums, priors(known.parameters, known.x, len(known.x) + len(magnitudes))
 
 
-def find_levels(
+def estimate_gear_parameters(
     data: GearData,
-    start: Levels,
+    start: GearEstimate,
     effects: Sequence[GearEffect],
-    settled: float = MOVE,
-    held: Collection[GearEffect] = (),
-    wanted: float = np.inf,
-) -> Levels:
-    """Start parameters and levels of the effects from another estimate, or without one (`start_levels`); 0 for new
-    effects.
+    tolerance: float = MOVE,
+    fixed: Collection[GearEffect] = (),
+    target_cost: float = np.inf,
+) -> GearEstimate:
+    """Estimate parameters and magnitudes of the effects from another estimate, or without one (`initial_estimate`); 0
+    for new effects.
 
-    settled: move below which no further round is taken.  held: effects whose scales stay.  wanted: a lack that no
-    further round is taken to reach where the last one brought less than is missing.
+    tolerance: last_step_norm below which the iteration ends.  fixed: effects whose scales stay.  target_cost: the
+    iteration also ends if the last round decreased weighted_cost by less than its distance to this value.
     """
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
-    levels = start.levels_of(effects)
-    scales = [group for group in scales_of(effects) if not any(effects[i] in held for i in group)]
-    estimates = start.estimates_of(effects, sum(len(group) for group in scales))
-    effects = _rescaled(effects, scales, np.zeros(len(scales)))
-    covariance, std, lack = np.zeros((0, 0)), np.zeros(n_x + n_f), np.inf
+    magnitudes = start.magnitudes_of(effects)
+    scales = [group for group in scales_of(effects) if not any(effects[i] in fixed for i in group)]
+    estimates = start.motions_of(effects, sum(len(group) for group in scales))
+    effects = _update_scales(effects, scales, np.zeros(len(scales)))
+    covariance, std, weighted_cost = np.zeros((0, 0)), np.zeros(n_x + n_f), np.inf
     for count in range(1, ROUNDS + 1):
         drives = data.drives(parameters, x)
         every = [*effects, *(edge for group in scales for i in group if (edge := effects[i].edge) is not None)]
-        with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
+        with_edges = np.concatenate([magnitudes, np.zeros(len(every) - n_f)])
         for _ in range(1 if start.effects or count > 1 else 2):
-            estimates = data.motions(drives, every, with_edges, estimates, settled / 500)
-        (A, b, _), left = normal_equations(data.lines, drives, estimates, n_x, with_edges)
-        T = _by_scales(effects, levels, scales, n_x)
+            estimates = data.motions(drives, every, with_edges, estimates, tolerance / 500)
+        (A, b, _), cost = normal_equations(data.lines, drives, estimates, n_x, with_edges)
+        T = _scale_jacobian(effects, magnitudes, scales, n_x)
         A, b = T.T @ A.sum(axis=0) @ T, T.T @ b.sum(axis=0)
         of_priors, pull = priors(parameters, x, len(b))
-        np.fill_diagonal(of_priors[n_x + n_f :, n_x + n_f :], scale_priors(A, levels, std, scales, n_x))
+        np.fill_diagonal(of_priors[n_x + n_f :, n_x + n_f :], scale_priors(A, magnitudes, std, scales, n_x))
         covariance = inverse(A + of_priors)
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
-        # A scale, which levels hardly follow, comes to rest with them.
-        move = float(np.max((np.abs(step) / np.where(std > 0, std, np.inf))[: n_x + n_f]))
+        # A scale, which magnitudes hardly follow, comes to rest with them.
+        last_step_norm = float(np.max((np.abs(step) / np.where(std > 0, std, np.inf))[: n_x + n_f]))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
         x = x + np.where(parameters.is_log, np.log1p(np.clip(step[:n_x], -_STEP, _STEP)), step[:n_x])
-        levels = levels + step[n_x : n_x + n_f]
-        effects = _rescaled(effects, scales, step[n_x + n_f :])
-        if move < settled or (count > 2 and left - wanted > lack - left):
+        magnitudes = magnitudes + step[n_x : n_x + n_f]
+        effects = _update_scales(effects, scales, step[n_x + n_f :])
+        if last_step_norm < tolerance or (count > 2 and cost - target_cost > weighted_cost - cost):
             break
-        lack = left
+        weighted_cost = cost
     scale_std = np.zeros(n_f)
     for group, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[group] = [relative * effects[i].scale for i in group]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
-    end = tuple(effects), x, levels, covariance, move, left
-    return Levels(parameters, *end, estimated, tuple(drives), scale_std)
+    end = tuple(effects), x, magnitudes, covariance, last_step_norm, cost
+    return GearEstimate(parameters, *end, estimated, tuple(drives), scale_std)
 
 
 def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
-    """Effects by scale: friction effects of a motor share one smoothing velocity, including load-dependent friction."""
+    """Group effects by scale: all friction effects of a motor share one smoothing velocity."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for i, effect in enumerate(effects):
         if effect.edge is not None:
@@ -166,34 +168,40 @@ def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _by_scales(
-    effects: Sequence[GearEffect], levels: FloatArray, scales: Sequence[Sequence[int]], n_x: int
+def _scale_jacobian(
+    effects: Sequence[GearEffect], magnitudes: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """T (n, n_x + n_f + n_s) from parameters, levels and parts of scales to parameters, levels and levels of edges."""
-    kept, edges = n_x + len(levels), [(s, i) for s, group in enumerate(scales) for i in group]
+    """T (n, n_x + n_f + n_s) from parameters, magnitudes and parts of scales to parameters, magnitudes and magnitudes
+    of edges.
+    """
+    kept, edges = n_x + len(magnitudes), [(s, i) for s, group in enumerate(scales) for i in group]
     T = np.zeros((kept + len(edges), kept + len(scales)))
     T[:kept, :kept] = np.eye(kept)
     for row, (s, i) in enumerate(edges):
-        T[kept + row, kept + s] = levels[i] * effects[i].scale
+        T[kept + row, kept + s] = magnitudes[i] * effects[i].scale
     return T
 
 
 def scale_priors(
-    A: FloatArray, levels: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
+    A: FloatArray, magnitudes: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """Weights (n_s,) of priors on logarithms of scales with std 1; scales of insignificant levels stay fixed.
+    """Return weights (n_s,) of priors on ln scale, std 1; scales of insignificant magnitudes stay fixed.
 
-    A: normal matrix of parameters, levels and scales.  levels, std (n_f,), (n_x + n_f + ...): of the last round, which
-    is the first where all std are 0.
+    A: normal matrix of parameters, magnitudes and scales.  magnitudes, std (n_f,), (n_x + n_f + ...): of the last
+    round, which is the first where all std are 0.
     """
     known = np.ones(len(scales))
     for s, group in enumerate(scales):
-        if np.all(np.abs(levels[group]) < SEEN * std[n_x:][group]):  # of next to nothing any scale will do
-            known[s] = 1e12 * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
+        if np.all(
+            np.abs(magnitudes[group]) < MIN_SIGNIFICANCE * std[n_x:][group]
+        ):  # of next to nothing any scale will do
+            known[s] = 1e12 * max(1.0, float(A[n_x + len(magnitudes) + s, n_x + len(magnitudes) + s]))
     return known
 
 
-def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray) -> list[GearEffect]:
+def _update_scales(
+    effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray
+) -> list[GearEffect]:
     """Effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
     grown = list(effects)
     for group, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
@@ -202,14 +210,14 @@ def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], pa
     return grown
 
 
-def start_levels(data: GearData, parameters: Parameters, x: FloatArray) -> Levels:
-    """No effects, at x (n_x,) as it is."""
+def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> GearEstimate:
+    """Return no effects, at x (n_x,) as it is."""
     drives, none = tuple(data.drives(parameters, x)), np.zeros(0)
-    estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
-    (A, *_), lack = normal_equations(data.lines, drives, estimates, len(x), none)
+    estimates = tuple(SmoothedMotion.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
+    (A, *_), weighted_cost = normal_equations(data.lines, drives, estimates, len(x), none)
     prior, _ = priors(parameters, x, len(x))
     covariance = inverse(A.sum(axis=0) + prior)
-    return Levels(parameters, (), x, none, covariance, np.inf, lack, estimates, drives, none)
+    return GearEstimate(parameters, (), x, none, covariance, np.inf, weighted_cost, estimates, drives, none)
 
 
 # Sums over lines and experiments of each realisation: A (R, n, n), b (R, n), c (R,) of J^H J, J^H r and r^H r.
@@ -219,26 +227,26 @@ Sums: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 def normal_equations(
     data: Sequence[PeriodLines],
     drives: Sequence[DriveLines],
-    estimates: Sequence[Estimate],
+    estimates: Sequence[SmoothedMotion],
     n_x: int,
-    levels: FloatArray,
+    magnitudes: FloatArray,
 ) -> tuple[Sums, float]:
-    """The sums about levels (n_f,), the motion held, without priors, and the lack of `Levels`.
+    """Sum the normal equations about magnitudes (n_f,), the motion fixed, without priors, and the weighted cost.
 
     Residuals have unit variance in each real component; n = n_x + n_f.
     """
     realisations = np.unique(np.concatenate([lines.realisation for lines in data]))
-    R, n = len(realisations), n_x + len(levels)
-    A, b, c, lack = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R), 0.0
+    R, n = len(realisations), n_x + len(magnitudes)
+    A, b, c, weighted_cost = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R), 0.0
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
-        r = residuals(lines, drive, estimate, levels)
+        r = residuals(lines, drive, estimate, magnitudes)
         on = np.flatnonzero(lines.excited)
         # The excited lines, those between them, and some on either side.
         used = slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
         S = smoothed_covariance(r, lines, drive)[used]
-        lack += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
+        weighted_cost += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
         white = np.linalg.inv(np.linalg.cholesky(S / 2))
-        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x, used))
+        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, magnitudes, n_x, used))
         e = white @ r[used]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):
             mask = lines.realisation == realisations[i]
@@ -246,11 +254,11 @@ def normal_equations(
             A[i] += (J_i.conj().T @ J_i).real
             b[i] += (J_i.conj().T @ e_i).real
             c[i] += float(np.sum(np.abs(e_i) ** 2))
-    return (A, b, c), lack
+    return (A, b, c), weighted_cost
 
 
 def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
+    """Return terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
     mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
     slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])
     A, b = np.zeros((n, n)), np.zeros(n)
@@ -260,15 +268,15 @@ def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, F
 
 
 def _jacobian(
-    lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray, n_x: int, used: slice
+    lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray, n_x: int, used: slice
 ) -> ComplexArray:
-    """- dr / d(x, f) (K, n_u, M, n_x + n_f) at used lines (K,), the motion held."""
+    """- dr / d(x, f) (K, n_u, M, n_x + n_f) at used lines (K,), the motion fixed."""
     s, U, Phi = lines.s[used, None, None], lines.U[used], estimate.Phi[used]
     H, sensor = drive.H[used], drive.sensor[used, :, None]
-    J = np.zeros((*U.shape, n_x + len(levels)), complex)
+    J = np.zeros((*U.shape, n_x + len(magnitudes)), complex)
     dG = Columns(drive.kernel).evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
     CH = drive.C @ H
-    q = H @ np.tensordot(Phi, levels, axes=1)
+    q = H @ np.tensordot(Phi, magnitudes, axes=1)
     for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
         slope = of_line @ U
         change = drive.model.slopes.get(name)

@@ -1,15 +1,15 @@
-r"""The effects of a robot's gears that its records show, by cross-validation over realisations.
+r"""Model selection of gear effects by cross-validation over realisations.
 
-The normal equations of parameters and levels are summed up for each realisation, along the motion under the effects
+The normal equations of parameters and magnitudes are summed up for each realisation, along the motion under the effects
 found so far. Of the candidates, a group (a sine with its cosine) is added while it lowers V in realisations to which
-its levels were not fitted. Parameters, levels and motion are then found again, until no group is added. Levels below
-three of their standard deviations are left out. How large each effect that was not found could be without having been
-seen:
+its magnitudes were not fitted. Parameters, magnitudes and motion are then found again, until no group is added.
+Magnitudes below three of their standard deviations are discarded. How large each effect that was not found could be
+without having been seen:
 
 .. math:: f < \max(\hat f, 0) + 1.645\, \sigma_f \quad (95\,\%)
 
-f and its standard deviation by one Gauss-Newton step of parameters, found levels and the effect in question together,
-along the motion under the effects that were found. Of a sine with its cosine the amplitude.
+f and its standard deviation by one Gauss-Newton step of parameters, found magnitudes and the effect in question
+together, along the motion under the effects that were found. Of a sine with its cosine the amplitude.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,28 +20,28 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import ONE_SIDED_95, QUANTILE_95
-from elastid.fit.covariance import taken_out_error
+from elastid.fit.covariance import compensation_error
 from elastid.nonlinear.basis_functions import APART, KINDS, LOOPS, SPRINGS, GearEffect, Kind, SheetNumber
 from elastid.nonlinear.gear_estimation import (
+    MIN_SIGNIFICANCE,
     MOVE,
     ROUNDS,
-    SEEN,
     GearData,
-    Levels,
+    GearEstimate,
     Sums,
-    find_levels,
-    start_levels,
+    estimate_gear_parameters,
+    initial_estimate,
 )
 from elastid.nonlinear.period_model import elastic_joints
 from elastid.nonlinear.spectra import PeriodLines
-from elastid.nonlinear.variable_projection import SIGN_ERROR, SLIGHT, greedy, held_out, inverse
+from elastid.nonlinear.variable_projection import SIGN_ERROR, SLIGHT, cross_validated_power, greedy, inverse
 from elastid.parameters import Parameters
 
 Group: TypeAlias = tuple[GearEffect, ...]
 
 
 # Thresholds of the choice.
-MIN_GAIN = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
+MIN_GAIN = 12.0  # of V of realisations that the magnitudes were not fitted to, by which a group must lower it
 MIN_GAIN_OF_SPRING = 60.0  # by the law of a spring
 MIN_GAIN_FRACTION = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
 MIN_PERIOD_FRACTION = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
@@ -51,39 +51,39 @@ _LOST = 10.0  # times smaller than the start
 _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end
 
 
-def candidate_groups(data: GearData, known: Levels, orders: Sequence[float]) -> list[Group]:
-    """Groups for every joint, on the scales of its own motion.
+def candidate_groups(data: GearData, estimate: GearEstimate, orders: Sequence[float]) -> list[Group]:
+    """Return groups for every joint, on the scales of its own motion.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
     """
     groups: list[Group] = []
     elastic = elastic_joints(data.linearisation)
     for j, joint in enumerate(data.joints):
-        speed, deflection = _sizes(data, known, j)
+        speed, deflection = _sizes(data, estimate, j)
         for kind, row in KINDS.items():
             if kind == "friction" or joint in elastic:
                 size = deflection if row.place == "gear" else speed
                 groups += [(GearEffect(kind, joint, part * size),) for part in row.scales]
         if joint not in elastic:
             continue
-        turns = travelled_turns(data, known, j)
+        turns = travelled_turns(data, estimate, j)
         for order in (order for order in orders if order * turns > MIN_PERIOD_FRACTION):
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
             groups.append((GearEffect("ripple sine", joint, order), GearEffect("ripple cosine", joint, order)))
     return groups
 
 
-def travelled_turns(data: GearData, known: Levels, j: int) -> float:
-    """Turns of a motor that its records cover: from its least angle to its largest, of all configurations the most."""
-    pairs = zip(data.lines, known.drives, strict=True)
+def travelled_turns(data: GearData, estimate: GearEstimate, j: int) -> float:
+    """Return the turns of a motor from its smallest angle to its largest, the most of all configurations."""
+    pairs = zip(data.lines, estimate.drives, strict=True)
     angles = (lines.fine(np.tensordot(drive.motor_row(j), lines.Y, axes=(0, 1)).T) for lines, drive in pairs)
-    return float(abs(known.drives[0].ratios[j]) * max(np.ptp(x, axis=1).max() for x in angles) / (2 * np.pi))
+    return float(abs(estimate.drives[0].ratios[j]) * max(np.ptp(x, axis=1).max() for x in angles) / (2 * np.pi))
 
 
-def _sizes(data: GearData, known: Levels, j: int) -> tuple[float, float]:
+def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float]:
     """RMS velocity of a motor and deflection of its gear, by the linear model."""
     speeds, deflections = [], []
-    for lines, drive in zip(data.lines, known.drives, strict=True):
+    for lines, drive in zip(data.lines, estimate.drives, strict=True):
         motor, gear = (drive.moved(place, j, lines.U) for place in ("motor", "gear"))
         speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
         deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
@@ -95,8 +95,8 @@ def choose_effects(
     parameters: Parameters,
     x: FloatArray,
     orders: Sequence[float],
-) -> Levels:
-    """Parameters and levels with the effects that pay; x (n_x,): the optimum of a fit without any.
+) -> GearEstimate:
+    """Return parameters and magnitudes with the effects that pay; x (n_x,): the optimum of a fit without any.
 
     orders: of errors and ripples, in turns of the motor.
 
@@ -104,121 +104,133 @@ def choose_effects(
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
     lost = parameters.is_log & (x < parameters.x - np.log(_LOST))
-    known = start_levels(data, parameters, np.where(lost, parameters.x, x))
-    groups = candidate_groups(data, known, orders)
+    estimate = initial_estimate(data, parameters, np.where(lost, parameters.x, x))
+    groups = candidate_groups(data, estimate, orders)
     for _ in range(ROUNDS):
-        further = [group for group in groups if not _stands(group[0], known.effects)]
-        added = _added(data, known, further)
+        further = [group for group in groups if not _conflicts(group[0], estimate.effects)]
+        added = _select_effects(data, estimate, further)
         if not added:
             break
-        before = _kinds(known.effects)
-        known = _pruned(data, find_levels(data, known, (*known.effects, *added), settled=_ROUGH))
+        before = _kinds(estimate.effects)
+        estimate = _prune(data, estimate_gear_parameters(data, estimate, (*estimate.effects, *added), tolerance=_ROUGH))
         for family in (SPRINGS, LOOPS):
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
-                known = _best_shape(data, known, joint, family)
-        if _kinds(known.effects) == before:  # none of those that were added stays
+                estimate = _best_law(data, estimate, joint, family)
+        if _kinds(estimate.effects) == before:  # none of those that were added stays
             break
     # A gap that is crossed between two samples seems 8 % too soft on the grid of the search.
     fine = [replace(lines, cells=2 * lines.cells) for lines in data.lines]
-    known = _on_grid(_settled(replace(data, lines=fine), _on_grid(known, fine)), data.lines)
-    if not known.effects:
-        return known
-    bent = {f"k_{effect.joint}" for effect in known.effects if effect.kind not in ("friction", "behind")}
-    of_gears = np.array([STIFFNESS_ERROR_OF_EFFECTS * (p.log and p.stands_for in bent) for p in known.parameters.free])
-    unseen = np.concatenate([np.maximum(taken_out_error(known.parameters), of_gears), _level_errors(known)])
-    return replace(known, covariance=known.covariance + np.diag(unseen**2))
+    estimate = _on_grid(_converge(replace(data, lines=fine), _on_grid(estimate, fine)), data.lines)
+    if not estimate.effects:
+        return estimate
+    bent = {f"k_{effect.joint}" for effect in estimate.effects if effect.kind not in ("friction", "behind")}
+    of_gears = np.array(
+        [STIFFNESS_ERROR_OF_EFFECTS * (p.log and p.stands_for in bent) for p in estimate.parameters.free]
+    )
+    unseen = np.concatenate([np.maximum(compensation_error(estimate.parameters), of_gears), _systematic_std(estimate)])
+    return replace(estimate, covariance=estimate.covariance + np.diag(unseen**2))
 
 
-def _level_errors(known: Levels) -> FloatArray:
-    """Systematic standard deviation (n_f,) of the levels: a part of each, and of friction as an error of transmission.
+def _systematic_std(estimate: GearEstimate) -> FloatArray:
+    """Systematic standard deviation (n_f,) of the magnitudes: a part of each, and of friction as an error of
+    transmission.
 
     Where friction turns between the samples its shape is known to SLIGHT of it, and what is left bends the gear as an
     error of transmission does: beside 32 Nm of friction 20 urad were found 1 to 2.7 urad too small on six seeds.
     """
-    drive, (kinds, joints) = known.drives[0], np.array([(effect.kind, effect.joint) for effect in known.effects]).T
-    friction = np.isin(kinds, ("friction", "behind")) * known.levels
+    drive, (kinds, joints) = (
+        estimate.drives[0],
+        np.array([(effect.kind, effect.joint) for effect in estimate.effects]).T,
+    )
+    friction = np.isin(kinds, ("friction", "behind")) * estimate.magnitudes
     bends = (joints[:, None] == joints) @ friction / drive.k[[drive.joints.index(joint) for joint in joints]]
     is_error = np.isin(kinds, ("error sine", "error cosine"))
-    return np.asarray(np.hypot(SIGN_ERROR * known.levels, is_error * SLIGHT / QUANTILE_95 * bends))
+    return np.asarray(np.hypot(SIGN_ERROR * estimate.magnitudes, is_error * SLIGHT / QUANTILE_95 * bends))
 
 
-def _on_grid(known: Levels, lines: Sequence[PeriodLines]) -> Levels:
-    return replace(known, estimates=tuple(motion.on(part) for motion, part in zip(known.estimates, lines, strict=True)))
+def _on_grid(estimate: GearEstimate, lines: Sequence[PeriodLines]) -> GearEstimate:
+    return replace(
+        estimate, estimates=tuple(motion.on(part) for motion, part in zip(estimate.estimates, lines, strict=True))
+    )
 
 
-def _settled(data: GearData, known: Levels) -> Levels:
-    known = find_levels(data, known, known.effects)
-    pruned = _pruned(data, known)
-    return known if pruned is known else _settled(data, pruned)
+def _converge(data: GearData, estimate: GearEstimate) -> GearEstimate:
+    estimate = estimate_gear_parameters(data, estimate, estimate.effects)
+    pruned = _prune(data, estimate)
+    return estimate if pruned is estimate else _converge(data, pruned)
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
     return sorted((effect.kind, effect.joint) for effect in effects)
 
 
-def _best_shape(data: GearData, known: Levels, joint: str, family: tuple[Kind, ...]) -> Levels:
-    """Levels with another spring or loop of a gear, if it explains more, or as much by fewer numbers."""
+def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[Kind, ...]) -> GearEstimate:
+    """Refit with another spring or loop of a gear, if it explains more, or as much by fewer numbers."""
 
-    def springs_of(levels: Levels) -> list[GearEffect]:
-        return [effect for effect in levels.effects if effect.joint == joint and effect.kind in family]
+    def springs_of(magnitudes: GearEstimate) -> list[GearEffect]:
+        return [effect for effect in magnitudes.effects if effect.joint == joint and effect.kind in family]
 
-    springs = springs_of(known)
+    springs = springs_of(estimate)
     if not springs:
-        return known
-    kept = tuple(effect for effect in known.effects if effect not in springs)
-    deflection = _sizes(data, known, data.joints.index(joint))[1]
+        return estimate
+    kept = tuple(effect for effect in estimate.effects if effect not in springs)
+    deflection = _sizes(data, estimate, data.joints.index(joint))[1]
 
-    def cost(levels: Levels) -> float:
-        return levels.lack + MIN_GAIN * sum(1 + (effect.edge is not None) for effect in levels.effects)
+    def cost(magnitudes: GearEstimate) -> float:
+        return magnitudes.weighted_cost + MIN_GAIN * sum(1 + (effect.edge is not None) for effect in magnitudes.effects)
 
     tie = sum(lines.Y.size for lines in data.lines)
 
-    def tried(before: Levels, effects: tuple[GearEffect, ...]) -> Levels:
-        return _pruned(data, find_levels(data, before, effects, _ROUGH, kept, cost(known)))
+    def tried(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
+        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, kept, cost(estimate)))
 
-    trials = [known]
+    trials = [estimate]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(tried(known, (*kept, GearEffect(kind, joint, start))))
+            trials.append(tried(estimate, (*kept, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
-    if best.lack < ranged.lack < best.lack + tie:
+    if best.weighted_cost < ranged.weighted_cost < best.weighted_cost + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
         second = replace(first, scale=APART * first.scale)
         best = min(best, tried(ranged, (*ranged.effects, second)), key=cost)
-    if best is not known:  # scales of the other effects stayed
-        best = find_levels(data, best, best.effects, settled=_ROUGH)
-    return _named(data, best, joint)
+    if best is not estimate:  # scales of the other effects stayed
+        best = estimate_gear_parameters(data, best, best.effects, tolerance=_ROUGH)
+    return _as_gap_or_range(data, best, joint)
 
 
-def _named(data: GearData, known: Levels, joint: str) -> Levels:
+def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> GearEstimate:
     """The only range as a gap where it is far stiffer beyond, and a gap that is not as a range.
 
     Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
     """
-    springs = [i for i, effect in enumerate(known.effects) if effect.joint == joint and effect.kind in SPRINGS]
-    names = known.parameters.free_names
-    if len(springs) != 1 or known.effects[springs[0]].edge is None or f"k_{joint}" not in names:
-        return known
+    springs = [i for i, effect in enumerate(estimate.effects) if effect.joint == joint and effect.kind in SPRINGS]
+    names = estimate.parameters.free_names
+    if len(springs) != 1 or estimate.effects[springs[0]].edge is None or f"k_{joint}" not in names:
+        return estimate
     (i,), place = springs, names.index(f"k_{joint}")
-    effect, f, k = known.effects[i], float(known.levels[i]), known.parameters.as_dict(known.x)[f"k_{joint}"]
+    effect, f, k = (
+        estimate.effects[i],
+        float(estimate.magnitudes[i]),
+        estimate.parameters.as_dict(estimate.x)[f"k_{joint}"],
+    )
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
     kind: Kind = "gap" if outer > APART**2 * inner else "range"
     if kind == effect.kind or not inner > 0:
-        return known
-    x = known.x.copy()
-    x[place] = known.parameters.free[place].to_x(outer if kind == "gap" else inner)
-    effects = (*known.effects[:i], replace(effect, kind=kind), *known.effects[i + 1 :])
-    return find_levels(data, replace(known, x=x, effects=effects), effects, settled=_ROUGH)
+        return estimate
+    x = estimate.x.copy()
+    x[place] = estimate.parameters.free[place].to_x(outer if kind == "gap" else inner)
+    effects = (*estimate.effects[:i], replace(effect, kind=kind), *estimate.effects[i + 1 :])
+    return estimate_gear_parameters(data, replace(estimate, x=x, effects=effects), effects, tolerance=_ROUGH)
 
 
-def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = False) -> bool:
-    """True if it, or a rival of the same joint, is among the others: rivals trade levels, or k, against each other.
+def _conflicts(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = False) -> bool:
+    """True if it, or a rival of the same joint, is among the others: rivals trade magnitudes, or k, against each other.
 
     alone: no second range or element of a hysteresis, either: two that are added at once may end at one scale, where
-    neither has a level.
+    neither has a magnitude.
     """
     near = [rival for rival in others if rival.joint == effect.joint and rival.kind in effect.row.rivals]
     # K1 K2 K3, and elements of a loop
@@ -227,40 +239,40 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = F
     return effect in others or bool(near)
 
 
-def _pruned(data: GearData, known: Levels) -> Levels:
-    """Levels without those that are near 0, brake backwards, or are a trifle of another of their joint.
+def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
+    """Refit without effects that are near 0, brake backwards, or are a trifle of another of their joint.
 
     Sine and cosine go together.
     """
-    size = known.levels / np.maximum(known.std, 1e-300)
-    power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in known.estimates) * known.levels**2
-    families = [(*family_of(effect), effect.scale) for effect in known.effects]
+    size = estimate.magnitudes / np.maximum(estimate.std, 1e-300)
+    power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in estimate.estimates) * estimate.magnitudes**2
+    families = [(*family_of(effect), effect.scale) for effect in estimate.effects]
     seen, powers = dict.fromkeys(families, -np.inf), dict.fromkeys(families, 0.0)
-    for family, effect, z, P in zip(families, known.effects, size.tolist(), power.tolist(), strict=True):
+    for family, effect, z, P in zip(families, estimate.effects, size.tolist(), power.tolist(), strict=True):
         seen[family] = max(seen[family], z if effect.row.brakes else abs(z))
         powers[family] += P
     largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
-    keep = [seen[family] >= SEEN and powers[family] > SLIGHT**2 * largest[family[1]] for family in families]
+    keep = [seen[family] >= MIN_SIGNIFICANCE and powers[family] > SLIGHT**2 * largest[family[1]] for family in families]
     if all(keep):
-        return known
-    effects = tuple(effect for effect, kept in zip(known.effects, keep, strict=True) if kept)
-    return find_levels(data, known, effects, settled=_ROUGH)
+        return estimate
+    effects = tuple(effect for effect, kept in zip(estimate.effects, keep, strict=True) if kept)
+    return estimate_gear_parameters(data, estimate, effects, tolerance=_ROUGH)
 
 
-def _added(data: GearData, known: Levels, groups: Sequence[Group]) -> list[GearEffect]:
+def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
     """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
-    sums, prior = data.sums_with(known, [effect for group in groups for effect in group])
-    ends = len(known.x) + len(known.levels) + np.cumsum([0, *(len(group) for group in groups)])
+    sums, prior = data.augmented_normal_equations(estimate, [effect for group in groups for effect in group])
+    ends = len(estimate.x) + len(estimate.magnitudes) + np.cumsum([0, *(len(group) for group in groups)])
 
     def added(chosen: list[int]) -> list[GearEffect]:
         return [effect for i in chosen for effect in groups[i]]
 
     def larger(chosen: list[int]) -> list[list[int]]:
         effects = added(chosen)
-        return [[*chosen, i] for i, group in enumerate(groups) if not _stands(group[0], effects, alone=True)]
+        return [[*chosen, i] for i, group in enumerate(groups) if not _conflicts(group[0], effects, alone=True)]
 
     def cost(chosen: list[int]) -> float:
-        return _left(
+        return _cross_validated_cost(
             sums, prior, np.concatenate([np.arange(ends[0]), *(np.arange(ends[i], ends[i + 1]) for i in chosen)])
         )
 
@@ -273,7 +285,7 @@ def _added(data: GearData, known: Levels, groups: Sequence[Group]) -> list[GearE
     return added(greedy(larger, cost, pays)[0])
 
 
-def _left(sums: Sums, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
+def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
     """V of each realisation with the numbers `chosen` (n,) by the step of all others."""
 
     def step(A: FloatArray, b: FloatArray) -> FloatArray:
@@ -282,25 +294,25 @@ def _left(sums: Sums, prior: tuple[FloatArray, FloatArray], chosen: IntArray) ->
         return np.asarray(np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size)
 
     A, b, c = sums
-    return held_out(A[:, chosen[:, None], chosen], b[:, chosen], c, step)
+    return cross_validated_power(A[:, chosen[:, None], chosen], b[:, chosen], c, step)
 
 
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
-    """Row of the gearbox characteristics: joint and order of a periodic effect, shared by its basis functions."""
+    """Return number, joint and order of an effect, which its basis functions share."""
     return effect.row.number, effect.joint, effect.order
 
 
-def level_bounds(data: GearData, known: Levels, orders: Iterable[float]) -> dict[Group, float]:
-    """How large each candidate group could be, none of whose family is among the effects that were found.
+def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[float]) -> dict[Group, float]:
+    """Return how large each candidate group could be, none of whose family is among the effects that were found.
 
     data: as the effects were found in.
     """
-    families = {family_of(effect) for effect in known.effects}
-    every = candidate_groups(data, known, tuple(orders))
+    families = {family_of(effect) for effect in estimate.effects}
+    every = candidate_groups(data, estimate, tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
-    (A, b, _), of_priors = data.sums_with(known, [effect for group in groups for effect in group])
+    (A, b, _), of_priors = data.augmented_normal_equations(estimate, [effect for group in groups for effect in group])
     A, b = A.sum(axis=0) + of_priors[0], b.sum(axis=0) + of_priors[1]
-    bounds, n = dict[Group, float](), len(known.x) + len(known.levels)
+    bounds, n = dict[Group, float](), len(estimate.x) + len(estimate.magnitudes)
     first = n
     for group in groups:
         chosen = [*range(n), *range(first, first + len(group))]

@@ -1,4 +1,4 @@
-"""GearResult: the effects of a robot's gears with the parameters found beside them, and a sheet for each gear.
+"""GearResult: the effects of the gears of a robot with its parameters, and the characteristics of each gear.
 
 The fit and the robot with what was found, as a robot's file states it.
 """
@@ -13,7 +13,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import DISTORTED, Result, Status
+from elastid.fit.result import Result
+from elastid.fit.status_terms import DISTORTED, Status
 from elastid.nonlinear.basis_functions import ANSWERED, GearEffect
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
@@ -56,13 +57,13 @@ class GearNumber:
     linear: float = math.nan
 
     @property
-    def is_seen(self) -> bool:
+    def is_significant(self) -> bool:
         """False for a characteristic with an upper bound only."""
         return math.isfinite(self.value)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 %; a level that cannot be negative ends at 0."""
+        """95 %; a magnitude that cannot be negative ends at 0."""
         low, high = self.value - QUANTILE_95 * self.std, self.value + QUANTILE_95 * self.std
         return (low if self.kind in ("stiffness", "damping") else max(low, 0.0)), high
 
@@ -70,7 +71,7 @@ class GearNumber:
     def sentence(self) -> str:
         """`k_1 = 1.5e5 N*m/rad, std 20, 1.49996e5 to 1.50004e5 (stiffness at zero torque)`."""
         unit = "" if self.unit == "1" else f" {self.unit}"
-        if not self.is_seen:
+        if not self.is_significant:
             return f"{self.name} below {self.bound:.3g}{unit}, not significant ({self.meaning})"
         low, high = self.interval
         turn = f", phase {self.phase:.3g} rad" if self.order else ""
@@ -104,7 +105,7 @@ class GearSheet:
     torsion_std: FloatArray = labelled("its standard deviation", "rad")
 
     def number(self, name: str) -> GearNumber | None:
-        """The number of a name, or None."""
+        """Return the number of a name, or None."""
         return next((number for number in self.numbers if number.name == name), None)
 
 
@@ -118,7 +119,7 @@ class GearResult:
     """
 
     x: FloatArray = labelled("estimate as the variable of the solver")
-    covariance: FloatArray = labelled("covariance of x and the levels")
+    covariance: FloatArray = labelled("covariance of x and the magnitudes")
     effects: tuple[GearEffect, ...] = ()
     magnitudes: FloatArray = labelled("magnitude of each effect, link side", default_factory=lambda: np.zeros(0))
     sheets: tuple[GearSheet, ...] = labelled(entry="joint", default=())
@@ -132,12 +133,12 @@ class GearResult:
         """True if the effects explain most of the linear fit's residual, which then does not limit them."""
         return bool(self.effects) and self.after < EXPLAINED * self.before
 
-    def left_open(self, notes: Iterable[Note]) -> tuple[Note, ...]:
-        """Notes of a fit and its responses without those that the effects answer."""
+    def unanswered_notes(self, notes: Iterable[Note]) -> tuple[Note, ...]:
+        """Return notes of a fit and its responses without those that the effects answer."""
         return tuple(note for note in notes if not (self.explains_misfit and note.code in ANSWERED))
 
-    def level(self, kind: str, joint: str) -> float:
-        """The sum of levels of a kind at a joint, 0 without any."""
+    def magnitude(self, kind: str, joint: str) -> float:
+        """Return the sum of magnitudes of a kind at a joint, 0 without any."""
         mask = [(effect.kind, effect.joint) == (kind, joint) for effect in self.effects]
         return float(self.magnitudes[np.array(mask, bool)].sum())
 
@@ -172,27 +173,27 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
             f"{100 * gears.after:.2g} % of the position signal unexplained, the linear fit {100 * gears.before:.2g} %"
         )
     excess = max(result.cost - result.cost_expected, 0.0) * (gears.after / gears.before) ** 2
-    notes, cost = gears.left_open(result.notes), result.cost_expected + excess
+    notes, cost = gears.unanswered_notes(result.notes), result.cost_expected + excess
     return replace(final, message=message, cost=cost, indices=(), verdicts=(), notes=notes)
 
 
 def with_effects(robot: Robot, gears: GearResult) -> Robot:
-    """A fitted robot with the effects of its gears, no other dry friction, and no other laws of springs.
+    """Return a fitted robot with the effects of its gears, no other dry friction, and no other laws of springs.
 
     A spring that softens so far that it would pull keeps the stiffness at zero torque alone, as does one whose law the
     robot's file cannot state.
     """
     bare, laws = with_straight_springs(without_dry_friction(robot)), {}
     for joint in robot.driven:
-        level = gears.level("friction", joint.name)
-        if level > 0 and joint.motor is not None:
-            laws[joint.name] = Friction(level), joint.motor.link_viscous
+        magnitude = gears.magnitude("friction", joint.name)
+        if magnitude > 0 and joint.motor is not None:
+            laws[joint.name] = Friction(magnitude), joint.motor.link_viscous
     known = {effect.joint for effect in gears.effects}
 
     def changed(joint: Joint) -> Joint:
         if joint.name not in known or joint.spring is None:
             return joint
-        behind = gears.level("behind", joint.name)
+        behind = gears.magnitude("behind", joint.name)
         friction = Friction(behind) if behind > 0 else joint.friction
         return replace(
             joint, friction=friction, spring=_spring(joint.spring, joint.name, gears), gear=_gear(joint, gears)
@@ -202,7 +203,7 @@ def with_effects(robot: Robot, gears: GearResult) -> Robot:
 
 
 def with_linear_springs(robot: Robot) -> Robot:
-    """The robot with the stiffness at zero torque of each joint's spring."""
+    """Return the robot with the stiffness at zero torque of each joint's spring."""
 
     def linear(joint: Joint) -> Joint:
         if joint.spring is None:
@@ -226,8 +227,8 @@ def with_terms_of(result: Result, robot: Robot) -> Result:
             x[i] = p.to_x(known[p.name][0])
     kept = [p for p in result.parameters if p.name in known or not p.name.startswith(("k2_", "k2s_", "k3_"))]
     names = [p.name for p in kept]
-    held = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in known.items() if name not in names]
-    return replace(result, x=x, parameters=Parameters((*kept, *held)))
+    fixed = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in known.items() if name not in names]
+    return replace(result, x=x, parameters=Parameters((*kept, *fixed)))
 
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
@@ -239,9 +240,9 @@ def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
         # The ends of a gap are found as sharp.
         broken = replace(spring, stiffness=outer, backlash=b, inner_stiffness=inner, rounding=0.02)
         return broken if len(ends) == 1 and outer > 0 else spring
-    terms = {"cubic": gears.level("cubic", joint), "symmetric_quadratic": gears.level("progressive", joint)}
+    terms = {"cubic": gears.magnitude("cubic", joint), "symmetric_quadratic": gears.magnitude("progressive", joint)}
     try:
-        return replace(spring, **{name: level for name, level in terms.items() if level})
+        return replace(spring, **{name: magnitude for name, magnitude in terms.items() if magnitude})
     except ValueError:  # it softens, and would pull beyond the torques of the records
         return spring
 
@@ -249,13 +250,13 @@ def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
 def _gear(joint: Joint, gears: GearResult) -> Gear | None:
     name = joint.name
     gear = Gear(
-        load=max(gears.level("load", name), 0.0),
+        load=max(gears.magnitude("load", name), 0.0),
         transmission_error=tuple(TransmissionError(*of_order) for of_order in _harmonics("error", name, gears)),
         ripple=tuple(GearRipple(*of_order) for of_order in _harmonics("ripple", name, gears)),
         hysteresis=tuple(
-            Hysteresis(level, scale, "sharp" if kind == "stop" else "smooth")
-            for kind, scale, level in _effects(name, gears)
-            if kind in ("stop", "bristle") and level > 0
+            Hysteresis(magnitude, scale, "sharp" if kind == "stop" else "smooth")
+            for kind, scale, magnitude in _effects(name, gears)
+            if kind in ("stop", "bristle") and magnitude > 0
         ),
     )
     return gear if gear != Gear() else None
@@ -270,5 +271,5 @@ def _harmonics(word: Literal["error", "ripple"], joint: str, gears: GearResult) 
 
 
 def _effects(joint: str, gears: GearResult) -> list[tuple[str, float, float]]:
-    levels = zip(gears.effects, gears.magnitudes.tolist(), strict=True)
-    return [(effect.kind, effect.scale, f) for effect, f in levels if effect.joint == joint]
+    magnitudes = zip(gears.effects, gears.magnitudes.tolist(), strict=True)
+    return [(effect.kind, effect.scale, f) for effect, f in magnitudes if effect.joint == joint]

@@ -1,4 +1,4 @@
-r"""The motion behind the gears, which no sensor sees: measured torque and angle weighed against each other.
+r"""Smoother of the unmeasured motion behind the gears, from measured torques and angles.
 
 .. math:: \hat q = q_0 + H W (C H)^H [C H W (C H)^H + \sigma^2]^{-1} (y - C q_0), \qquad
           q_0 = H (B u - \sum_i f_i P_i \Phi_i(\hat q))
@@ -10,9 +10,10 @@ solved by Newton's method, each step by GMRES with two FFTs a product: only thes
 of a linear structure with few nonlinear elements by alternating frequency and time, Cameron and Griffin, J. Appl. Mech.
 56, 1989.)
 
-The lines are all below half the rate: friction and hardening move the robot there, too. Beyond them, up to half the
-rate of the fine grid, forces move inertias: k some 0.02 % too low without. In sampled angles that motion is folded to
-the lines below: beside friction of 30 % of the torque it would pass for a transmission error, k 0.05 % too low.
+The lines are all below half the rate: friction and hardening move the robot there, too. Beyond them, up to
+half the rate of the fine grid, forces move inertias: k some 0.02 % too low without. In sampled angles that
+motion is folded to the lines below: beside friction of 30 % of the torque it would pass for a transmission error, k
+0.05 % too low.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +26,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.statistics import mean_of_neighbours
-from elastid.nonlinear.basis_functions import GearEffect, GearMotion, Place, along_period, forces, periodic_error
+from elastid.nonlinear.basis_functions import GearEffect, GearMotion, Place, along_period, forces, transmission_error
 from elastid.nonlinear.period_model import DriveLines
 from elastid.nonlinear.spectra import PeriodLines
 
@@ -33,8 +34,8 @@ _STEPS, _HALVINGS = 8, 5  # Newton's method
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
-    """Phi (F, n, M, n_f): forces on the model's coordinates by effects of level 1.
+class SmoothedMotion:
+    """Phi (F, n, M, n_f): forces on the model's coordinates by effects of magnitude 1.
 
     folded (F, n_u, M, n_f): what they take from the sampled angles by motion beyond half the rate.
     unknowns: deflections and velocities x (n_x, n) of each experiment, of `signals`, from which the next one starts.
@@ -48,37 +49,37 @@ class Estimate:
     signals: tuple[tuple[Place, int], ...] = ()
 
     @classmethod
-    def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> "Estimate":
-        """Estimate without any motion yet."""
+    def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> "SmoothedMotion":
+        """Return the estimate without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, (np.zeros((0, 0)),) * M, np.zeros((M, len(drive.k), lines.points)))
 
-    def on(self, lines: PeriodLines) -> "Estimate":
-        """Estimate on a grid of more or fewer points."""
+    def on(self, lines: PeriodLines) -> "SmoothedMotion":
+        """Return the estimate on a grid of more or fewer points."""
 
         def resampled(x: FloatArray) -> FloatArray:
             return np.asarray(irfft(rfft(x), lines.points) * (lines.points / x.shape[-1])) if x.size else x
 
         return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
 
-    def of(self, places: Sequence[int]) -> "Estimate":
-        """Estimate of effects by index; index -1 has no force."""
+    def of(self, places: Sequence[int]) -> "SmoothedMotion":
+        """Return the estimate of effects by index; index -1 has no force."""
         Phi, folded = (
             np.concatenate([X, np.zeros((*X.shape[:3], 1))], axis=3)[..., list(places)] for X in (self.Phi, self.folded)
         )
         return replace(self, Phi=Phi, folded=folded)
 
 
-def residuals(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray) -> ComplexArray:
-    """y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
-    explained = drive.C @ drive.H @ np.tensordot(estimate.Phi, levels, axes=1)
-    explained = explained + np.tensordot(estimate.folded, levels, axes=1)
+def residuals(lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray) -> ComplexArray:
+    """Return y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
+    explained = drive.C @ drive.H @ np.tensordot(estimate.Phi, magnitudes, axes=1)
+    explained = explained + np.tensordot(estimate.folded, magnitudes, axes=1)
     return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
 
 
 def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) -> ComplexArray:
-    """E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines.
+    """Return E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines.
 
     Of neighbours their ratio to noise of torques that the model passes on, and of angles: near resonances, and where a
     robot moves less and less, they are not alike themselves.
@@ -115,29 +116,29 @@ def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArra
     return np.asarray(scale[:, None, None] * (drive.H @ W @ CH.conj().swapaxes(1, 2)) @ np.linalg.inv(covariance))
 
 
-def estimate_motion(
+def smooth_motion(
     lines: PeriodLines,
     drive: DriveLines,
     effects: Sequence[GearEffect],
-    levels: FloatArray,
-    before: Estimate,
+    magnitudes: FloatArray,
+    before: SmoothedMotion,
     near: float = 1e-4,
-) -> Estimate:
-    """The motion of all experiments under effects of given levels (n_f,), and the effects along it.
+) -> SmoothedMotion:
+    """Return the motion of all experiments under effects of given magnitudes (n_f,), and the effects along it.
 
     near: error of the implicit motion at which it ends, over its RMS.
     """
-    gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels), lines, drive))
+    gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, magnitudes), lines, drive))
     of_force = drive.H - gain @ (drive.C @ drive.H)
     implicit = np.array([effect.is_implicit for effect in effects], bool)
-    given = np.tensordot(before.Phi[..., ~implicit], levels[~implicit], axes=1)
+    given = np.tensordot(before.Phi[..., ~implicit], magnitudes[~implicit], axes=1)
     base = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U) - given)
-    y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None] + np.tensordot(before.folded, levels, axes=1)
+    y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None] + np.tensordot(before.folded, magnitudes, axes=1)
     base = base + gain @ (y - drive.C @ base)
     if lines.arm is not None:  # springs bend under it, too
         base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])
-    after, unknowns = Estimate.start(lines, drive, len(effects)), []
-    problem = _Problem(lines, drive, tuple(effects), levels, of_force, before.loads, near)
+    after, unknowns = SmoothedMotion.start(lines, drive, len(effects)), []
+    problem = _Problem(lines, drive, tuple(effects), magnitudes, of_force, before.loads, near)
     last = (drive.C @ drive.H[-1]).T * lines.sampled  # sampled motion by force at the last line
     for m in range(lines.U.shape[2]):
         q, x, force = problem.solve(base[:, :, m], m, before)
@@ -163,7 +164,7 @@ class _Problem:
     lines: PeriodLines
     drive: DriveLines
     effects: tuple[GearEffect, ...]
-    levels: FloatArray
+    magnitudes: FloatArray
     of_force: ComplexArray
     loads: FloatArray
     near: float
@@ -171,12 +172,12 @@ class _Problem:
     @cached_property
     def signals(self) -> list[tuple[Place, int]]:
         """Place and joint of each unknown."""
-        wanted = {
+        signals = {
             (effect.place, self.drive.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit
         }
-        return sorted(wanted)
+        return sorted(signals)
 
-    def solve(self, base: ComplexArray, m: int, before: Estimate) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    def solve(self, base: ComplexArray, m: int, before: SmoothedMotion) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns, forces by them."""
         lines, rows = self.lines, self._rows
         if not self.signals:
@@ -217,15 +218,15 @@ class _Problem:
         total, rest = np.zeros((len(self.signals), self.lines.points)), self._rest(m)
         for i, (place, j) in enumerate(self.signals):
             if place == "gear":
-                total[i] = rest[j] + self._error(base, j, m)
+                total[i] = rest[j] + self._transmission_error(base, j, m)
         return total
 
-    def _error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
+    def _transmission_error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
         """Transmission error (n,) of a joint along the motion of its motor."""
         angle, total = self._angle(q, j, m), np.zeros(self.lines.points)
-        for effect, f in zip(self.effects, self.levels, strict=True):
+        for effect, f in zip(self.effects, self.magnitudes, strict=True):
             if effect.joint == self.drive.joints[j] and effect.kind.startswith("error"):
-                total += f * periodic_error(effect, angle, float(self.drive.ratios[j]))[0]
+                total += f * transmission_error(effect, angle, float(self.drive.ratios[j]))[0]
         return total
 
     def _angle(self, q: ComplexArray, j: int, m: int) -> FloatArray:
@@ -236,7 +237,7 @@ class _Problem:
         """Force (n_x, n) by each unknown of an experiment, and its slope."""
         force, slope = np.zeros_like(x), np.zeros_like(x)
         shapes: dict[tuple[str, int, float], tuple[FloatArray, FloatArray]] = {}
-        for effect, f in zip(self.effects, self.levels, strict=True):
+        for effect, f in zip(self.effects, self.magnitudes, strict=True):
             if effect.is_implicit and f:
                 j = self.drive.joints.index(effect.joint)
                 i, size = self.signals.index((effect.place, j)), self.loads[m, j] if effect.kind == "load" else 1.0
@@ -256,7 +257,8 @@ class _Problem:
         amplitudes = np.stack([gear, lines.s * gear, lines.s * motor, lines.s * link])
         swing, slope, velocity, link_velocity = lines.fine(amplitudes)
         known: dict[Place, FloatArray] = {
-            "gear": swing + self._rest(m)[j] + self._error(q, j, m), "motor": velocity, "link": link_velocity,
+            "gear": swing + self._rest(m)[j] + self._transmission_error(q, j, m),
+            "motor": velocity, "link": link_velocity,
         }  # fmt: skip
         known |= {place: signal for (place, joint), signal in zip(signals, x, strict=False) if joint == j}
         torque = drive.k[j] * known["gear"] + drive.d[j] * slope
@@ -294,7 +296,7 @@ def newton(
     x: FloatArray,
     near: float = 1e-4,
 ) -> tuple[FloatArray, FloatArray]:
-    """x (n_x, n) of x + linear(law(x)) = x_0, and the force there; law gives force and slope by points.
+    """Return x (n_x, n) of x + linear(law(x)) = x_0, and the force there; law gives force and slope by points.
 
     From x, or from x_0 where that is nearer than an x whose error is more than its size.
 

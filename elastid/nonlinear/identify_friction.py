@@ -1,4 +1,4 @@
-"""Friction at the motors, from the records of all configurations of a measurement."""
+"""Identification of motor friction from the records of all configurations of a measurement."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -13,30 +13,31 @@ from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.spectra import RecordSpectra
-from elastid.nonlinear.friction import FrictionTakenOut, Shape
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.motion import VELOCITY_NOISE, motion_of
-from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken, unsuited
+from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration, unsuited
 from elastid.nonlinear.variable_projection import (
     DEPENDENCE_BY_CHANCE,
     SIGN_ERROR,
-    Choice,
+    Basis,
     NormalEquations,
-    by_unknown_shapes,
-    candidate_shapes,
+    basis_error_covariance,
+    candidate_basis,
     choose,
     covariance,
     delayed,
-    find_levels,
+    estimate_coefficients,
     median_swing,
     normal_equations,
     refined,
-    shares,
+    residual_power_ratios,
     torque_delay,
 )
 from elastid.record import MOTION_ORDER, Record
 
-# Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
-# in all.
+# Shapes are chosen in the first configurations, of so many records if all have as many as the first; coefficients are
+# found in all.
 _CHOICE_RECORDS = 24
 # Motion between two reversals over the presliding distance, below which the data do not show F_c, and the std over F_c
 # from which on a note says so.
@@ -47,46 +48,45 @@ class _Unsuited(ValueError):
     """Why friction cannot be found."""
 
 
-def find_friction(
+def identify_motor_friction(
     measured: Sequence[Iterable[Record]],
     spec: EstimatorSpec,
     planned: IntArray | None = None,
     execution: Execution | None = None,
-) -> FrictionTakenOut:
-    """Friction in the records of all configurations, each of which is gone through, or read, several times.
+) -> CompensatedFriction:
+    """Return friction in the records of all configurations, each of which is gone through, or read, several times.
 
-    Shapes are chosen along the motion that samples show; levels are found along that between the samples, too, where it
-    moves them. Where friction cannot be found nothing is taken out, and a note says why.  execution: of the
-    configurations; the result does not depend on it.
-    Raises DataError and StudyError as `estimate` does.
+    Shapes are chosen along the motion that samples show; coefficients are found along that between the samples, too,
+    where it moves them. Where friction cannot be found nothing is compensated, and a note says why.  execution: of the
+    configurations; the result does not depend on it. Raises DataError and StudyError as `estimate` does.
     """
     records = tuple(measured[0])
     try:
-        return _found(records, measured, spec, planned, execution or Execution())
+        return _identify(records, measured, spec, planned, execution or Execution())
     except _Unsuited as reason:
         is_quiet = spec.friction == "auto" and not any(place.startswith("motor ") for place in records[0].inputs)
-        return _nothing(records[0], "" if is_quiet else str(reason), spec.friction)
+        return _no_friction(records[0], "" if is_quiet else str(reason), spec.friction)
 
 
-def _found(
+def _identify(
     records: tuple[Record, ...],
     measured: Sequence[Iterable[Record]],
     spec: EstimatorSpec,
     planned: IntArray | None,
     execution: Execution,
-) -> FrictionTakenOut:
+) -> CompensatedFriction:
     few, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
-    def gathered(
-        part: Sequence[Iterable[Record]], shapes: Sequence[Shape], friction: FrictionTakenOut | None = None
+    def gather(
+        part: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
     ) -> list[ConfigurationSpectra]:
-        return execution.ordered(partial(_gathered, places, shapes, spec, planned, friction), part)
+        return execution.ordered(partial(_gather, places, shapes, spec, planned, friction), part)
 
     if refused := refusal(records):
         raise _Unsuited(refused)
     refuse_mismatch(records)
-    shapes = candidate_shapes(records, spec.friction == "coulomb")
-    data = gathered(measured[:few], shapes)
+    shapes = candidate_basis(records, spec.friction == "coulomb")
+    data = gather(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
     if delay_s := torque_delay(data, shapes, choice, places):
         late, late_shapes = delayed(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
@@ -96,25 +96,25 @@ def _found(
             data, shapes, choice, picked = late, late_shapes, late_choice, late_picked
     of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
     swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
-    first, friction = _Found(records[0], spec, of_picked, choice, swings), None
+    first, friction = _FrictionFit(records[0], spec, of_picked, choice, swings), None
     if choice.shapes:
-        near = refined(choice, first.levels, places, first.velocity_noise)
-        between = replace(first, choice=near, data=gathered(measured[:few], near.shapes, first.result))
-        pairs = [[fit.result.sliding_level(place)[0] for fit in (between, first)] for place in places]
+        near = refined(choice, first.coefficients, places, first.velocity_noise)
+        between = replace(first, choice=near, data=gather(measured[:few], near.shapes, first.result))
+        pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
-        is_near = all(abs(level - whole) <= SIGN_ERROR * level for level, whole in pairs)
+        is_near = all(abs(coefficient - whole) <= SIGN_ERROR * coefficient for coefficient, whole in pairs)
         if few >= len(measured) or not is_near:
             first, friction = between, first.result
-    first = replace(first, data=[*first.data, *gathered(measured[few:], first.choice.shapes, friction)])
+    first = replace(first, data=[*first.data, *gather(measured[few:], first.choice.shapes, friction)])
     return first.with_dependence() if choice.shapes else first.result
 
 
-def _gathered(
+def _gather(
     inputs: tuple[str, ...],
-    shapes: Sequence[Shape],
+    shapes: Sequence[BasisFunction],
     spec: EstimatorSpec,
     planned: IntArray | None,
-    friction: FrictionTakenOut | None,
+    friction: CompensatedFriction | None,
     measured: Iterable[Record],
 ) -> ConfigurationSpectra:
     records = tuple(measured)
@@ -139,23 +139,23 @@ def _gathered(
 
 
 @dataclass(frozen=True)
-class _Found:
+class _FrictionFit:
     """Friction of a choice of shapes in some configurations; first: a record."""
 
     first: Record
     spec: EstimatorSpec
     data: Sequence[ConfigurationSpectra]
-    choice: Choice
+    choice: Basis
     swings: tuple[float, ...] = ()
 
     @cached_property
     def sums(self) -> tuple[FloatArray, NormalEquations]:
-        """Levels (n_f,), and the sums about them."""
-        return find_levels(self.data, self.choice.motor_of)
+        """Coefficients (n_f,), and the sums about them."""
+        return estimate_coefficients(self.data, self.choice.motor_of)
 
     @property
-    def levels(self) -> FloatArray:
-        """Levels (n_f,)."""
+    def coefficients(self) -> FloatArray:
+        """Coefficients (n_f,)."""
         return self.sums[0]
 
     @property
@@ -164,21 +164,21 @@ class _Found:
         return np.asarray(np.sqrt(np.mean([data.velocity_noise**2 for data in self.data], axis=0)))
 
     @cached_property
-    def result(self) -> FrictionTakenOut:
+    def result(self) -> CompensatedFriction:
         """Compensate friction; return it with a note on each motor."""
-        (levels, equations), first, choice = self.sums, self.first, self.choice
-        left = shares(equations, len(first.inputs), choice.motor_of)
+        (coefficients, equations), first, choice = self.sums, self.first, self.choice
+        ratio = residual_power_ratios(equations, len(first.inputs), choice.motor_of)
         is_compensated = np.isin(np.arange(len(first.inputs)), choice.motor_of)
-        result = FrictionTakenOut(
+        result = CompensatedFriction(
             places=first.inputs,
             place_units=first.units_of_inputs,
             shapes=choice.shapes,
-            coulomb_torque=levels,
-            covariance=covariance(equations) + by_unknown_shapes(choice, levels),
+            coulomb_torque=coefficients,
+            covariance=covariance(equations) + basis_error_covariance(choice, coefficients),
             configurations=tuple(spectra.name for spectra in self.data),
-            before=normal_equations(self.data, 0 * levels, choice.motor_of).level,
-            after=equations.level,
-            residual_power_ratio=np.where(is_compensated, left, choice.residual_power_ratio),
+            before=normal_equations(self.data, 0 * coefficients, choice.motor_of).amplitude,
+            after=equations.amplitude,
+            residual_power_ratio=np.where(is_compensated, ratio, choice.residual_power_ratio),
             accelerance=self._accelerance(),
             swings=self.swings,
         )
@@ -190,35 +190,35 @@ class _Found:
         for data in self.data:
             on = np.flatnonzero(data.excited)
             on = on[-max(1, len(on) // 20) :]
-            friction = taken(self.levels, data.Phi[on], self.choice.motor_of, data.U.shape[1])
+            friction = compensation_torque(self.coefficients, data.Phi[on], self.choice.motor_of, data.U.shape[1])
             G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
             s = 2j * np.pi * data.freq_hz[on, None]
             tops.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
         return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 
-    def with_dependence(self) -> FrictionTakenOut:
-        """Friction with the scatter of its levels over configurations, where it is more than chance's.
+    def with_dependence(self) -> CompensatedFriction:
+        """Return friction with the scatter of its coefficients over configurations, where it is more than chance's.
 
-        Factors a_c from the levels to those of a configuration alone, by least squares of e = a X f, have variances
-        s_c^2 by noise. Their scatter tau counts whole, since a level of another posture is one more draw of it:
-        tau^2 = (Q - C + 1) / (sum w - sum w^2 / sum w), Q = sum w (a_c - a)^2, w = 1 / s_c^2.
-        (DerSimonian and Laird, Controlled Clinical Trials 7, 1986.)
+        Factors a_c from the coefficients to those of a configuration alone, by least squares of e = a X f, have
+        variances s_c^2 by noise. Their scatter tau counts whole, since a coefficient of another posture is one more
+        draw of it: tau^2 = (Q - C + 1) / (sum w - sum w^2 / sum w), Q = sum w (a_c - a)^2, w = 1 / s_c^2. (DerSimonian
+        and Laird, Controlled Clinical Trials 7, 1986.)
         """
         result, motor_of, n = self.result, self.choice.motor_of, len(self.data)
         C, notes = result.covariance.copy(), list[Note]()
-        sums = [normal_equations([spectra], self.levels, motor_of) for spectra in self.data]
+        sums = [normal_equations([spectra], self.coefficients, motor_of) for spectra in self.data]
         for i, place in enumerate(result.places):
-            f = np.where(motor_of == i, self.levels, 0.0)
+            f = np.where(motor_of == i, self.coefficients, 0.0)
             power = np.array([max(f @ fold.A.sum(axis=0) @ f, 1e-300) for fold in sums])
             factor = np.array([f @ fold.b.sum(axis=0) for fold in sums]) / power
-            weight = 2 * power * [fold.dof_share for fold in sums]
+            weight = 2 * power * [fold.dof_fraction for fold in sums]
             Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
             if n > 1 and f.any() and chi_square_limit(n - 1, DEPENDENCE_BY_CHANCE) < Q:
                 C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)
-                level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
+                F_c, low, high = result.coulomb_friction(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
                 text = (
-                    f"{place}: friction varies from {level * factor[low]:.4g} {result.place_units[i]} in "
-                    f"{result.configurations[low]} to {level * factor[high]:.4g} in {result.configurations[high]}. To "
+                    f"{place}: friction varies from {F_c * factor[low]:.4g} {result.place_units[i]} in "
+                    f"{result.configurations[low]} to {F_c * factor[high]:.4g} in {result.configurations[high]}. To "
                     "find whether angle, temperature or load is the cause, run a friction study with `loads`"
                 )
                 notes.append(Note("nonlinear/friction-varies", text))
@@ -226,7 +226,7 @@ class _Found:
         return replace(result, notes=(*_notes(result), *notes))
 
 
-def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
+def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
     """One for each motor; the place is in the text, so that notes of several motors are not grouped into one."""
     notes = []
     if delay_ms := 1e3 * next((shape.delay_s for shape in result.shapes), 0.0):
@@ -236,17 +236,17 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
         )
         notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
     for place, unit, share in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
-        if place in result.taken_places():
-            level, std = result.sliding_level(place)
+        if place in result.compensated_motors():
+            F_c, std = result.coulomb_friction(place)
             text = (
-                f"{place}: Coulomb friction of {level:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
+                f"{place}: Coulomb friction of {F_c:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
                 f"of noise and distortion decreases to {share:.2g} % of its value without compensation"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
             ratio = result.swing_ratio(place)
-            if std > MIN_UNCERTAIN * level and ratio < FULL_SWING:
+            if std > MIN_UNCERTAIN * F_c and ratio < FULL_SWING:
                 text = (
-                    f"{place}: the Coulomb torque is {level:.3g} {unit} (std {std:.2g}). The motion between two "
+                    f"{place}: the Coulomb torque is {F_c:.3g} {unit} (std {std:.2g}). The motion between two "
                     f"reversals is {ratio:.2g} of the presliding distance (limit {FULL_SWING:g}). Raise the amplitude"
                 )
                 notes.append(Note("nonlinear/presliding", text, severity="information"))
@@ -259,12 +259,12 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
+def _no_friction(first: Record, why: str, wanted: Friction) -> CompensatedFriction:
     """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
     note = Note("nonlinear/friction-not-compensated", f"Coulomb friction is not compensated: {why}", severity=severity)
-    return FrictionTakenOut(
+    return CompensatedFriction(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=(),
@@ -280,7 +280,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
 
 
 def refusal(records: Sequence[Record]) -> str:
-    """Why friction cannot be found in the records of a configuration; empty where it can."""
+    """Return why friction cannot be found in the records of a configuration; empty where it can."""
     first = records[0]
     if reason := unsuited(first):
         return reason

@@ -1,4 +1,4 @@
-"""The motion of a motor between its samples, from the DFT of its whole record."""
+"""Motion of a motor between its samples, from the DFT of its whole record."""
 
 import math
 from collections.abc import Callable
@@ -66,14 +66,14 @@ class Motion:
 
 
 def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexArray] | None = None) -> Motion:
-    """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
+    """Return the motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
     by_torque(motion): DFT (n // 2 + 1,) of its angle by what is known of its torque as an inertia, in place of what is
     noise above the last line that is known; along the motion of the round before, in two rounds.
     """
     n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
-    Y, start, gain = own_spectrum(record, place)
-    share, noise = signal_share(record, Y, order)
+    Y, start, gain = motor_spectrum(record, place)
+    share, noise = signal_fraction(record, Y, order)
     s = laplace(len(Y), n, record.rate_hz)
     velocity = integrated(share * Y, s, order - 1)
     if order != 1:
@@ -93,8 +93,8 @@ def _fine(velocity: ComplexArray, n: int) -> FloatArray:
     return np.append(x, x[0])
 
 
-def signal_share(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
-    """Share of the DFT Y (n // 2 + 1,) of a motion that is not noise, and the std of the velocity by the rest.
+def signal_fraction(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
+    """Return share of the DFT Y (n // 2 + 1,) of a motion that is not noise, and the std of the velocity by the rest.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
     line the share of its power that is not noise.  order: of the derivative of the angle that Y is.
@@ -112,7 +112,7 @@ def signal_share(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArra
 
 
 def noise_power(Y: ComplexArray) -> float:
-    """Noise power of a line in the DFT of a motion, from the highest lines, at which the robot barely moves."""
+    """Return noise power of a line in the DFT of a motion, from the highest lines, at which the robot barely moves."""
     return float(np.median(np.abs(Y[int((1 - 1 / 8) * len(Y)) :]) ** 2) / np.log(2))
 
 
@@ -131,12 +131,12 @@ def _velocity_power(lines: int, n: int, rate_hz: float, order: int) -> FloatArra
 
 
 def whole_samples(record: Record) -> int:
-    """The samples of the whole periods of a record."""
+    """Return the samples of the whole periods of a record."""
     return record.n_samples // record.period_samples * record.period_samples
 
 
-def own_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float]:
-    """DFT (n // 2 + 1,) of a motor's motion as it was logged, over whole periods; an angle's start, and its gain.
+def motor_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float]:
+    """Return the DFT (n // 2 + 1,) of a motor's logged motion over whole periods, the start of its angle, and its gain.
 
     An angle is taken from its start on, without the ramp of its gain; both are 0 of other quantities.
     """
@@ -160,12 +160,12 @@ def _gain(y: FloatArray, N: int) -> float:
 
 @lru_cache(maxsize=16)
 def laplace(lines: int, n: int, rate_hz: float) -> ComplexArray:
-    """s = j omega (lines,) of the lines of n samples, from 0 on."""
+    """Return s = j omega (lines,) of the lines of n samples, from 0 on."""
     return frozen(2j * np.pi * rate_hz / n * np.arange(lines), np.complex128)
 
 
 def integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
-    """Y / s^order; a mean has no integral."""
+    """Return Y / s^order; a mean has no integral."""
     if order <= 0:
         return Y if order == 0 else np.asarray(Y * s**-order)
     return np.concatenate([np.zeros(1, dtype=np.complex128), Y[1:] / s[1:] ** order])

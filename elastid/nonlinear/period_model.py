@@ -1,4 +1,4 @@
-r"""The linear model of a configuration on all lines of its periods, and its arm's torques beyond it.
+r"""Period model: the linear model of a configuration on all lines of its periods, and the arm's nonlinear torques.
 
 .. math:: Z(s)\, q = B u - \sum_i f_i P_i \Phi_i, \qquad Z = s^2 M + s D + K, \qquad H = Z^{-1}
 
@@ -26,7 +26,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.transfer import factor, held_images
+from elastid.linear.response.transfer import factor, zoh_aliases
 from elastid.model.closed_posture import open_loops
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.model.formulation import formulate
@@ -73,21 +73,21 @@ class DriveLines:
     chain: FloatArray
 
     def directions(self, place: Place, joint: int) -> FloatArray:
-        """Row (n,) of a place at a joint."""
+        """Return the row (n,) of a place at a joint."""
         return np.asarray(self.places[place][joint])
 
     def moved(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
-        """Motion (F, M) of a place by torques (F, n_u, M) that were logged, in the linear model."""
+        """Return the motion (F, M) of a place by torques (F, n_u, M) that were logged, in the linear model."""
         q = self.H @ (self.B @ (self.command[:, :, None] * U))
         return np.tensordot(self.directions(place, joint), q, axes=(0, 1))
 
     def motor_row(self, joint: int) -> FloatArray:
-        """Angle of a motor by the logged angles (n_u,)."""
+        """Return the angle of a motor by the logged angles (n_u,)."""
         return self.directions("motor", joint) @ np.linalg.pinv(self.C)
 
 
 def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
-    """Names of the driven joints with a spring of their own in the gear."""
+    """Return names of the driven joints with a spring of their own in the gear."""
     springs = spring_deflections(linearisation.model.robot)
     return tuple(joint.name for joint in linearisation.model.robot.driven if f"k_{joint.name}" in springs)
 
@@ -99,7 +99,7 @@ def drive_lines(
     parameters: Parameters,
     x: FloatArray,
 ) -> DriveLines:
-    """Model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
+    """Return the model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
     robot, name = linearisation.model.robot, lines.configuration.name
     theta = parameters.expand(x, name)
     motors = [response.outputs.index(place) for place in response.inputs]
@@ -117,7 +117,7 @@ def drive_lines(
     lag = np.prod([np.ones(len(lines.s), complex), *lags], axis=0)  # of the sensors
     sensor = lag[:, None] * of_outputs
     command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
-    images = held_images(kernel.model, theta, lines.freq_hz) / s**order
+    images = zoh_aliases(kernel.model, theta, lines.freq_hz) / s**order
     G = kernel.response(theta) / s**order + images
     springs, driven = spring_deflections(robot), robot.driven_names
     ratios = np.array([robot.ratio(joint) for joint in driven])
@@ -142,7 +142,7 @@ def drive_lines(
 
 
 def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: ComplexArray) -> ComplexArray:
-    """tau_g (F + 1, n, M) of the driven joints, its mean and lines s (F,), by their motion (F, n, M).
+    """Return tau_g (F + 1, n, M) of the driven joints, its mean and lines s (F,), by their motion (F, n, M).
 
     Masses and lengths are those of the robot's file.  DataError where its loops do not close along the motion.
     """
@@ -168,7 +168,7 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
 
 
 def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLines:
-    """Lines with tau_g subtracted, and their angles with its motion subtracted.
+    """Return lines with tau_g subtracted, and their angles with its motion subtracted.
 
     The motion of the joints is that of the model `drive` under tau_g, and such torques at the motors as make the rest
     of the measured angles.

@@ -1,4 +1,4 @@
-"""Torques and motions of all experiments of one configuration, at lines excited or not; their fine grid."""
+"""Spectra of torques and motions of all experiments of one configuration, at lines excited or not; their fine grid."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,8 @@ from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
-from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import BasisFunction, amplitudes
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.record import Configuration, Motion, Record
 
@@ -53,8 +54,8 @@ class ConfigurationSpectra:
                 return False
         return True
 
-    def nonlinear_share(self) -> FloatArray:
-        """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
+    def nonlinear_fraction(self) -> FloatArray:
+        """Return the share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
 
         From the experiments beyond those that separate the inputs; without any, from lines that are not excited.
         """
@@ -67,11 +68,11 @@ class ConfigurationSpectra:
         return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
 
     def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
-        """Residuals e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
+        """Return e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
 
         e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
-        experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  And the lines (F,)
-        that constrain f.
+        experiments; at unexcited lines Q = 1.  So e = X f for the coefficients f of the friction in U.  And the lines
+        (F,) that constrain f.
         """
         on = self.excited
         net = self.U - friction
@@ -89,12 +90,12 @@ class ConfigurationSpectra:
 
 def gather_configuration(
     measured: Iterable[Record],
-    shapes: Sequence[Shape],
+    shapes: Sequence[BasisFunction],
     spec: EstimatorSpec,
     planned: IntArray | None,
-    friction: FrictionTakenOut | None = None,
+    friction: CompensatedFriction | None = None,
 ) -> ConfigurationSpectra:
-    """Mean spectra over the periods that can be trusted, of the records of one configuration, one record at a time.
+    """Return mean spectra over the trusted periods of the records of one configuration, one record at a time.
 
     friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.
@@ -144,7 +145,7 @@ class PeriodLines:
     of whole periods.  noise (n_u,): variance of the noise of an element of Y that does not fall with frequency.
     scatter (F, n_u): variance of the mean over the periods, of Y.  excited (F,).  samples: of a period.  count (n_u,):
     smallest step of an angle.  sampled (n_u,): whether an angle was logged, and no derivative of it.  arm (F + 1, n_j,
-    M): torques of the links, and their mean first, whose motion is taken out of Y; 0 if none.  cells: of a sample.
+    M): torques of the links, and their mean first, whose motion is subtracted from Y; 0 if none.  cells: of a sample.
     """
 
     configuration: Configuration
@@ -179,14 +180,14 @@ class PeriodLines:
         return np.asarray(2j * np.pi * self.freq_hz)
 
     def fine(self, X: ComplexArray) -> FloatArray:
-        """The signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
+        """Return the signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
         n = self.points
         padded = np.zeros((*X.shape[:-1], n // 2 + 1), complex)
         padded[..., 1 : X.shape[-1] + 1] = X
         return irfft(padded, n) * (n / 2)
 
     def amplitudes(self, x: FloatArray) -> ComplexArray:
-        """Amplitudes (..., F) of signals (..., n) on the fine grid."""
+        """Return amplitudes (..., F) of signals (..., n) on the fine grid."""
         return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
 
     def folded(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -205,7 +206,7 @@ class PeriodLines:
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
-    """The mean over the periods that can be trusted, of the records of one configuration.
+    """Return the mean over the periods that can be trusted, of the records of one configuration.
 
     Raises DataError and StudyError as `analysed_lines` does; DataError where gears cannot be looked for.
     """
@@ -242,7 +243,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
 
 
 def unsuited(first: Record) -> str:
-    """Reason why friction and gear effects are not identifiable from these records; empty if they may be."""
+    """Return reason why friction and gear effects are not identifiable from these records; empty if they may be."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"
     missing = [place for place in first.inputs if place not in first.outputs]
@@ -267,16 +268,16 @@ def _periods(
     return every.only(trusted(every.on(excited), spec).periods) if len(every.periods) > 1 else every
 
 
-def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
-    """Friction torque (F, n_m, K) of shapes (F, n_f, K) that act on motors motor_of (n_f,)."""
+def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
+    """Return friction torque (F, n_m, K) of shapes (F, n_f, K) that act on motors motor_of (n_f,)."""
     torque = np.zeros((Phi.shape[0], n_m, Phi.shape[2]), dtype=np.complex128)
-    for f in np.flatnonzero(levels):
-        torque[:, motor_of[f]] += levels[f] * Phi[:, f]
+    for f in np.flatnonzero(coefficients):
+        torque[:, motor_of[f]] += coefficients[f] * Phi[:, f]
     return torque
 
 
 def some(lines: IntArray, most: int) -> IntArray:
-    """Lines, so many at most, evenly taken with the first and the last: they show a level as well as all."""
+    """Lines, so many at most, evenly spaced with the first and the last: they show a coefficient as all do."""
     return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
 
 

@@ -1,20 +1,20 @@
-r"""Levels of friction by regression: the f for which G is the same in all realisations.
+r"""Variable projection: friction coefficients f for which G is the same in all realisations.
 
 For each line, with the net torques U_n = U - Phi f and the projector Q that takes their span out of the K experiments,
 
 .. math:: e = (U - G^{-1} Y)\, Q = \Phi Q\, f + noise, \qquad G = Y U_n^H (U_n U_n^H)^{-1}
 
 G is eliminated by variable projection; since it depends on f, the regression is repeated. At lines that were not
-excited, torque is there by feedback alone: G is interpolated, and Q = 1. Motors and their levels are the same in all
-configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
+excited, torque is there by feedback alone: G is interpolated, and Q = 1. Motors and their coefficients are the same in
+all configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
 
 A torque that is logged late or early has its friction late or early: where no choice explains the torque, the delay is
 searched at which friction leaves least of it in other realisations (`torque_delay`).
 
 Shapes are chosen by cross-validation over realisations. Candidates are on the scale of the motors' own motion; one is
-taken out only where it pays. Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between two
-of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two near their mean leave a tenth
-of that (`refined`).
+compensated only where it pays. Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between
+two of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two near their mean leave a
+tenth of that (`refined`).
 """
 
 import math
@@ -26,9 +26,9 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
 from elastid.base.statistics import mean_of_neighbours
-from elastid.nonlinear.friction import Kind, Shape
+from elastid.nonlinear.friction_basis import BasisFunction, Kind
 from elastid.nonlinear.motion import NEIGHBOURS, Motion, motion_of
-from elastid.nonlinear.spectra import ConfigurationSpectra, taken
+from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque
 from elastid.record import Record
 
 _BLOCKS = 5  # of lines, which replace realisations where there is one
@@ -39,36 +39,38 @@ class NormalEquations:
     """Sums over lines and configurations for each fold and motor, weighted to residuals of variance 1 about f.
 
     A fold is a realisation, or a block of lines where there is one realisation.  A (M, n_f, n_f), b (M, n_f): X^H X and
-    X^H e.  c (M, n_m): e^H e.  level (C, n_m): amplitude of e - X f at a line, the median, which a few lines
-    near sharp resonances do not move.  dof_share: share of the residuals that the elimination of G leaves.
+    X^H e.  c (M, n_m): e^H e.  amplitude (C, n_m): of e - X f at a line, the median, which a few lines
+    near sharp resonances do not move.  dof_fraction: share of the residuals that the elimination of G leaves.
     """
 
     A: FloatArray
     b: FloatArray
     c: FloatArray
-    level: FloatArray
-    dof_share: float
+    amplitude: FloatArray
+    dof_fraction: float
 
 
-def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray) -> NormalEquations:
-    """The sums about given levels (n_f,) of shapes at motors motor_of (n_f,)."""
-    n_m, n_f = data[0].U.shape[1], len(levels)
+def normal_equations(
+    data: Sequence[ConfigurationSpectra], coefficients: FloatArray, motor_of: IntArray
+) -> NormalEquations:
+    """Sum the normal equations about coefficients (n_f,) of basis functions at motors motor_of (n_f,)."""
+    n_m, n_f = data[0].U.shape[1], len(coefficients)
     realisations = np.unique(np.concatenate([spectra.realisation for spectra in data]))
     M = len(realisations) if len(realisations) > 1 else _BLOCKS
     A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
-    level, shares = np.zeros((len(data), n_m)), np.ones(len(data))
+    amplitude, dof_fractions = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, spectra in enumerate(data):
-        e_c, X_c, counts = spectra.net(taken(levels, spectra.Phi, motor_of, n_m))
+        e_c, X_c, counts = spectra.net(compensation_torque(coefficients, spectra.Phi, motor_of, n_m))
         excited, e_c, of_shapes = spectra.excited[counts], e_c[counts], np.moveaxis(X_c[counts], 1, 0)
-        shares[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
+        dof_fractions[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
         fold = _folds(spectra, len(excited), realisations)
         for motor in range(n_m):
             group = np.flatnonzero(motor_of == motor)
-            acting = group[levels[group] != 0]
-            e, friction = e_c[:, motor], np.tensordot(levels[acting], of_shapes[acting], axes=1)
-            left = np.mean(np.abs(e - friction) ** 2, axis=1)
-            level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
-            w = np.sqrt(weights(left, excited))[:, None]
+            acting = group[coefficients[group] != 0]
+            e, friction = e_c[:, motor], np.tensordot(coefficients[acting], of_shapes[acting], axes=1)
+            power = np.mean(np.abs(e - friction) ** 2, axis=1)
+            amplitude[i, motor] = np.sqrt(np.median(power)) if power.size else 0.0
+            w = np.sqrt(weights(power, excited))[:, None]
             e, X = (w * e).ravel(), (w * of_shapes[group]).reshape(len(group), e.size)
             for m in range(M):
                 rows = np.flatnonzero(fold == m)
@@ -77,27 +79,27 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
                 A[m][np.ix_(group, group)] += X_m @ X_m.T
                 b[m, group] += X_m @ e_m
                 c[m, motor] += float(e_m @ e_m)
-    return NormalEquations(A, b, c, level, float(shares.mean()))
+    return NormalEquations(A, b, c, amplitude, float(dof_fractions.mean()))
 
 
-def find_levels(
+def estimate_coefficients(
     data: Sequence[ConfigurationSpectra], motor_of: IntArray, iterations: int = 4
 ) -> tuple[FloatArray, NormalEquations]:
-    """Levels (n_f,), none negative, of shapes at motors motor_of (n_f,), and the sums about them.
+    """Estimate coefficients (n_f,) >= 0 of basis functions at motors motor_of (n_f,) by variable projection.
 
-    iterations: each reduces the error of the levels by a factor of ten or more.
+    iterations: each reduces the error of the coefficients by a factor of ten or more.
     """
-    levels = np.zeros(len(motor_of))
+    coefficients = np.zeros(len(motor_of))
     for _ in range(iterations):
-        equations = normal_equations(data, levels, motor_of)
+        equations = normal_equations(data, coefficients, motor_of)
         A, pull = equations.A.sum(axis=0), equations.b.sum(axis=0)
         for group in (motor_of == motor for motor in np.unique(motor_of)):  # no sum is of two motors
-            levels[group] = solve(A[np.ix_(group, group)], pull[group])
-    return levels, normal_equations(data, levels, motor_of)
+            coefficients[group] = solve(A[np.ix_(group, group)], pull[group])
+    return coefficients, normal_equations(data, coefficients, motor_of)
 
 
 def solve(A: FloatArray, b: FloatArray) -> FloatArray:
-    """The f (n,) >= 0 that minimises f^T A f - 2 b^T f."""
+    """Return the f (n,) >= 0 that minimises f^T A f - 2 b^T f."""
     from scipy.optimize import nnls  # slow to load, for records without friction
 
     if not len(b):
@@ -111,26 +113,26 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def inverse(A: FloatArray) -> FloatArray:
-    """A^-1 (n, n) of a normal matrix of any units; 0 along unidentifiable directions."""
+    """Return A^-1 (n, n) of a normal matrix of any units; 0 along unidentifiable directions."""
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
 def covariance(equations: NormalEquations) -> FloatArray:
-    """Covariance (n_f, n_f) of the levels by the residuals' scatter over experiments and lines."""
-    A = equations.A.sum(axis=0) * equations.dof_share
+    """Return the covariance (n_f, n_f) of the coefficients by the residuals' scatter over experiments and lines."""
+    A = equations.A.sum(axis=0) * equations.dof_fraction
     return 0.5 * inverse(A)
 
 
-def held_out(
+def cross_validated_power(
     A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
-    """Power that numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
-    left, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
+    """Return the power that numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
+    cost, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
     for m in range(len(A)):
         f = solved(whole - A[m], pull - b[m])
-        left += float(c[m] - 2 * b[m] @ f + f @ A[m] @ f)
-    return left
+        cost += float(c[m] - 2 * b[m] @ f + f @ A[m] @ f)
+    return cost
 
 
 def _folds(data: ConfigurationSpectra, F: int, realisations: IntArray) -> IntArray:
@@ -142,7 +144,7 @@ def _folds(data: ConfigurationSpectra, F: int, realisations: IntArray) -> IntArr
 
 
 def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
-    """1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
+    """Return 1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
     smooth = np.empty_like(power)
     for kind in (excited, ~excited):
         if kind.any():
@@ -154,14 +156,14 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
 # Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
 # 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
 MIN_NONLINEAR_FRACTION = 0.14
-MAX_RESIDUAL_FRACTION = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
+MAX_RESIDUAL_FRACTION = 0.5  # of the cross-validated power, up to which friction of a motor is compensated
 # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
-# sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
-# scripts/studies/outside_coverage.py, at rest and on a carrier.
+# sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes coefficients right
+# in scripts/studies/outside_coverage.py, at rest and on a carrier.
 SIGN_BLUR = 2.0
-# Of a motor's levels with curves or bristles among its shapes, in place of SIGN_ERROR: up to 2.5 % off there.
+# Of a motor's coefficients with curves or bristles among its shapes, in place of SIGN_ERROR: up to 2.5 % off there.
 SHAPE_ERROR = 0.015
-# Chance at which friction of one level is said to differ between configurations, of normal levels.
+# Chance at which friction of one coefficient is said to differ between configurations, of normal coefficients.
 DEPENDENCE_BY_CHANCE = 1e-5
 # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
 # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
@@ -170,16 +172,17 @@ MIN_UNEXPLAINED = 10.0
 # where damping is most of the friction, a sign comes first and no element after it.
 DAMPED_POWER = 0.9
 SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
-# Of a level, all of a motor as one factor: std of what its shape is not known by, levels within 1 %.  Calibrated, not
-# derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3 % on another.
+# Of a coefficient, all of a motor as one factor: std of what its shape is not known by, coefficients within 1 %.
+# Calibrated, not derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3
+# % on another.
 SIGN_ERROR = 4e-3
 
 
 @dataclass(frozen=True)
-class Choice:
+class Basis:
     """Shapes with the motor of each (n_f,), and the share (n_m,) of the power that they leave in other realisations."""
 
-    shapes: tuple[Shape, ...]
+    shapes: tuple[BasisFunction, ...]
     motor_of: IntArray
     residual_power_ratio: FloatArray
 
@@ -190,21 +193,21 @@ class Choice:
 
 
 def choose(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
-) -> tuple[Choice, IntArray]:
-    """Shapes by cross-validation, and the candidates (n,) that they are."""
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], places: Sequence[str], auto: bool
+) -> tuple[Basis, IntArray]:
+    """Select basis functions by cross-validation; return them and their indices (n,) among the candidates."""
     motor_of = _motors(candidates, places)
-    choices = _choices(find_levels(data, motor_of)[1], candidates, telling_shapes(data, motor_of))
+    choices = _choices(estimate_coefficients(data, motor_of)[1], candidates, identifiable_basis(data, motor_of))
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
-    chosen, left = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([left for _, left in choices])
-    return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
+    chosen, ratios = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([ratio for _, ratio in choices])
+    return Basis(tuple(candidates[i] for i in chosen), motor_of[chosen], ratios), chosen
 
 
 def _choices(
-    equations: NormalEquations, candidates: Sequence[Shape], groups: Sequence[IntArray]
+    equations: NormalEquations, candidates: Sequence[BasisFunction], groups: Sequence[IntArray]
 ) -> list[tuple[IntArray, float]]:
     """Candidates of each motor's group that explain its torque, and the share of the power that they leave."""
-    return [choose_shapes(equations, i, members, candidates) for i, members in enumerate(groups)]
+    return [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
 
 
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
@@ -212,15 +215,18 @@ SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
 MAX_DELAY_S = 0.025
 # Below, one near 0: half the power cannot be saved there any more. Only where a linear step leaves so much less, too.
 NEAR_DELAYED_POWER = 0.9
-DELAY_ITERATIONS = 2  # of the levels at a delay, whose power has an error of 1e-4
+DELAY_ITERATIONS = 2  # of the coefficients at a delay, whose power has an error of 1e-4
 
 
 def torque_delay(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], choice: Choice, places: Sequence[str]
+    data: Sequence[ConfigurationSpectra],
+    candidates: Sequence[BasisFunction],
+    choice: Basis,
+    places: Sequence[str],
 ) -> float:
-    """Delay of the logged torques behind the motions, by which friction explains them; 0 if it does nearly as well.
+    """Estimate the delay of the logged torques behind the motions by friction; 0 if it explains them nearly as well.
 
-    By the geometric mean over the motors of the power that is left in other realisations.
+    By the geometric mean over the motors of the cross-validated residual power.
     """
     if not choice.shapes:
         return 0.0
@@ -230,10 +236,10 @@ def torque_delay(
     from scipy.optimize import minimize_scalar
 
     motor_of = _motors(candidates, places)
-    groups = telling_shapes(data, motor_of)  # a delay changes no magnitude
+    groups = identifiable_basis(data, motor_of)  # a delay changes no magnitude
 
     def power(delay_s: float) -> float:
-        _, equations = find_levels(delayed(data, delay_s), motor_of, DELAY_ITERATIONS)
+        _, equations = estimate_coefficients(delayed(data, delay_s), motor_of, DELAY_ITERATIONS)
         ratios = [ratio for _, ratio in _choices(equations, candidates, groups)]
         return float(np.mean(np.log(np.maximum(ratios, 1e-12))))
 
@@ -247,7 +253,7 @@ def torque_delay(
     return float(search.x) if search.fun < limit else 0.0
 
 
-def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], choice: Choice) -> float:
+def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], choice: Basis) -> float:
     r"""Return the power that one step from 0 in the delays of the torques leaves in other realisations.
 
     Relative to the power without delay, geometric mean over motors.  A late friction is
@@ -256,7 +262,7 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
     chosen, motor_of = [candidates.index(shape) for shape in choice.shapes], choice.motor_of
     motors = np.unique(motor_of)
     data = [replace(spectra, Phi=spectra.Phi[:, chosen]) for spectra in data]
-    f, _ = find_levels(data, motor_of)
+    f, _ = estimate_coefficients(data, motor_of)
     to_motors = f * (motors[:, None] == motor_of)
     late = [
         replace(s, Phi=np.concatenate([s.Phi, -2j * np.pi * s.freq_hz[:, None, None] * (to_motors @ s.Phi)], axis=1))
@@ -266,7 +272,7 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
 
     def power(motor: int, members: IntArray) -> float:
         A, b = equations.A[:, members[:, None], members], equations.b[:, members]
-        return held_out(A, b, equations.c[:, motor], lambda A, b: inverse(A) @ b)
+        return cross_validated_power(A, b, equations.c[:, motor], lambda A, b: inverse(A) @ b)
 
     powers = []
     for column, motor in enumerate(motors.tolist(), len(f)):
@@ -278,21 +284,22 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
 
 
 def delayed(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:
-    """Spectra whose shapes are later by a delay."""
+    """Return spectra whose shapes are later by a delay."""
     late = [np.exp(-2j * np.pi * delay_s * spectra.freq_hz)[:, None, None] for spectra in data]
     return [replace(spectra, Phi=factor * spectra.Phi) for spectra, factor in zip(data, late, strict=True)]
 
 
-def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
+def _motors(shapes: Sequence[BasisFunction], places: Sequence[str]) -> IntArray:
     return np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
 
 
-def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
-    """Shapes of each motor whose level distortion shows; others are a spring or a damper of the response.
+def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
+    """Select, per motor, the basis functions that are identifiable from nonlinear distortion, one index array each.
 
-    The first of a motor is Coulomb friction.
+    A function linear in position or velocity is indistinguishable from stiffness or damping and is dropped. The first
+    function of a motor is Coulomb friction.
     """
-    share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
+    share = np.mean([configuration.nonlinear_fraction() for configuration in data], axis=0)
     every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
     return [rows[share[rows] > MIN_NONLINEAR_FRACTION * share[rows[0]]] for rows in every]
 
@@ -308,32 +315,32 @@ _NEAR: dict[Kind, tuple[float, ...]] = {"sign": (0.9, 1.1), "stribeck": (0.7, 0.
 _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 
-def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shape, ...]:
-    """Candidates of every motor: a sign, at once or gradual, a Stribeck curve, bristles and their damping."""
-    shapes: list[Shape] = []
+def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[BasisFunction, ...]:
+    """Return candidates of every motor: a sign, at once or gradual, a Stribeck curve, bristles and their damping."""
+    shapes: list[BasisFunction] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
         speed = float(np.sqrt(np.mean([motion.speed**2 for motion in motions])))
-        shapes += [Shape(place, "sign", part * speed) for part in _TURNING]
+        shapes += [BasisFunction(place, "sign", part * speed) for part in _TURNING]
         if signs_alone:
             continue
-        shapes += [Shape(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
+        shapes += [BasisFunction(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
         if (swing := median_swing(motions)) > 0:
             kinds: tuple[Kind, ...] = ("stop", "bristle", "stop damping", "bristle damping")
-            shapes += [Shape(place, kind, part * swing) for kind in kinds for part in _BENDING]
+            shapes += [BasisFunction(place, kind, part * swing) for kind in kinds for part in _BENDING]
     return tuple(shapes)
 
 
 def median_swing(motions: Sequence[Motion]) -> float:
-    """Median distance between two reversals, rad (m); 0 without any."""
+    """Return the median distance between two reversals, rad (m); 0 without any."""
     swings = np.concatenate([motion.swings for motion in motions])
     return float(np.median(swings)) if swings.size else 0.0
 
 
-def kept_power(equations: NormalEquations, motor: int, chosen: IntArray) -> float:
-    """Power that `chosen` shapes leave of a motor's residual, each realisation by the levels of all others."""
+def residual_power(equations: NormalEquations, motor: int, chosen: IntArray) -> float:
+    """Return the cross-validated residual power of a motor with the `chosen` basis functions."""
     A, b = equations.A[:, chosen[:, None], chosen], equations.b[:, chosen]
-    return held_out(A, b, equations.c[:, motor], solve)
+    return cross_validated_power(A, b, equations.c[:, motor], solve)
 
 
 def greedy(
@@ -341,19 +348,19 @@ def greedy(
     cost: Callable[[list[int]], float],
     pays: Callable[[float, float, list[int]], bool],
 ) -> tuple[list[int], float]:
-    """The set that grows from none to the cheapest of those larger by one as long as that pays, and its cost."""
+    """Select by forward selection: add the member that lowers the cost most, as long as that pays."""
     chosen: list[int] = []
-    left = cost(chosen)
+    least = cost(chosen)
     while sets := larger(chosen):
         costs = [cost(members) for members in sets]
         best = int(np.argmin(costs))
-        if not pays(left, costs[best], sets[best]):
+        if not pays(least, costs[best], sets[best]):
             break
-        chosen, left = sets[best], costs[best]
-    return chosen, left
+        chosen, least = sets[best], costs[best]
+    return chosen, least
 
 
-def may_join(shape: Shape, others: Sequence[Shape]) -> bool:
+def may_join(shape: BasisFunction, others: Sequence[BasisFunction]) -> bool:
     """Return True if a motor may have a shape besides others: one Stribeck curve, and damping of stops or bristles.
 
     None of these is alone, since they have no F_c.
@@ -364,21 +371,21 @@ def may_join(shape: Shape, others: Sequence[Shape]) -> bool:
     return not shape.is_damping or not kinds.isdisjoint(("stop", "bristle"))
 
 
-def is_damping_of(shape: Shape, element: Shape) -> bool:
+def is_damping_of(shape: BasisFunction, element: BasisFunction) -> bool:
     """Return True if a shape damps a stop or a bristle, both of one threshold."""
     return shape.kind == f"{element.kind} damping" and shape.threshold == element.threshold
 
 
-def choose_shapes(
-    equations: NormalEquations, motor: int, candidates: IntArray, shapes: Sequence[Shape]
+def select_motor_basis(
+    equations: NormalEquations, motor: int, candidates: IntArray, shapes: Sequence[BasisFunction]
 ) -> tuple[IntArray, float]:
-    """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
+    """Select the basis functions of a motor by forward selection, and return their residual power ratio.
 
     candidates (n,): of all shapes.
     """
 
     def power(members: list[int]) -> float:
-        return kept_power(equations, motor, np.array(members, dtype=np.int64))
+        return residual_power(equations, motor, np.array(members, dtype=np.int64))
 
     def pays(before: float, after: float, _: list[int]) -> bool:
         return after < (1 - SLIGHT) * before  # not where no line shows any power
@@ -391,31 +398,34 @@ def choose_shapes(
     total, every = power([]), candidates.tolist()
     singles = [[i] for i in every if may_join(shapes[i], ())]
     pairs = [[i, j] for i in every for j in every if is_damping_of(shapes[j], shapes[i])]
-    chosen, left = greedy(partial(larger, firsts=singles), power, pays)
+    chosen, least = greedy(partial(larger, firsts=singles), power, pays)
     if pairs:
-        damped, left_by_damped = greedy(partial(larger, firsts=pairs), power, pays)
-        chosen, left = (damped, left_by_damped) if left_by_damped < DAMPED_POWER * left else (chosen, left)
-    share = left / total if total > 0 else 1.0
-    return np.array(sorted(chosen), dtype=np.int64), share
+        damped, damped_power = greedy(partial(larger, firsts=pairs), power, pays)
+        chosen, least = (damped, damped_power) if damped_power < DAMPED_POWER * least else (chosen, least)
+    return np.array(sorted(chosen), dtype=np.int64), least / total if total > 0 else 1.0
 
 
-def shares(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
-    """Share (n_m,) of the power that the shapes of each motor leave in other realisations."""
+def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
+    """Return the share (n_m,) of the power that the shapes of each motor leave in other realisations."""
     every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
-    powers = [(kept_power(equations, i, rows), kept_power(equations, i, rows[:0])) for i, rows in enumerate(every)]
-    return np.array([left / total if total > 0 else 1.0 for left, total in powers])
+    powers = [
+        (residual_power(equations, i, rows), residual_power(equations, i, rows[:0])) for i, rows in enumerate(every)
+    ]
+    return np.array([power / total if total > 0 else 1.0 for power, total in powers])
 
 
-def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Choice:
-    """The choice with signs, and Stribeck curves, of a motor near the mean speed of those that were found.
+def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:
+    """Return the choice with signs, and Stribeck curves, of a motor near the mean speed of those that were found.
 
     A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
-    velocity_noise: along a noisy motion friction that jumps seems to turn, and its level in sliding is too large.
+    velocity_noise: along a noisy motion friction that jumps seems to turn, and its coefficient in sliding is too large.
     Signs that are far from each other stay.
     """
-    shapes: list[Shape] = []
+    shapes: list[BasisFunction] = []
     for place, noise in zip(places, velocity_noise.tolist(), strict=True):
-        pairs = [(shape, f) for shape, f in zip(choice.shapes, levels.tolist(), strict=True) if shape.place == place]
+        pairs = [
+            (shape, f) for shape, f in zip(choice.shapes, coefficients.tolist(), strict=True) if shape.place == place
+        ]
         for kind, near in _NEAR.items():
             same = [(shape.threshold, f) for shape, f in pairs if shape.kind == kind and f > 0]
             gradual = [speed for speed, _ in same if speed > 0]
@@ -425,14 +435,14 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str], velocity_
             if kind == "sign":
                 mean = math.sqrt(max(mean**2 - (SIGN_BLUR * noise) ** 2, 0.0))
             pairs = [(shape, f) for shape, f in pairs if shape.kind != kind]
-            pairs += [(Shape(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
+            pairs += [(BasisFunction(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
         shapes += [replace(shape, delay_s=choice.delay_s) for shape, _ in pairs]
-    return Choice(tuple(shapes), _motors(shapes, places), choice.residual_power_ratio)
+    return Basis(tuple(shapes), _motors(shapes, places), choice.residual_power_ratio)
 
 
-def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:
-    """Covariance (n_f, n_f) of coefficients (n_f,) due to missing basis functions: one common factor per motor."""
-    others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (levels > 0)
+def basis_error_covariance(choice: Basis, coefficients: FloatArray) -> FloatArray:
+    """Return the covariance (n_f, n_f) of coefficients (n_f,) by missing basis functions, one factor per motor."""
+    others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (coefficients > 0)
     with_others = np.isin(choice.motor_of, choice.motor_of[others])
-    error = np.where(with_others, SHAPE_ERROR, SIGN_ERROR) * levels
+    error = np.where(with_others, SHAPE_ERROR, SIGN_ERROR) * coefficients
     return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)

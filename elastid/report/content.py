@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.fit.fitted_robot import FittedRobot
     from elastid.modal.modes import Modes
     from elastid.modal.spec import GeometrySpec
-    from elastid.nonlinear.friction import FrictionTakenOut
+    from elastid.nonlinear.compensated_friction import CompensatedFriction
     from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
     from elastid.validation.comparison import Comparison
     from elastid.validation.frf_error import Agreement, Validation
@@ -64,7 +64,7 @@ class ReportContent:
     limit_use: LimitUse | None = None
     comparison: Comparison | None = None
     dense: tuple[tuple[Response, FloatArray], ...] = ()
-    friction: FrictionTakenOut | None = None
+    friction: CompensatedFriction | None = None
     contents: Mapping[str, str] | None = None
     log_comparison: LogComparison = NO_COMPARISON
     gears: GearResult | None = None
@@ -84,7 +84,7 @@ class ReportContent:
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
         notes = tuple(note for measured, _ in self.frf for note in measured.notes)
-        notes = notes if self.gears is None else self.gears.left_open(notes)
+        notes = notes if self.gears is None else self.gears.unanswered_notes(notes)
         return grouped((*self.result.shown_notes, *self.missing_modes, *notes))
 
     @property
@@ -102,7 +102,7 @@ class ResponsesContent:
     modes: tuple[Modes, ...]
     study_text: str
     provenance: Mapping[str, str]
-    friction: FrictionTakenOut | None = None
+    friction: CompensatedFriction | None = None
     geometry: GeometrySpec | None = None
 
     @property
@@ -221,8 +221,8 @@ def parameter_rows(
     known, estimates, stds = truth or {}, result.values, result.std
     std_x, bases = result.std_of_x, result.base_remarks
     rows = []
-    verdicts = result.verdicts or ("",) * len(result.parameters.asked)
-    for i, parameter in enumerate(result.parameters.asked):
+    verdicts = result.verdicts or ("",) * len(result.parameters.of_interest)
+    for i, parameter in enumerate(result.parameters.of_interest):
         name = parameter.name
         true = known.get(name, known.get(parameter.stands_for))
         deviation = None
@@ -256,7 +256,7 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
 
 def _cells(row: GearNumber) -> list[str]:
     unit, factor = row.maker_unit or row.unit, row.factor
-    if not row.is_seen:
+    if not row.is_significant:
         return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not significant"]
     value, std = factor * row.value, factor * row.std
     meaning = f"{row.meaning}, phase {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
@@ -270,7 +270,7 @@ def seen_words(sheet: GearSheet) -> str:
     """Stiffness and the effects of a gear that were seen, in few words."""
     words = []
     for row in sheet.numbers:
-        if row.is_seen and row.name[0] in "kHeFr" and not row.name.startswith("H_"):
+        if row.is_significant and row.name[0] in "kHeFr" and not row.name.startswith("H_"):
             unit, std = row.maker_unit or row.unit, row.factor * row.std
             value = row.factor * row.value
             words.append(f"{row.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
@@ -281,7 +281,7 @@ def gear_line(gears: GearResult) -> str:
     """The findings in a sentence; or why nothing was looked for."""
     if gears.refused:
         return f"effects not estimated: {gears.refused}"
-    seen = [row.name for row in gears.numbers if row.is_seen and not math.isfinite(row.linear)]
+    seen = [row.name for row in gears.numbers if row.is_significant and not math.isfinite(row.linear)]
     if not seen:
         return "no effect besides stiffness and damping is significant; upper bounds are in gears.h5"
     left = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"

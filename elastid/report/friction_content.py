@@ -163,7 +163,7 @@ def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
     """Parts of the law without numbers, the joints with the same reason together."""
     joints: dict[tuple[str, str], tuple[str, ...]] = {}
     for joint in result.joints:
-        for held in joint.held:
+        for held in joint.unidentified:
             key = part_words(held), held.reason
             joints[key] = (*joints.get(key, ()), joint.joint)
     return tuple(Refusal(part, reason, names) for (part, reason), names in joints.items())
@@ -184,7 +184,7 @@ def _not_identified(result: FrictionResult) -> str:
 
 def part_words(held: UnidentifiedTerm) -> str:
     """The part of a law that has no numbers, as a sentence names it."""
-    return TORQUE_COMPONENTS.get(held.part, held.part)
+    return TORQUE_COMPONENTS.get(held.term, held.term)
 
 
 def with_interval(identified: FrictionNumber) -> str:

@@ -16,16 +16,16 @@ import numpy as np
 
 from elastid.base.display import capital, number, percent
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import (
+from elastid.fit.result import Result
+from elastid.fit.status_terms import (
     BIASED,
     CONTRADICTED,
     DISTORTED,
-    HELD_AS_EXACT,
+    FIXED_VALUES,
     NO_CAUSE,
     OTHER_AMPLITUDE,
     REQUIRED,
     UNCERTAIN,
-    Result,
 )
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
@@ -148,7 +148,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return f"Yes{but}."
     base = next((f" {capital(row.base)}." for row in rows if row.base), "")
-    is_exact = any(note.code == HELD_AS_EXACT for note in result.notes)
+    is_exact = any(note.code == FIXED_VALUES for note in result.notes)
     return f"Yes{but}{', if the fixed values of the robot model are exact' * is_exact}.{base}"
 
 
@@ -338,7 +338,7 @@ TOLERANCES = {
 def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
     C, names = result.covariance, result.parameters.free_names
-    i, n, fractions = names.index(poor.name), len(result.parameters.asked), {}
+    i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
     for beginning in TOLERANCES:
         of_kind = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
         cross = C[i, of_kind]
@@ -376,7 +376,9 @@ MODES_SHOWN = 3
 def questions_of_responses(content: ResponsesContent) -> Questions:
     """The three questions of the page of responses without a robot, each with its sentences."""
     warnings = sum(note.first.severity == "warning" for note in content.notes)
-    stated = [float(np.nanmedian(modes.stated)) for modes in content.modes if np.isfinite(modes.stated).any()]
+    stated = [
+        float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()
+    ]
     good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
     good += [f"Warnings below: {warnings}."] if warnings else []
     known = [modes for modes in content.modes if modes.n_modes]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elastid.base.errors import StudyError
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
@@ -24,7 +24,7 @@ write_responses = writer(
     RESPONSES,
     {"responses": "configuration.name"},
     responses=(tuple[Response, ...], ()),
-    friction=(FrictionTakenOut | None, None),
+    friction=(CompensatedFriction | None, None),
 )
 
 
@@ -65,8 +65,8 @@ def read_responses(path: Path | str) -> Responses:
 
 
 # The friction that was taken out of the responses in frf.h5; None where the study asked for none.
-read_friction: Callable[[Path | str], FrictionTakenOut | None] = reader(
-    RESPONSES, "friction", FrictionTakenOut, may_miss=True
+read_friction: Callable[[Path | str], CompensatedFriction | None] = reader(
+    RESPONSES, "friction", CompensatedFriction, may_miss=True
 )
 
 

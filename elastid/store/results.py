@@ -81,7 +81,7 @@ class Numbers:
     @classmethod
     def of(cls, result: Result) -> "Numbers":
         """Numbers that were asked for."""
-        asked = result.parameters.asked
+        asked = result.parameters.of_interest
         parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))

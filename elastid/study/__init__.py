@@ -1,4 +1,4 @@
-"""Study: one YAML file and its robot's file as a frozen value, every error with file, line and column.
+"""Study: one YAML file and its robot file as a frozen value; every error has file, line and column.
 
 The only room that knows YAML and pydantic.
 """

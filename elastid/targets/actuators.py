@@ -20,7 +20,7 @@ from elastid.base.files import from_template
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.commanded import DELAY
 from elastid.friction_study.result import RIGID_TERMS, FrictionResult
-from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.robot import Friction, Joint, Robot
 from elastid.robot.friction_numbers import TERMS, law_of
 from elastid.store.files import write_text
@@ -125,7 +125,7 @@ def _lost(joint: Joint, law: Friction | None) -> Iterator[str]:
         yield "spring of the motor shaft"
 
 
-def fit_intervals(model: FittedRobot, friction: FrictionTakenOut | None) -> Intervals:
+def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> Intervals:
     """Intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
     known = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
     places = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}

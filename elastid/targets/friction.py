@@ -88,10 +88,10 @@ def _header(observers: Mapping[str, FollowedFriction], identifiers: Mapping[str,
     declared = []
     for name, observer in observers.items():
         states, key = observer.filtered.states, identifiers[name]
-        n, size = len(states), len(states) * (len(states) + len(observer.filtered.held))
+        n, size = len(states), len(states) * (len(states) + len(observer.filtered.consider_parameters))
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
-        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.held]
+        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
         lines.append(f"  holds, with relative std: {', '.join(held) or 'nothing'}")
         lines.append(f"  starts with 95 % bands {_starts(observer.filtered)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")

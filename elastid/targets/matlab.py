@@ -13,7 +13,7 @@ from elastid.base.errors import StudyError
 from elastid.base.escape import one_line
 from elastid.base.files import from_template, write_atomically
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.posture import Asked, default_frame
+from elastid.fit.posture import PredictionPorts, default_frame
 from elastid.response import Response
 from elastid.robot import FRAME_AXES
 from elastid.store.files import write_text
@@ -91,7 +91,7 @@ def _tool(model: FittedRobot) -> dict[str, Any]:
     named: dict[str, Any] = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
     ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
-    asked = Asked(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
+    asked = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
     try:
         systems = [model.result.family(asked, posture.name).at(posture).state_space() for posture in configurations]
     except StudyError:

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.posture import Asked, Family
+from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
 from elastid.frf.matrices import inverse
 from elastid.linear.equilibrium import equilibrium
@@ -72,12 +72,12 @@ class Plants:
 class PlantMode:
     """A mode of the robot with motors that are free: freq_hz, and the spring with the most strain energy.
 
-    parts (n_u,): by which it moves each motor, over that of the mode that moves it most.
+    motor_amplitudes (n_u,): by which it moves each motor, over that of the mode that moves it most.
     """
 
     freq_hz: float
     spring: str
-    parts: tuple[float, ...]
+    motor_amplitudes: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class PostureFamily:
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
         """StudyError where a posture has no rest."""
         motors = result.known_robot.motor_locations
-        family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
+        family = result.family(PredictionPorts(inputs=motors, outputs=motors, motors="free"))
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
         for posture in postures:
             linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
@@ -233,7 +233,7 @@ class Closed:
     def _controller(self, has_damping: bool) -> ComplexArray:
         """F or F_r (N, F, n_u)."""
         freq_hz, rate_hz = self.scene.freq_hz, self.scene.plants.rate_hz
-        stack = self.gains.each(lambda part: np.atleast_2d(part)[:, None])
+        stack = self.gains.gain_derivatives(lambda part: np.atleast_2d(part)[:, None])
         H = 1.0 if self.filters is None else self.filters.response(freq_hz, rate_hz)
         return np.asarray(replace(stack, kd=has_damping * stack.kd).response(freq_hz, rate_hz) * H)
 

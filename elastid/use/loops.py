@@ -341,7 +341,7 @@ def assess(
     ends, drawn_peaks = np.full((2, *peaks.shape), np.nan), np.zeros(0)
     if drawn is not None:
         D = len(drawn) // len(plants)
-        tiled = gains.each(lambda part: np.tile(np.broadcast_to(part, bandwidth.shape), (D, 1)))
+        tiled = gains.gain_derivatives(lambda part: np.tile(np.broadcast_to(part, bandwidth.shape), (D, 1)))
         of_draws = Scene.of(drawn, 120, 9).closed(tiled, filters).peaks_db.reshape(D, -1)
         # Sorted: quantiles of infinities would be NaN.
         ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
@@ -361,7 +361,7 @@ def _causes(loops: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str
         freq_hz = float(loops.scene.freq_hz[q, line])
         left, _, right = np.linalg.svd(loops.S[q, line] / root[:, None] * root)
         i = int(np.abs(left[:, 0] * right[0]).argmax())
-        movers = [mode for mode in modes if mode.parts[i] >= _MOVED]
+        movers = [mode for mode in modes if mode.motor_amplitudes[i] >= _MOVED]
         near = min(movers, key=lambda mode: abs(np.log(mode.freq_hz / freq_hz)), default=None)
         if not loops.stable[q]:
             yield f"unstable, at {freq_hz:.3g} Hz in axis {axes[i]}"
@@ -403,7 +403,7 @@ def todays_loops(family: PostureFamily, drawn: Plants | None, spec: ControllerSp
     """A controller in all postures; its gains may follow from a bandwidth, which is another in each."""
     model, theta = family.family.model, family.family.theta
     first, *others = (gains_of(model, equilibrium(model, theta, posture).q, spec) for posture in family.configurations)
-    gains = first.each(lambda *parts: np.array(parts), *others)
+    gains = first.gain_derivatives(lambda *parts: np.array(parts), *others)
     return assess(TODAY, family, drawn, gains, filters_of(family.axes, spec, family.rate_hz))
 
 

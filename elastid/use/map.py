@@ -19,7 +19,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.posture import Asked, Family
+from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
 from elastid.frf.matrices import singular_values
 from elastid.linear.equilibrium import equilibrium
@@ -239,7 +239,7 @@ def map_workspace(
     lines_hz (F,): by default LINES of them over the modes.
     """
     cut = cut or Cut()
-    family = fitted if isinstance(fitted, Family) else fitted.family(Asked(frame=frame, axes="world"))
+    family = fitted if isinstance(fitted, Family) else fitted.family(PredictionPorts(frame=frame, axes="world"))
     lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
     rows, rests = [], np.zeros(len(angles), bool)
@@ -266,7 +266,7 @@ def map_workspace(
 
 
 def _posture(family: Family, angles: FloatArray) -> Configuration:
-    return Configuration("posture", angles, family.asked.payload is not False)
+    return Configuration("posture", angles, family.request.payload is not False)
 
 
 def default_lines(family: Family, angles: FloatArray) -> FloatArray:

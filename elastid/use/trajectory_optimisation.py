@@ -28,7 +28,7 @@ from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
-from elastid.linear.static_deflection import Ports, acted_on
+from elastid.linear.ports import Ports, acted_on
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.frame_tree import position, rotation, tree, turns

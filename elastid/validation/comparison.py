@@ -236,7 +236,7 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
         return Refit("failed", str(error), 0, math.inf, 0, {})
     pairs = zip(out, modelled, strict=True)
     scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in pairs}
-    return Refit(result.status, result.message, len(result.parameters.asked), result.cost, result.dof, scores)
+    return Refit(result.status, result.message, len(result.parameters.of_interest), result.cost, result.dof, scores)
 
 
 def rank(

@@ -87,10 +87,10 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
     StudyError for places that the robot lacks, and where it finds no rest.
     """
     motors, places = measured.motors, (measured.inputs, measured.outputs)
-    from elastid.fit.posture import Asked, as_configuration  # equations, which a page does without
+    from elastid.fit.posture import PredictionPorts, as_configuration  # equations, which a page does without
 
-    asked = Asked(*places, motors, quantity=measured.quantity, controller=measured.loop)
-    family = result.family(asked, measured.configuration.name)
+    request = PredictionPorts(*places, motors, quantity=measured.quantity, controller=measured.loop)
+    family = result.family(request, measured.configuration.name)
     where = as_configuration(measured.configuration, family.robot, ())
     band = family.at(where).response_band(measured.freq_hz, LEVEL)
     predicted = replace(band.response, configuration=measured.configuration)

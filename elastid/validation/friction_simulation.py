@@ -82,11 +82,11 @@ def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> Fri
 def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     signals = MotionSignals.of(fit.motion, fit.passband_hz)
     parts: dict[str, FloatArray] = {}
-    if "inertia" not in fit.chosen.names:
+    if "inertia" not in fit.regression.names:
         parts[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
-    numbers = torque_components(fit.chosen, columns_of(signals, fit.terms))
+    numbers = torque_components(fit.regression, columns_of(signals, fit.terms))
     parts |= {PART_OF[name]: numbers[name] for name in TORQUE_COMPONENTS if name in numbers}
-    rate_hz = record.rate_hz / int(signals.kept.step)
+    rate_hz = record.rate_hz / int(signals.decimation.step)
     torque, band_hz = signals.filtered(record.torque), (0.0, fit.passband_hz)
     return torque_balance(
         f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, parts, band_hz
@@ -185,7 +185,7 @@ def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionR
     """
     if fit.rigid_body is not None:
         return record.torque - fit.motion.torque
-    parts = torque_components(fit.chosen, full_rate_columns(signals, fit.terms))
+    parts = torque_components(fit.regression, full_rate_columns(signals, fit.terms))
     return parts["inertia"] + parts.get("gravity", 0.0)
 
 
@@ -198,7 +198,7 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> LogSimulation
     start = Configuration(name, log.position[0])
     spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
     run = simulate_log(empty, robot, start, spec, partial(_along_motion, log, controller))
-    return replace(run, rate_hz=rate_hz / int(log.signals[0].kept.step)) if run.signals else run
+    return replace(run, rate_hz=rate_hz / int(log.signals[0].decimation.step)) if run.signals else run
 
 
 def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[ComparedSignal]:
@@ -232,7 +232,10 @@ def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
     for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
-        kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, log.n), signals.kept.step))
+        kept = replace(
+            signals,
+            decimation=slice(signals.decimation.start, min(signals.decimation.stop, log.n), signals.decimation.step),
+        )
         motor, link = f"motor {record.joint}", f"joint {record.joint}"
         turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
         rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
@@ -287,5 +290,5 @@ def _along(
             "it moves with others, and alone in the logs of the result, which know no rigid body of all",
         )
     else:
-        motion = replace(motion, turns_against_gravity="gravity.cos" in fit.chosen.names)
+        motion = replace(motion, turns_against_gravity="gravity.cos" in fit.regression.names)
     return replace(source, motion=replace(fit, motion=motion))

@@ -73,7 +73,7 @@ def simulate_tracking(
     held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
     """
     model, point, resting = plant.model, plant.point, tracking_gains(plant, 5.0)
-    gains = held.each(lambda moved, rested: np.where(moving, moved, rested), resting)
+    gains = held.gain_derivatives(lambda moved, rested: np.where(moving, moved, rested), resting)
     (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
     return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
 
@@ -103,7 +103,9 @@ def _along_record(
     """Signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
     model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
-    last = last_counted(record.n_periods, {index // (2 if record.half_wave else 1) for index in record.left_out})
+    last = last_counted(
+        record.n_periods, {index // (2 if record.half_wave else 1) for index in record.discarded_periods}
+    )
     period = slice(last * N, (last + 1) * N)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
@@ -137,7 +139,7 @@ def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
     motors = [model.inputs.index(place) for place in record.inputs]
     u = logged(moved.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
-        record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
+        record, u=u[-N:], y=y[-N:], r=None, discarded_periods=(), hold="zero-order", hold_samples=(),
         quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),
     )  # fmt: skip
 

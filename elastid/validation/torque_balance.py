@@ -132,7 +132,7 @@ def elastic_balances(
     """Balances of each motor at freq_hz (F,), none of fewer than two settled periods; net: without dry friction."""
     # Periods that count: neither dropped by the study nor left out by the repair of the log.
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.left_out}) < 2:
+    if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.discarded_periods}) < 2:
         return ()
     (motors, _), N = parts[0], record.period_samples
     lines = np.rint(freq_hz * N / record.rate_hz).astype(np.int64)
@@ -156,7 +156,7 @@ def elastic_balances(
 
 def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
     """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
-    last = [last_counted(record.n_samples // record.repeat_samples, record.left_out)]
+    last = [last_counted(record.n_samples // record.repeat_samples, record.discarded_periods)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     spectra, n_y = RecordSpectra(record), len(record.outputs)
     Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))

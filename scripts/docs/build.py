@@ -40,6 +40,7 @@ def sources(folder: Path) -> Path:
     """The written pages, the generated ones, the pictures and the examples, side by side in a new folder."""
     sys.path.insert(0, str(HERE))
     import generated
+    import packages
 
     source = folder / "source"
     shutil.copytree(HERE / "pages", source)
@@ -53,6 +54,7 @@ def sources(folder: Path) -> Path:
     pages |= generated.keys() | {"files": generated.files(folder / "runs")}
     pages["targets"] = generated.export_targets()
     pages["open_benchmark"] = generated.open_benchmark(source / "pictures")
+    pages["packages"] = packages.page(source / "pictures")
     for name, text in pages.items():
         path = source / "reference" / f"{name}.rst"
         path.parent.mkdir(parents=True, exist_ok=True)

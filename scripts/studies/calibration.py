@@ -32,7 +32,7 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty, inverse_information
 from elastid.fit.frf_problem import RelinearisedOptimum, relinearise
-from elastid.fit.intervals import choose_profiles, profile_ends
+from elastid.fit.intervals import choose_profiles, profile_likelihood
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import WeightSpec
 from elastid.response import Response
@@ -82,7 +82,7 @@ def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> Bo
     """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
     problem, there, variance = optimum.fit.problem, optimum.end.x, np.diag(sure.covariance)
     names, _ = choose_profiles(problem.parameters, variance)
-    low, high = profile_ends(problem, there, variance, names).T
+    low, high = profile_likelihood(problem, there, variance, names).T
     reach = QUANTILE_95 * np.sqrt(variance)
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))
 

@@ -100,7 +100,7 @@ def judged(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
         file, spec = replace(plant.robot, tolerances=Tolerances()), replace(plant.spec, seed=1)
         result = identify(data, file, spec, model=plant.model)
         truth = {name: value for name, (value, _) in robot.parameters().items()}
-        wanted = [p.name for p in result.parameters.asked if p.name.startswith(("k_", "d_"))]
+        wanted = [p.name for p in result.parameters.of_interest if p.name.startswith(("k_", "d_"))]
         inside += [low <= truth[name] <= high for name in wanted for low, high in [result.interval(name)]]
         off = [abs(result.values[name] / truth[name] - 1) for name in wanted if name.startswith("k_")]
         worst = max([worst, *off]) if result.status == "converged" else worst

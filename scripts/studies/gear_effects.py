@@ -111,7 +111,7 @@ def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
     numbers = linear.parameters.as_dict(found.x)
     names = linear.parameters.free_names
     std = np.sqrt(np.diag(found.covariance))
-    values = zip(found.effects, found.levels.tolist(), found.std.tolist(), found.scale_std.tolist(), strict=True)
+    values = zip(found.effects, found.magnitudes.tolist(), found.std.tolist(), found.scale_std.tolist(), strict=True)
     return {
         "linear": [linear.values["k_1"] / gear.k - 1, linear.values["d_1"] / gear.d - 1],
         "status": linear.status,

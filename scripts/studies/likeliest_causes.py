@@ -50,7 +50,7 @@ from elastid.fit.result import Result
 from elastid.response import Response
 from elastid.robot import Tolerances
 
-CERTAIN = LIMITS.certain_share
+CERTAIN = LIMITS.certain_fraction
 MIN_NAMED, STARTS, SILENT = 0.9, 2, 2.0
 QUICK = ("torque constant 2 20 % off two-axis", "drive 2 late by 1 ms two-axis", "last u channels swapped linkage")
 
@@ -126,7 +126,7 @@ def _other(result: Result) -> str:
 def _errors(of: Plant, result: Result) -> dict[str, float]:
     """The error of each stiffness over the half of its interval on that side."""
     truth, errors = of.robot.parameters(), {}
-    for name in (p.name for p in result.parameters.asked if p.name.startswith("k_")):
+    for name in (p.name for p in result.parameters.of_interest if p.name.startswith("k_")):
         value, (low, high) = result.values[name], result.interval(name)
         end = low if truth[name][0] < value else high
         errors[name] = abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value)

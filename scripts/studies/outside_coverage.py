@@ -46,11 +46,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
-from elastid.fit.problem.weights import with_floor
+from elastid.fit.problem.weights import with_model_error
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.compensate_friction import estimate_without_friction
-from elastid.nonlinear.identify_friction import find_friction
+from elastid.nonlinear.compensate_friction import estimate_compensated_response
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.record import Configuration, Motion, Record
 from elastid.study import Study, load
 
@@ -98,17 +98,17 @@ class Case:
         """The fits of one data set."""
         groups, lines = self._records(number)
         spec = EstimatorSpec(friction="auto", transient_periods=0)
-        taken = find_friction(groups, spec, lines)
-        responses = [estimate_without_friction(group, taken, spec, lines) for group in groups]
+        taken = identify_motor_friction(groups, spec, lines)
+        responses = [estimate_compensated_response(group, taken, spec, lines) for group in groups]
         study = study_of(self.rigs)
         true = dict(zip(taken.places, COULOMB[self.coulomb], strict=True))
-        levels = [(place, *taken.sliding_level(place)) for place in taken.taken_places()]
+        levels = [(place, *taken.coulomb_friction(place)) for place in taken.compensated_motors()]
         found: Found = {
             "levels": [(level / true[place] - 1, std / true[place]) for place, level, std in levels if true[place]]
         }
         for name, (floor, is_exact) in FITS.items():
             robot = replace(study.as_robot(), tolerances=None) if is_exact else study.as_robot()
-            result = identify(responses, robot, with_floor(replace(study.seeded_fit, starts=1), floor))
+            result = identify(responses, robot, with_model_error(replace(study.seeded_fit, starts=1), floor))
             found[name] = self._against_truth(result), result.cost / result.cost_expected, result.status
         return found
 

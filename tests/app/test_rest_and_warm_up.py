@@ -76,7 +76,7 @@ def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0))).at("1")
     assert joint.thermal is not None
     assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)
-    assert joint.thermal.shares[1] < 0
+    assert joint.thermal.fractions[1] < 0
     assert joint.constant_velocity is not None
     assert {"Tc1_m1", "Tc2_m1", "h_m1"} <= {number.name for number in joint.numbers}
     assert (tmp_path / "run" / "report.html").is_file()

@@ -10,7 +10,7 @@ from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
 from elastid.app.summaries import summary
 from elastid.base.statistics import QUANTILE_95
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 MOTOR = Motor(1e-3, 50, 1e-3, coulomb=0.1)
@@ -23,7 +23,7 @@ ROBOT = Robot(
 )
 
 
-def summary_of(friction: FrictionTakenOut | None) -> Any:
+def summary_of(friction: CompensatedFriction | None) -> Any:
     return summary("s", ROBOT, some_fit(), (), (), (), (), friction)["friction"]
 
 

@@ -17,8 +17,8 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
-from elastid.nonlinear.compensate_friction import net_record
-from elastid.nonlinear.identify_friction import find_friction
+from elastid.nonlinear.compensate_friction import compensate_friction
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
 from elastid.robot.simplified import with_joints
@@ -60,9 +60,9 @@ def number_of(result: FrictionResult, name: str) -> tuple[float, float]:
 def test_multisines_and_passes_tell_the_same_coulomb_friction(passes: FrictionResult) -> None:
     """At both motors, each within its interval of the truth, and of each other."""
     configurations, lines = measured()
-    taken = find_friction(configurations, AUTO, lines)
+    taken = identify_motor_friction(configurations, AUTO, lines)
     for joint, truth in zip("12", COULOMB, strict=True):
-        level, std = taken.sliding_level(f"motor {joint}")
+        level, std = taken.coulomb_friction(f"motor {joint}")
         of_passes, std_of_passes = number_of(passes, f"Fc_m{joint}")
         assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
         assert abs(of_passes - truth) < FAR * std_of_passes
@@ -78,12 +78,14 @@ def test_identified_friction_put_back_is_found_by_an_elastic_study(passes: Frict
     put = {f"fm_{joint}": number_of(passes, f"f_m{joint}")[0] / n**2 for joint, n in zip("12", RATIO, strict=True)}
     levels = tuple(number_of(passes, f"Fc_m{joint}")[0] for joint in "12")
     configurations, lines = measured_robot(robot(levels).with_parameters(put))
-    taken = find_friction(configurations, AUTO, lines)
-    responses = [estimate([net_record(one, taken) for one in records], AUTO, lines) for records in configurations]
+    taken = identify_motor_friction(configurations, AUTO, lines)
+    responses = [
+        estimate([compensate_friction(one, taken) for one in records], AUTO, lines) for records in configurations
+    ]
     chosen = dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec())
     fit = identify(responses, machine, FitSpec(starts=1, start_factor=1.0, profile=(), parameters=chosen))
     for joint, n in zip("12", RATIO, strict=True):
-        level, std = taken.sliding_level(f"motor {joint}")
+        level, std = taken.coulomb_friction(f"motor {joint}")
         of_passes, std_of_passes = number_of(passes, f"Fc_m{joint}")
         assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
         viscous, viscous_std = (n**2 * each[f"fm_{joint}"] for each in (fit.values, fit.std))

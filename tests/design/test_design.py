@@ -121,7 +121,7 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
 def test_an_exact_file_has_no_part_in_the_forecast() -> None:
     """The table then has no columns for it."""
     forecast = design(GIVEN).forecast
-    assert not len(forecast.parts)
+    assert not len(forecast.variance_fractions)
     assert not forecast.std_contributions
     assert "std_prior" not in forecast_table(forecast)[0]
     within = design(replace(GIVEN, robot=replace(TWO, tolerances=Tolerances()))).forecast

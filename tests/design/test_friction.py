@@ -69,7 +69,7 @@ def test_a_warm_up_is_followed_by_tests() -> None:
 
 def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gears() -> None:
     """It is larger by as much as the motor is stronger, at the same part of its highest speed."""
-    assert "friction of common gears" in planned(FrictionSpec(), axis(law=None)).known[0]
+    assert "friction of common gears" in planned(FrictionSpec(), axis(law=None)).assumed_friction[0]
     planned(FrictionSpec(), axis(Limits(), None))
     curves = []
     for torque, speed in ((400.0, 2.0), (1200.0, 10.0)):

@@ -6,27 +6,35 @@ from itertools import product
 
 import numpy as np
 import pytest
-from plants.three_mass import FREQ, NO_FLOOR, estimate, fit_of, measured, noise_of, parameters, plant
+from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 from scipy.stats import t as student
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
+from elastid.base.execution import Execution
+from elastid.base.statistics import small_sample_factors
 from elastid.covariance import Covariance
 from elastid.fit.covariance import (
+    ENDLESS,
+    Contributions,
     Sums,
+    compensation_error,
     estimate_uncertainty,
-    floor_covariance,
+    friction_variance,
+    information,
+    model_error_covariance,
     noise_covariance,
     noise_dof,
-    residual_variance,
-    taken_out_error,
+    prior_variance,
+    sandwich_variance,
+    sum_up,
     unexplained_error,
 )
-from elastid.fit.intervals import bootstrap, profile_ends
+from elastid.fit.intervals import bootstrap, profile_likelihood
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import Weights, weigh
-from elastid.fit.result import is_in_error, largest_by_chance
+from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
 from elastid.fit.robust_covariance import (
     LineSums,
     autocovariance,
@@ -35,11 +43,12 @@ from elastid.fit.robust_covariance import (
     jackknife_variance,
     sum_blocks,
 )
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.parameters import Parameter, Parameters
+from elastid.parameters import Parameter, Parameters, Prior
 from elastid.record import Configuration
 from elastid.response import UNEXPLAINED, Response
 
@@ -49,7 +58,7 @@ X = parameters().x
 def test_a_variance_has_the_degrees_of_freedom_of_the_lines_that_make_it():
     """Of ten equal lines of nu complex ones 2 nu 10, of one among them that has all the information 2 nu."""
     power = np.zeros((10, 2))
-    power[:, 0], power[3, 1] = 1.0, 1.0
+    power[:, 0], power[3, 1] = 2.0, 1.0
     np.testing.assert_allclose(noise_dof([power], [4.0], np.zeros(2)), [80.0, 8.0])
     assert np.all(np.isinf(noise_dof([power], [np.inf], np.zeros(2))))
 
@@ -72,7 +81,7 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     )  # fmt: skip
     free = (("k_1", "N*m/rad"), ("d_1", "N*m*s/rad"), ("Jm_1", "kg*m^2"))
     parameters = Parameters(tuple(Parameter(name, 1.0, unit, log=True) for name, unit in free))
-    stiffness, damping, inertia = taken_out_error(parameters)
+    stiffness, damping, inertia = compensation_error(parameters)
     assert inertia == 0 < stiffness < damping
     error = abs(G.mean()) - 1
     np.testing.assert_allclose(unexplained_error(parameters, [unexplained]), [error, 2 * error, 0.0], rtol=0.1)
@@ -116,7 +125,7 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
 
     problem = least_squares(free, residual)
     variance = np.diag(np.linalg.inv(problem.evaluate(free.x).hessian / 2))
-    interval, _ = profile_ends(problem, free.x, variance, ["x"])
+    interval, _ = profile_likelihood(problem, free.x, variance, ["x"])
     assert interval[1] == np.inf
     assert interval[0] == pytest.approx(-np.log(np.sqrt(1.96**2 + 16 * np.exp(-6)) / 4), abs=0.1)
 
@@ -140,7 +149,7 @@ def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself()
         calls.append(x)
         return problem.evaluate(x)
 
-    interval, _ = profile_ends(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
+    interval, _ = profile_likelihood(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
     np.testing.assert_allclose(np.exp(interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=2e-3)
     assert len(calls) < 25
 
@@ -153,7 +162,7 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
         here = problem.evaluate(x)
         return here if x[0] < 1 else replace(here, cost=np.inf)
 
-    interval, _ = profile_ends(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.6, 5e-5]), ["d"])
+    interval, _ = profile_likelihood(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.6, 5e-5]), ["d"])
     assert np.exp(interval[0]) < 0.2
     assert interval[1] == pytest.approx(np.log(1 + 1.96 * np.sqrt(0.6)), abs=0.01)
 
@@ -268,8 +277,8 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
 def test_a_model_is_in_error_where_noise_does_not_explain_the_cost(dof: int):
     """Once in 700 draws of V, of few degrees of freedom, whose distribution is skew, as of many."""
     draws = np.random.default_rng(0).chisquare(dof, 700_000)
-    assert np.mean(draws > dof * largest_by_chance(dof)) == pytest.approx(1 / 700, rel=0.1)
-    assert is_in_error(1.4 * 500.0, 500.0, 500)
+    assert np.mean(draws > dof * max_cost_ratio(dof)) == pytest.approx(1 / 700, rel=0.1)
+    assert exceeds_noise(1.4 * 500.0, 500.0, 500)
 
 
 J, R = (np.random.default_rng(7).standard_normal(shape) for shape in ((30, 2), 30))
@@ -292,7 +301,7 @@ def test_residuals_count_over_their_degrees_of_freedom_and_together_at_a_frequen
         (sums_of(white, replace(white, freq_hz=white.freq_hz + 100)), 60 / 58 * 2 * single),
         (sums_of(replace(white, autocovariance=np.eye(30)[0] + 0.5 * np.eye(30)[1])), 30 / 28 * 2 * single),
     ):
-        np.testing.assert_allclose(residual_variance(sums), expected)
+        np.testing.assert_allclose(sandwich_variance(sums), expected)
 
 
 def test_noise_counts_as_it_was_measured_and_as_the_residuals_where_it_was_not() -> None:
@@ -311,7 +320,122 @@ def test_noise_counts_as_it_was_measured_and_as_the_residuals_where_it_was_not()
 
 def test_a_floor_has_at_most_the_power_that_the_cost_leaves_room_for() -> None:
     """Above the expected cost and two of its standard deviations, of 200 degrees of freedom 20 of 100."""
-    part = replace(evidence_of(J, R), floor_power=40.0)
-    sums = sums_of(part, floor_pulls={("y", "u", 0): np.array([1.0, 1j]), ("y", "u", 1): np.array([2.0, 0])})
+    part = replace(evidence_of(J, R), model_error_power=40.0)
+    sums = sums_of(part, model_error_pulls={("y", "u", 0): np.array([1.0, 1j]), ("y", "u", 1): np.array([2.0, 0])})
     for cost, share in ((160.0, 1.0), (80.0, 0.0), (100.0, 0.5), (110.0, 0.75)):
-        np.testing.assert_allclose(floor_covariance(sums, cost, 100.0, 200.0), share * np.diag([10.0, 0.005]))
+        np.testing.assert_allclose(model_error_covariance(sums, cost, 100.0, 200.0), share * np.diag([10.0, 0.005]))
+
+
+def test_covariance_is_the_largest_of_three_contributions_plus_the_others() -> None:
+    """Per parameter, of widened noise, residuals and blocks, with the noise's correlation; model error etc. add up."""
+    noise, other = np.array([[4.0, 1.0], [1.0, 1.0]]), np.array([[0.2, 0.1], [0.1, 0.3]])
+    every = Contributions(
+        noise=noise, widening=np.array([1.5, 1.0]), residuals=np.array([1.0, 2.25]), blocks=np.array([0.0, 1.5]),
+        model_error=other, ratios=2 * other, friction=np.array([0.5, 0.0]),
+    )  # fmt: skip
+    variance = np.array([9.0, 2.25])
+    largest = np.sqrt(np.outer(variance, variance)) * [[1, 0.5], [0.5, 1]]
+    expected = largest + 3 * other + np.diag([0.5, 0.0])
+    covariance = every.covariance(np.eye(2))
+    np.testing.assert_allclose(covariance, expected)
+    blocks = replace(every, blocks=np.array([16.0, 0.0])).covariance(np.eye(2))
+    np.testing.assert_allclose(np.diag(blocks), [16 + 1.1, 2.25 + 0.9])
+    exact = replace(every, noise=np.zeros((2, 2))).covariance(np.array([[2.0, 1.0]]))  # correlation of A^-1
+    np.testing.assert_allclose(exact[0, 1], np.sqrt(1.0 * 2.25) + 0.3)
+    np.testing.assert_allclose(every.random, [4 + 0.4 + 0.5, 1 + 0.6])
+    np.testing.assert_allclose(every.random_fraction(covariance, True), [9.9 / 10.1, 1.6 / 3.15])
+    np.testing.assert_allclose(every.random_fraction(covariance, False), 1 - np.diag(other) / np.diag(covariance))
+
+
+def test_prior_variance_persists_with_endless_data() -> None:
+    """H^T Q H by the tolerances now, and (s A_data + P)^-1 with s times the data, in closed form."""
+    A_data, P = J.T @ J, np.diag([0.0, 50.0])
+    half = np.linalg.inv(np.linalg.cholesky(A_data + P))
+    sums = replace(sums_of(evidence_of(J, R)), half=half, prior_J=np.sqrt(P) @ half.T)
+    now, persistent = prior_variance(sums, [1])
+    C = np.linalg.inv(A_data + P)
+    np.testing.assert_allclose(now, np.diag(C @ P @ C))
+    np.testing.assert_allclose(persistent, np.diag(np.linalg.inv(ENDLESS * A_data + P)))
+
+
+def test_information_sums_to_one_with_load_tests() -> None:
+    """Two configurations with 3/6 and 2/6, load tests the rest; the band contains the middle half."""
+    power, loads = [np.full((4, 1), 0.75), np.full((4, 1), 0.5)], np.array([1.0])
+    fraction, band = information(power, [np.arange(1.0, 5.0), np.arange(11.0, 15.0)], loads)
+    np.testing.assert_allclose(fraction, [[3 / 6], [2 / 6]])
+    np.testing.assert_array_equal(band, [[2.0, 12.0]])
+
+
+def test_friction_variance_needs_compensation_or_distortion() -> None:
+    """(0.02 %)^2 of a stiffness if friction was compensated; springs of motors leave 1 % of the distortion's."""
+    noise, total = Covariance(np.zeros((5, 1, 1)), np.inf), Covariance(np.full((5, 1, 1), 1e-4), 3.0)
+    distorted = Response(
+        configuration=Configuration("a", np.zeros(1)), inputs=("motor 1",), outputs=("motor 1",),
+        quantity="acceleration", freq_hz=np.arange(1.0, 6.0), G=np.ones((5, 1, 1), complex), noise=noise, total=total,
+        notes=(Note(UNEXPLAINED, ""),),
+    )  # fmt: skip
+    stiffness = Parameter("k_1", 1.0, "N*m/rad", log=True)
+    rigid, relaxing = Parameters((stiffness,)), Parameters((stiffness, Parameter("relaxation_1", 1.0, "1/s", log=True)))
+    by_distortion = 2 / (np.pi - 2) * 4e-4
+    np.testing.assert_allclose(friction_variance(rigid, [], True), [4e-8])
+    np.testing.assert_allclose(friction_variance(rigid, [distorted], False), [by_distortion])
+    np.testing.assert_allclose(friction_variance(relaxing, [distorted], True)[0], 4e-8 + 0.01 * by_distortion)
+
+
+def test_few_repetitions_widen_the_noise() -> None:
+    """Of 4 degrees of freedom a line, standard deviations by Student's quantile at the dof of all lines."""
+    model = plant()
+    response = measured(model, noise_of(model))
+    exact = weigh(response, NO_FLOOR)
+    assert exact.noise is not None
+    few = replace(exact, noise=replace(exact.noise, measured=replace(exact.noise.measured, dof=4.0)))
+    fit = elastic_fit([response], [model], [exact], parameters(), "complex")
+    known, widened = (estimate_uncertainty(fit, [response], [w], X, is_forecast=True) for w in (exact, few))
+    factor = small_sample_factors(noise_dof(known.power, [4.0], np.zeros(4)))
+    ratio = np.sqrt(np.diag(widened.covariance) / np.diag(known.covariance))
+    np.testing.assert_allclose(ratio, factor)
+    assert np.all(factor > 1.001)
+    np.testing.assert_allclose(known.averaging_fraction, 1.0)
+
+
+def test_tolerances_persist_by_what_endless_data_leave() -> None:
+    """The persistent fraction of the variance is that of the priors with endless data, and not their whole part."""
+    model, std = plant(), 2e-4
+    nuisance = Parameter(
+        "k_a", TRUTH["k_a"], "1", 1e-3, 1e3, log=True, is_nuisance=True, prior=Prior(TRUTH["k_a"], std)
+    )
+    free, response = parameters(k_a=nuisance), measured(model, noise_of(model))
+    weights = weigh(response, NO_FLOOR)
+    fit = elastic_fit([response], [model], [weights], free, "complex")
+    sure = estimate_uncertainty(fit, [response], [weights], free.x, is_forecast=True)
+    place = [p.is_nuisance for p in free.free].index(True)
+    now, persistent = prior_variance(sum_up(fit, [response], [weights], free.x, Execution()), [place])
+    variance = np.diag(sure.covariance)
+    np.testing.assert_allclose(sure.persistent_fraction, np.minimum(persistent, now) / variance)
+    np.testing.assert_allclose(sure.averaging_fraction, (variance - now) / variance)
+    assert np.all(persistent[place] < 0.5 * now[place])
+
+
+def test_configurations_that_disagree_widen_to_their_jackknife() -> None:
+    """Of three configurations with other stiffnesses, variances are at least those of the jackknife."""
+    model, responses = plant(), []
+    for name, factor in (("a", 0.9), ("b", 1.0), ("c", 1.1)):
+        theta = model.theta_ref * np.where(np.array(model.parameters) == "k_g", factor, 1.0)
+        G = frequency_response(model, theta, FREQ)
+        responses.append(replace(measured(model, noise_of(model)), G=G, configuration=Configuration(name, [0.0])))
+    weights = [weigh(response, NO_FLOOR) for response in responses]
+    fit = elastic_fit(responses, [model] * 3, weights, parameters(), "log")
+    end = solve(fit.problem, X)
+    sums = sum_up(fit, responses, weights, end.x, Execution())
+    scatter = jackknife_variance(sums.parts, sums.half)
+    variance = np.diag(estimate_uncertainty(fit, responses, weights, end.x).covariance)
+    assert np.any(scatter > 1.01 * np.maximum(block_variance([part.blocks for part in sums.parts], sums.half), 0))
+    assert np.all(variance >= scatter)
+
+
+def test_block_variance_is_that_of_the_sum_of_few_blocks() -> None:
+    """Of three blocks t^2 3 / 2 sum (H^T g)^2, t of two degrees of freedom."""
+    blocks = np.array([[1.0, 2.0], [0.5, -1.0], [-1.5, -1.0]])
+    t = student.ppf(0.975, 2) / student.ppf(0.975, np.inf)
+    expected = t**2 * 3 / 2 * np.sum((blocks @ HALF) ** 2, axis=0)
+    np.testing.assert_allclose(block_variance([blocks[:1], blocks[1:]], HALF), expected)

@@ -10,13 +10,14 @@ from plants.measured_robots import deviations
 from plants.refusals import refused
 
 from elastid.base.errors import Note
-from elastid.fit.covariance import taken_out_error
+from elastid.fit.covariance import compensation_error
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_selection import choose
-from elastid.fit.result import DISTORTED, Result
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.status_terms import DISTORTED
 from elastid.parameters import Tie
 from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot
@@ -147,7 +148,7 @@ def test_what_friction_leaves_that_was_taken_out_is_in_the_intervals():
     taken, left = (identify([replace(response, bias=b)], pendulum(), FitSpec(starts=1)) for b in (none, none[1:]))
     np.testing.assert_array_equal(taken.x, left.x)
     besides = taken.covariance - left.covariance
-    np.testing.assert_allclose(besides, np.diag(taken_out_error(taken.parameters) ** 2), atol=1e-15)
+    np.testing.assert_allclose(besides, np.diag(compensation_error(taken.parameters) ** 2), atol=1e-15)
 
 
 @pytest.mark.parametrize("factor", [2 * np.pi, 1 / (2 * np.pi)])

@@ -155,7 +155,7 @@ def test_the_jacobian_of_products_follows_from_differences():
         )
         np.testing.assert_allclose(parameters.jacobian(x, where), J, atol=1e-8)
     assert parameters.expand(x, "a")[0] == pytest.approx(5.0 * np.exp(0.1))
-    assert parameters.moved("a") == ("k", "c", "d", "e")
+    assert parameters.dependent_names("a") == ("k", "c", "d", "e")
 
 
 @pytest.fixture

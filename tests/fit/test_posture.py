@@ -9,7 +9,7 @@ from plants.fitted_models import fitted_model
 from plants.refusals import refused
 
 from elastid.base.errors import UnknownNameError
-from elastid.fit.result import ModificationIndex
+from elastid.fit.result_rows import ModificationIndex
 from elastid.model.spec import ModelSpec
 from elastid.record import JointLoop
 from elastid.robot import Frame, Payload, Placement

@@ -130,7 +130,7 @@ def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None
     robot = arm(Tolerances())
     parameters = with_tolerances(choose(SPEC, robot), robot, SPEC)
     free = parameters.free_names
-    assert [p.name for p in parameters.asked] == list(free[:6])
+    assert [p.name for p in parameters.of_interest] == list(free[:6])
     assert {"m_upper", "I_upper", "I_fore", "Jm_1", "c_fore_y", "p_fore_z", "zero_2"} <= set(free[6:])
     assert not {"p_fore_x", "pj_2_x", "I_upper_xx"} & set(free)
     assert parameters["p_fore_z"].prior is not None

@@ -115,19 +115,19 @@ def test_half_wave_records_have_no_even_lines() -> None:
 
 def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log() -> None:
     """Samples, references and periods left out are those of each log."""
-    record = replace(steady_record(), starts=(1,), left_out=(2,))
+    record = replace(steady_record(), starts=(1,), discarded_periods=(2,))
     first, second = single_logs(record)
     assert (first.name, second.name) == (f"{record.name}, log 1", f"{record.name}, log 2")
     np.testing.assert_array_equal(first.y, record.y[:N])
     np.testing.assert_array_equal(second.u, record.u[N:])
-    assert (first.left_out, second.left_out) == ((), (1,))
+    assert (first.discarded_periods, second.discarded_periods) == ((), (1,))
     with refused("records/missing-samples", place="record c-r0-e0, log 2"):
         undivided_logs([record])
     y = np.array(record.y)
     y[N + 5] = np.nan
     with refused("records/values", place="record c-r0-e0, log 2"):
-        undivided_logs([replace(record, y=y, left_out=())])
-    assert len(undivided_logs([replace(record, left_out=()), steady_record()])) == 3
+        undivided_logs([replace(record, y=y, discarded_periods=())])
+    assert len(undivided_logs([replace(record, discarded_periods=()), steady_record()])) == 3
 
 
 def _spectrum(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -171,7 +171,7 @@ def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
         assert abs(one.value - one.truth) < 3.3 * one.std + 2e-3 * one.truth, name
         assert one.std < 0.05 * one.value
     assert found.status == "identified"
-    assert {held.part for held in found.at("1").held} >= {"load", "temperature"}
+    assert {held.term for held in found.at("1").unidentified} >= {"load", "temperature"}
 
 
 def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
     for seed in range(10):
         found = regress_robot_motion(robot, [MotionLog.of(motion(seed), {}, 10.0)])[0]
         for i, joint in enumerate(("1", "2")):
-            fit = found[joint].chosen
+            fit = found[joint].regression
             for name, truth in (("coulomb", COULOMB[i]), ("viscous", VISCOUS[i])):
                 errors.append((fit[name] - truth) / fit.std(name))
                 held.append(abs(errors[-1]) < 1.96)
@@ -42,7 +42,7 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
     assert sum(fits[0]["2"].seconds.values()) == pytest.approx(20.0)
     assert fits[0]["2"].seconds["near a reversal, rest or end"] > 1.0
     for name in ("coulomb", "viscous"):
-        assert fits[1]["2"].chosen[name] == pytest.approx(fits[0]["2"].chosen[name], rel=1e-6)
+        assert fits[1]["2"].regression[name] == pytest.approx(fits[0]["2"].regression[name], rel=1e-6)
 
 
 def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:

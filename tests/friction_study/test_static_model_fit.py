@@ -26,7 +26,7 @@ TERMS = Terms(
 
 
 def reasons(law: StaticLaw) -> dict[str, str]:
-    return {held.part: held.reason for held in law.held}
+    return {held.term: held.reason for held in law.unidentified}
 
 
 @pytest.mark.slow

@@ -58,14 +58,14 @@ def first_half(whole: WarmUp) -> WarmUp:
     return replace(
         whole,
         log=replace(log, time_s=log.time_s[: n + 1], power=log.power[:n], temperature=log.temperature[: n + 1]),
-        test=whole.test[early], test_speed=whole.test_speed[early], level=whole.level[early],
-        level_std=whole.level_std[early],
+        test=whole.test[early], test_speed=whole.test_speed[early], torque=whole.torque[early],
+        torque_std=whole.torque_std[early],
     )  # fmt: skip
 
 
 def without_tests(whole: WarmUp) -> WarmUp:
     none = np.zeros(0, int)
-    return replace(whole, test=none, test_speed=none, level=none, level_std=none)
+    return replace(whole, test=none, test_speed=none, torque=none, torque_std=none)
 
 
 @pytest.mark.parametrize(

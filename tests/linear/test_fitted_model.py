@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.arm import closed_form, result
 
-from elastid.linear.fitted_model import Doubt, FittedModel
+from elastid.linear.fitted_model import FittedModel, ModelErrorFactor
 
 ANGLES = np.array([0.4, -0.9])
 
@@ -64,7 +64,7 @@ def test_modes_have_shapes_of_largest_entry_one() -> None:
 def test_numbers_follow_the_fit_and_their_slopes_are_those_of_differences() -> None:
     """Parameters of the fit, and a held mass that a doubt moves by a factor."""
     own = result()
-    doubt = Doubt(np.array([0.03, -0.02, 0.0, 0.01]), ("m_fore", "c_fore_x"), (0.1, 5e-3), (True, False))
+    doubt = ModelErrorFactor(np.array([0.03, -0.02, 0.0, 0.01]), ("m_fore", "c_fore_x"), (0.1, 5e-3), (True, False))
     model = own.at(ANGLES)
     estimated = replace(model.estimated, doubts=(doubt,))
     theta = estimated.theta(estimated.x)

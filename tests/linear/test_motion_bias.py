@@ -17,7 +17,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.motion_bias import effect_of_motion
+from elastid.linear.motion_bias import estimate_motion_bias
 from elastid.linear.response.transfer import to_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.spec import ModelSpec
@@ -140,7 +140,7 @@ def beyond_scatter(
     linear = linearisation.at(response.configuration, linearisation.model.theta, response.outputs, "acceleration")
     linear = replace(linear, hold=response.hold)
     rest = to_response(linear, linear.theta_ref, response.freq_hz).G
-    effect = effect_of_motion(linearisation.model, linear, linear.theta_ref, response)
+    effect = estimate_motion_bias(linearisation.model, linear, linear.theta_ref, response)
     assert effect is not None
     assert response.total is not None
     variance = response.total.variance

@@ -11,9 +11,9 @@ from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.problem.frf_residuals import kernel_of, linear_model
 from elastid.fit.spec import FitSpec
 from elastid.linear.linearise import Linearisation
+from elastid.linear.ports import moved_by
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.transfer import frequency_response
-from elastid.linear.static_deflection import moved_by
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, JointLoop, Motors
 from elastid.response import Response

@@ -161,6 +161,15 @@ def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int, g
     assert not relation.is_against_motion
 
 
+def test_inertia_is_in_si_of_prefixed_torques_and_wrapped_angles() -> None:
+    """3 kg*m^2 from mN*m and an angle that is read from -180 to 180 deg."""
+    q, _, _, u = moved()
+    angle = (np.rad2deg(20 * q) + 180) % 360 - 180
+    signals = [(guess_by_name("torque [mNm]", None), 1e3 * u), (guess_by_name("angle [deg]", None), angle)]
+    guess = guess_log(signals, RATE)
+    assert 20 * guess.joints[0].relation.inertia == pytest.approx(3.0, rel=0.03)
+
+
 RATIO = 50.0
 U = ChannelSpec("u", "motor 1", "tau")
 Q = ChannelSpec("y", "motor 1", "q", quantity="position")

@@ -76,7 +76,7 @@ def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path
     record = record_of(tmp_path, {name: x[:390] for name, x in whole.items()})
     assert record.n_periods == 2
     np.testing.assert_allclose(record.u[:, 1], whole["i1"] * 0.5e-3 * -50.0, atol=1e-6 * np.ptp(record.u))
-    assert record.left_out == ()
+    assert record.discarded_periods == ()
 
 
 @pytest.mark.parametrize("period", [None, "none"])

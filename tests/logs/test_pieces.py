@@ -50,7 +50,7 @@ def _write(base: Path, log: dict[str, np.ndarray], extra: int = 0) -> Experiment
 
 def _same(a: Record, b: Record) -> None:
     """But for rounding to single precision, in which the log stands."""
-    assert a.left_out == b.left_out
+    assert a.discarded_periods == b.discarded_periods
     for role in ("u", "y"):
         np.testing.assert_allclose(getattr(a, role)[:], getattr(b, role), rtol=2.0**-24, atol=0)
 

@@ -163,7 +163,7 @@ def test_periods_that_a_log_lacks_are_left_out_of_all(tmp_path: Path) -> None:
     logs = [run(4 * N, 1), run(5 * N + 50, 2, first=77)]
     for log, start in ((logs[0], 10), (logs[0], 2 * N + 10), (logs[1], 3 * N)):
         log[start : start + 60] = np.nan
-    assert record_of(tmp_path, logs).left_out == (0, 2, 4 + 2, 4 + 3)
+    assert record_of(tmp_path, logs).discarded_periods == (0, 2, 4 + 2, 4 + 3)
 
 
 SECRET = b"a secret that belongs to somebody else.."

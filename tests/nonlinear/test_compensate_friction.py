@@ -1,4 +1,4 @@
-"""Friction taken out of responses and shafts: the errors of its levels, its reversals, and where it ends."""
+"""Friction taken out of responses and shafts: the errors of its coefficients, its reversals, and where it ends."""
 
 from dataclasses import replace
 from functools import cache
@@ -12,15 +12,16 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensate_friction import (
     TURNING_ERROR,
-    estimate_without_friction,
-    net_record,
-    net_records,
-    on_links,
-    on_shafts,
+    compensate_friction,
+    compensated_records,
+    estimate_compensated_response,
     ratio_std,
+    to_links,
+    to_shafts,
 )
-from elastid.nonlinear.friction import FrictionTakenOut, Shape
-from elastid.nonlinear.identify_friction import find_friction
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import BasisFunction
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.nonlinear.motion import CELLS, Motion, motion_of
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring
@@ -31,30 +32,30 @@ E = np.array([[1.0, 0.0], [-0.4, 1.0]])
 
 
 @pytest.fixture(scope="module")
-def found() -> FrictionTakenOut:
+def found() -> CompensatedFriction:
     (records, _), lines = measured()
-    return find_friction([records], COULOMB, lines)
+    return identify_motor_friction([records], COULOMB, lines)
 
 
 @pytest.mark.slow
-def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: FrictionTakenOut) -> None:
+def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: CompensatedFriction) -> None:
     """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest."""
     (records, _), lines = measured()
     error = 0.01 * found.coulomb_torque * np.array([shape.place == "motor 1" for shape in found.shapes])
     sole = replace(found, covariance=np.outer(error, error))
-    response = estimate_without_friction(records, sole, COULOMB, lines)
+    response = estimate_compensated_response(records, sole, COULOMB, lines)
     off = replace(sole, coulomb_torque=sole.coulomb_torque + error)
-    change = estimate(list(net_records(records, off)), COULOMB, lines).G - response.G
+    change = estimate(list(compensated_records(records, off)), COULOMB, lines).G - response.G
     sign = np.sign(np.vdot(response.bias[2, 0], change).real)
     np.testing.assert_allclose(sign * response.bias[2, 0], change, atol=0.05 * np.abs(change).max())
 
 
-def test_couplings_of_gears_turn_the_errors_with_the_response(found: FrictionTakenOut) -> None:
+def test_couplings_of_gears_turn_the_errors_with_the_response(found: CompensatedFriction) -> None:
     """Records on the link side of coupled gears: G is E^-1 G' E^-T of that on the shafts, and so are its errors."""
     (records, _), lines = measured()
-    shafts = estimate_without_friction(records, found, COULOMB, lines)
-    links = estimate_without_friction([on_links(each, E) for each in records], found, COULOMB, lines, E)
-    assert on_shafts(on_links(records[0], E), E).inputs == records[0].inputs
+    shafts = estimate_compensated_response(records, found, COULOMB, lines)
+    links = estimate_compensated_response([to_links(each, E) for each in records], found, COULOMB, lines, E)
+    assert to_shafts(to_links(records[0], E), E).inputs == records[0].inputs
     inverse = np.linalg.inv(E)
     np.testing.assert_allclose(links.G, inverse @ shafts.G @ inverse.T, rtol=1e-6, atol=1e-9)
     turned = inverse @ shafts.bias[2] @ inverse.T
@@ -62,15 +63,15 @@ def test_couplings_of_gears_turn_the_errors_with_the_response(found: FrictionTak
 
 
 @pytest.mark.slow
-def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: FrictionTakenOut) -> None:
+def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: CompensatedFriction) -> None:
     """Of Coulomb friction behind the gears, which stays in the response; not of that at the motors, taken out."""
     (behind, *_), lines = measured_bristles("joint")
-    left = find_friction([behind], AUTO, lines)
-    assert left.taken_places() == ()
-    (note,) = [one for one in estimate_without_friction(behind, left, AUTO, lines).notes if one.code == UNEXPLAINED]
+    left = identify_motor_friction([behind], AUTO, lines)
+    assert left.compensated_motors() == ()
+    (note,) = [one for one in estimate_compensated_response(behind, left, AUTO, lines).notes if one.code == UNEXPLAINED]
     assert note.severity == "warning"
     (records, _), lines = measured()
-    assert UNEXPLAINED not in {one.code for one in estimate_without_friction(records, found, COULOMB, lines).notes}
+    assert UNEXPLAINED not in {one.code for one in estimate_compensated_response(records, found, COULOMB, lines).notes}
 
 
 @pytest.mark.slow
@@ -79,10 +80,10 @@ def test_distortion_of_an_arm_that_swings_is_not_warned_of() -> None:
     (swing,), lines = measured_swing()
     (behind,), _ = measured_bristles("joint")
     for records, cases in ((swing, ((None, True), (robot(), False))), (behind, ((robot(), True),))):
-        friction = find_friction([records], AUTO, lines)
-        assert friction.taken_places() == ()
+        friction = identify_motor_friction([records], AUTO, lines)
+        assert friction.compensated_motors() == ()
         for machine, warned in cases:
-            response = estimate_without_friction(records, friction, AUTO, lines, robot=machine)
+            response = estimate_compensated_response(records, friction, AUTO, lines, robot=machine)
             assert (UNEXPLAINED in {one.code for one in response.notes}) is warned
 
 
@@ -95,9 +96,9 @@ def test_a_log_of_two_periods_that_begins_with_its_excitation_bends_no_spring(co
     t = np.arange(records[0].n_samples) / records[0].rate_hz
     decaying = 0.3 * (np.exp(-8 * t) * np.sin(20 * t))[:, None]
     begun = [replace(record, y=record.y + record.y.std(axis=0) * decaying) for record in records]
-    friction = find_friction((begun,), AUTO, lines)
-    np.testing.assert_allclose([friction.sliding_level(place)[0] for place in friction.places], coulomb, rtol=0.02)
-    response = estimate_without_friction(begun, friction, AUTO, lines, robot=robot(coulomb))
+    friction = identify_motor_friction((begun,), AUTO, lines)
+    np.testing.assert_allclose([friction.coulomb_friction(place)[0] for place in friction.places], coulomb, rtol=0.02)
+    response = estimate_compensated_response(begun, friction, AUTO, lines, robot=robot(coulomb))
     assert not [note for note in response.notes if note.severity == "warning"]
 
 
@@ -130,7 +131,7 @@ def record() -> Record:
 
 def test_power_is_the_same_on_both_sides_and_the_way_back_leads_home() -> None:
     """u^T q of motors, whatever the order of the outputs; other outputs stay."""
-    links, shafts = record(), on_shafts(record(), E)
+    links, shafts = record(), to_shafts(record(), E)
 
     def power(one: Record) -> np.ndarray:
         return one.u[:, 0] * one.y[:, 2] + one.u[:, 1] * one.y[:, 1]
@@ -138,17 +139,17 @@ def test_power_is_the_same_on_both_sides_and_the_way_back_leads_home() -> None:
     np.testing.assert_allclose(power(shafts), power(links))
     np.testing.assert_array_equal(shafts.y[:, 0], links.y[:, 0])
     np.testing.assert_allclose(shafts.y[:, 1], -0.4 * links.y[:, 2] + links.y[:, 1])
-    back = on_links(shafts, E)
+    back = to_links(shafts, E)
     for name in ("u", "y", "r"):
         np.testing.assert_allclose(getattr(back, name), getattr(links, name), atol=1e-14)
-    assert on_shafts(links, None) is links
+    assert to_shafts(links, None) is links
 
 
 def test_a_shaft_needs_the_motions_of_all_motors() -> None:
     """With one motor's encoder missing no motor is among the outputs, and friction is left where it is."""
     one = record()
     partial = replace(one, y=one.y[:, :2], outputs=one.outputs[:2], quantities=one.quantities[:2])
-    assert on_shafts(partial, E).outputs == ("accelerometer tool z",)
+    assert to_shafts(partial, E).outputs == ("accelerometer tool z",)
 
 
 def test_nothing_is_taken_out_of_a_torque_that_is_the_reference() -> None:
@@ -158,7 +159,7 @@ def test_nothing_is_taken_out_of_a_torque_that_is_the_reference() -> None:
         [replace(r, r=np.column_stack([r.r[:, 0], r.u[:, 1]])) for r in records if r.r is not None]
         for records in configurations
     ]
-    result = find_friction(copied, AUTO, lines)
+    result = identify_motor_friction(copied, AUTO, lines)
     assert result.shapes == ()
     assert "the torque of motor 2 equals the reference to the last bit" in result.notes[0].text
 
@@ -192,10 +193,10 @@ def simulated() -> tuple[Record, np.ndarray]:
     return record, np.array([time for time in turning if time > 0])
 
 
-def friction_of(accelerance: float) -> FrictionTakenOut:
-    return FrictionTakenOut(
-        ("motor 1",), ("N*m",), (Shape("motor 1", "sign"),), np.array([LEVEL]), np.eye(1), ("c",), np.ones((1, 1)),
-        np.ones((1, 1)), np.ones(1), np.array([accelerance]),
+def friction_of(accelerance: float) -> CompensatedFriction:
+    return CompensatedFriction(
+        ("motor 1",), ("N*m",), (BasisFunction("motor 1", "sign"),), np.array([LEVEL]), np.eye(1), ("c",),
+        np.ones((1, 1)), np.ones((1, 1)), np.ones(1), np.array([accelerance]),
     )  # fmt: skip
 
 
@@ -229,6 +230,6 @@ def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines()
 def test_friction_of_level_0_leaves_the_torque() -> None:
     """And the motion, to the last bit."""
     record, _ = simulated()
-    net = net_record(record, replace(friction_of(1 / J), coulomb_torque=np.zeros(1)))
+    net = compensate_friction(record, replace(friction_of(1 / J), coulomb_torque=np.zeros(1)))
     np.testing.assert_array_equal(net.u, record.u)
     np.testing.assert_array_equal(net.y, record.y)

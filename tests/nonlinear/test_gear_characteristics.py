@@ -1,4 +1,4 @@
-"""Sheets of gears: makers' numbers of levels by closed forms, and gears of an outside plant laid open."""
+"""Sheets of gears: makers' numbers of magnitudes by closed forms, and gears of an outside plant laid open."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
 from elastid.nonlinear.basis_functions import GearEffect
 from elastid.nonlinear.gear_characteristics import SlidingFriction, open_gears, sheet_of
-from elastid.nonlinear.gear_estimation import Levels
+from elastid.nonlinear.gear_estimation import GearEstimate
 from elastid.nonlinear.gear_result import ARCMIN, NOT_EXPLAINED, NOT_OPENED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
@@ -29,11 +29,11 @@ def plain_fit(x: np.ndarray) -> Result:
 def sheet(
     found: dict[GearEffect, float], std: float = 0.01, bounds: dict[GearEffect, float] | None = None
 ) -> GearSheet:
-    """Of levels with a relative standard deviation, k and d at 1e-3; linear fit: k 10 % larger."""
-    x, levels = PARAMETERS.x, np.array([*found.values()])
-    covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * levels) ** 2]))
+    """Of magnitudes with a relative standard deviation, k and d at 1e-3; linear fit: k 10 % larger."""
+    x, magnitudes = PARAMETERS.x, np.array([*found.values()])
+    covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * magnitudes) ** 2]))
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
-    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 0.0, 0.0, (), (), scale_std)
+    known = GearEstimate(PARAMETERS, tuple(found), x, magnitudes, covariance, 0.0, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
     gear = SlidingFriction(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, plain_fit(x + np.array([np.log(1.1), 0.0])), groups)
@@ -88,7 +88,7 @@ def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
     bounds |= {GearEffect("stop", "1", 1e-4): 0.3, GearEffect("bristle", "1", 6e-3): 1.0}
     found = sheet({}, bounds=bounds)
     friction, torque = found.number("Fc_m1"), found.number("H_1")
-    assert not friction.is_seen
+    assert not friction.is_significant
     assert friction.bound == 0.6
     assert torque.bound == pytest.approx(1.0 * PEAK / K / 6e-3)
     assert found.number("Hw_1").bound == pytest.approx(2 * torque.bound / K)
@@ -96,8 +96,8 @@ def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
 
 def opened(after: float) -> GearResult:
     """A law of a spring beside two parameters; of the motion the linear fit leaves 20 %."""
-    effect, level = (GearEffect("cubic", "1"),), np.ones(1)
-    return GearResult(PARAMETERS.x, np.eye(3), effect, level, before=0.2, after=after)
+    effect, magnitude = (GearEffect("cubic", "1"),), np.ones(1)
+    return GearResult(PARAMETERS.x, np.eye(3), effect, magnitude, before=0.2, after=after)
 
 
 def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
@@ -132,8 +132,8 @@ def test_a_clean_gear_has_bounds_alone() -> None:
     """Below a hundredth of the torque of 200 Nm rms, and 2 arcsec; its k is that of the linear fit."""
     linear, found = laid_open(Gear())
     (gear,) = found.sheets
-    assert [number.name for number in gear.numbers if number.is_seen] == ["k_1", "d_1"]
-    bounds = {number.name: number.bound for number in gear.numbers if not number.is_seen}
+    assert [number.name for number in gear.numbers if number.is_significant] == ["k_1", "d_1"]
+    bounds = {number.name: number.bound for number in gear.numbers if not number.is_significant}
     assert {"Fc_m1", "Fb_1", "Fcl_m1", "H_1", "Hw_1", "e1_1", "e2_1", "h_1", "r1_1"} <= set(bounds)
     assert max(bounds["Fc_m1"], bounds["Fb_1"], bounds["H_1"]) < 2.0
     assert bounds["e1_1"] < 1e-5

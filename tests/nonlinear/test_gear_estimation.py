@@ -1,4 +1,4 @@
-"""Parameters and levels of a gear of another simulator, from the fit of a linear model."""
+"""Parameters and magnitudes of a gear of another simulator, from the fit of a linear model."""
 
 from functools import cache
 
@@ -14,12 +14,12 @@ from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.basis_functions import GearEffect
 from elastid.nonlinear.gear_estimation import (
     GearData,
-    Levels,
-    find_levels,
+    GearEstimate,
+    estimate_gear_parameters,
+    initial_estimate,
     priors,
     scale_priors,
     scales_of,
-    start_levels,
 )
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
@@ -34,12 +34,12 @@ def hardening() -> tuple[tuple[Record, ...], Response, Result]:
 
 
 @cache
-def with_effects(*effects: GearEffect) -> Levels:
-    """Parameters and levels of these effects in the hardening gear's records."""
+def with_effects(*effects: GearEffect) -> GearEstimate:
+    """Parameters and magnitudes of these effects in the hardening gear's records."""
     measured, response, linear = hardening()
     linearisation = Linearisation.of_robot(robot(Gear()), geometry=linear.parameters.names)
     data = GearData([gather_lines(measured, SPEC, LINES)], [response], linearisation)
-    return find_levels(data, start_levels(data, linear.parameters, linear.x), effects)
+    return estimate_gear_parameters(data, initial_estimate(data, linear.parameters, linear.x), effects)
 
 
 def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> None:
@@ -50,13 +50,13 @@ def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> 
     numbers = linear.parameters.as_dict(found.x)
     assert numbers["k_1"] == pytest.approx(gear.k, rel=2e-4)
     assert numbers["d_1"] == pytest.approx(gear.d, rel=2e-3)
-    assert found.levels[0] == pytest.approx(gear.k_3, rel=1e-3)
-    assert found.move < 0.05
+    assert found.magnitudes[0] == pytest.approx(gear.k_3, rel=1e-3)
+    assert found.last_step_norm < 0.05
     assert np.all(found.std > 0)
 
 
 def test_priors_pull_each_parameter_to_its_mean() -> None:
-    """Half the gradient and half the curvature of the sum of ((x - mean) / std)^2; levels have none."""
+    """Half the gradient and half the curvature of the sum of ((x - mean) / std)^2; magnitudes have none."""
     spec = FitSpec(parameters={"k_1": ParameterSpec(prior=PriorSpec(0.1, 1.8e5)), "d_1": ParameterSpec()})
     parameters = choose(spec, robot(Gear()))
     A, b = priors(parameters, parameters.x, 3)
@@ -66,20 +66,20 @@ def test_priors_pull_each_parameter_to_its_mean() -> None:
 
 
 def test_the_scale_of_a_level_that_is_not_seen_stays() -> None:
-    """A gear without hysteresis: of a level of next to nothing any bend will do, and k must not pay for its search."""
+    """A gear without hysteresis: next to no magnitude may have any scale, and k must not pay for the search."""
     found = with_effects(GearEffect("cubic", "1"), GearEffect("stop", "1", 3e-4))
-    assert abs(found.levels[1]) < 3 * found.std[1]
+    assert abs(found.magnitudes[1]) < 3 * found.std[1]
     assert found.effects[1].scale == pytest.approx(3e-4, rel=1e-6)
     assert found.scale_std[1] < 2e-6 * 3e-4
     assert hardening()[2].parameters.as_dict(found.x)["k_1"] == pytest.approx(2e5, rel=2e-4)
 
 
 def test_friction_by_load_turns_over_the_velocity_of_the_rest_of_its_motor() -> None:
-    """One logarithm of a scale for both, which either level that is seen moves; that of a hysteresis is its own."""
+    """One logarithm of a scale for both, which either magnitude that is seen moves; that of a hysteresis is its own."""
     effects = [GearEffect("friction", "1", 1e-3), GearEffect("stop", "1", 1e-4), GearEffect("load", "1", 2e-3)]
     scales = scales_of([*effects, GearEffect("load", "2", 2e-3)])
     assert scales == [[0, 2], [1], [3]]
-    levels, std, A = np.array([0.0, 1.0, 5.0, 1.0]), np.ones(7), np.diag(np.full(7, 50.0))
-    held = scale_priors(A, levels, std, scales, 0) > 1e9
-    assert held.tolist() == [False, True, True]
-    assert not np.any(scale_priors(A, levels, 0 * std, scales, 0) > 1.0)
+    magnitudes, std, A = np.array([0.0, 1.0, 5.0, 1.0]), np.ones(7), np.diag(np.full(7, 50.0))
+    fixed = scale_priors(A, magnitudes, std, scales, 0) > 1e9
+    assert fixed.tolist() == [False, True, True]
+    assert not np.any(scale_priors(A, magnitudes, 0 * std, scales, 0) > 1.0)

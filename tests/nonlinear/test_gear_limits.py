@@ -8,12 +8,13 @@ import pytest
 from plants.refusals import refused
 from plants.two_mass_gear import LINES, POSTURE, RATE_HZ, RATIO, SAMPLES, Gear, robot
 
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear_characteristics import LOST, coarse_encoders, difference, left, refusal
+from elastid.nonlinear.gear_characteristics import LOST, coarse_encoders, difference, refusal, unexplained_fraction
 from elastid.nonlinear.gear_estimation import GearData
-from elastid.nonlinear.hidden_motion_smoother import Estimate
+from elastid.nonlinear.hidden_motion_smoother import SmoothedMotion
 from elastid.nonlinear.period_model import DriveLines
 from elastid.nonlinear.spec import GearsSpec
 from elastid.nonlinear.spectra import PeriodLines
@@ -71,10 +72,10 @@ def test_good_records_are_not_refused() -> None:
     good = case()
     assert good.words == ""
     assert coarse_encoders(good.data, good.drives) == []
-    nothing = Estimate.start(good.data[0], good.drives[0], 1)
-    assert left(good.whole, good.drives, [nothing], np.ones(1)) < 1e-12
+    nothing = SmoothedMotion.start(good.data[0], good.drives[0], 1)
+    assert unexplained_fraction(good.whole, good.drives, [nothing], np.ones(1)) < 1e-12
     pushed = replace(nothing, Phi=(0.1 * good.drives[0].B @ good.data[0].U)[..., None])
-    assert left(good.whole, good.drives, [pushed], np.ones(1)) == pytest.approx(0.1)
+    assert unexplained_fraction(good.whole, good.drives, [pushed], np.ones(1)) == pytest.approx(0.1)
 
 
 def test_one_realisation_is_refused() -> None:

@@ -21,8 +21,8 @@ from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.basis_functions import GearEffect
 from elastid.nonlinear.gear_characteristics import rigid_gears
-from elastid.nonlinear.gear_estimation import GearData, Levels, start_levels
-from elastid.nonlinear.gear_model_selection import _stands, candidate_groups
+from elastid.nonlinear.gear_estimation import GearData, GearEstimate, initial_estimate
+from elastid.nonlinear.gear_model_selection import _conflicts, candidate_groups
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Configuration, Record
 from elastid.response import Response
@@ -30,12 +30,12 @@ from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
 
 
-def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
+def found(gear: Gear, substeps: int = 6) -> tuple[GearEstimate, dict[str, float]]:
     """What is chosen, and the numbers of the model beside it."""
     measured = records(gear, substeps=substeps)
     response, linear = linear_fit(gear, measured)
-    levels = find_gear_effects([measured], [response], linear, robot(gear))
-    return levels, linear.parameters.as_dict(levels.x)
+    magnitudes = find_gear_effects([measured], [response], linear, robot(gear))
+    return magnitudes, linear.parameters.as_dict(magnitudes.x)
 
 
 @pytest.mark.parametrize(
@@ -52,12 +52,14 @@ def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
     ],
 )
 def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expected: dict[str, float]) -> None:
-    """Levels within 3 % or 3 std, k within 0.1 % and d within 2 %: a linear fit has d 27 % off."""
+    """Magnitudes within 3 % or 3 std, k within 0.1 % and d within 2 %: a linear fit has d 27 % off."""
     # Steps over reversals of a coarser plant are as large as what an error of 2e-5 rad does.
-    levels, numbers = found(gear, 24 if gear.error or gear.load else 6)
+    magnitudes, numbers = found(gear, 24 if gear.error or gear.load else 6)
     by_kind = {
         effect.kind: (f, std)
-        for effect, f, std in zip(levels.effects, levels.levels.tolist(), levels.std.tolist(), strict=True)
+        for effect, f, std in zip(
+            magnitudes.effects, magnitudes.magnitudes.tolist(), magnitudes.std.tolist(), strict=True
+        )
     }
     cosine, _ = by_kind.pop("error cosine", (0.0, 0.0))
     assert set(by_kind) == set(expected)
@@ -66,8 +68,8 @@ def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expe
     assert abs(cosine) < 0.03 * expected.get("error sine", 1.0)
     assert numbers["k_1"] == pytest.approx(gear.k, rel=1e-3)
     assert numbers["d_1"] == pytest.approx(gear.d, rel=2e-2)
-    assert np.isfinite(levels.covariance).all()
-    std = np.sqrt(levels.covariance[(i := levels.parameters.free_names.index("k_1")), i])
+    assert np.isfinite(magnitudes.covariance).all()
+    std = np.sqrt(magnitudes.covariance[(i := magnitudes.parameters.free_names.index("k_1")), i])
     assert (std >= 5e-4) == bool({*expected} - {"friction", "behind"})  # 0.05 % of k beside other effects
 
 
@@ -82,14 +84,14 @@ def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expe
 )
 def test_springs_have_their_law_and_its_ends(gear: Gear, expected: list[tuple[str, float, float]]) -> None:
     """A progressive one, a gap, lost motion beside friction, K1 K2 K3: ends within 2 % or 3 std, k within 0.05 %."""
-    levels, numbers = found(gear)
+    magnitudes, numbers = found(gear)
     every = sorted(
-        zip(levels.effects, levels.levels.tolist(), levels.std, levels.scale_std, strict=True),
+        zip(magnitudes.effects, magnitudes.magnitudes.tolist(), magnitudes.std, magnitudes.scale_std, strict=True),
         key=lambda each: (each[0].kind, each[1]),
     )
     assert [effect.kind for effect, *_ in every] == [kind for kind, *_ in expected]
-    for (effect, f, std, scale_std), (kind, level, scale) in zip(every, expected, strict=True):
-        assert abs(f - level) < max(0.02 * level, 3 * std), kind
+    for (effect, f, std, scale_std), (kind, magnitude, scale) in zip(every, expected, strict=True):
+        assert abs(f - magnitude) < max(0.02 * magnitude, 3 * std), kind
         if scale:
             assert abs(effect.scale - scale) < max(0.02 * scale, 3 * scale_std), kind
     assert numbers["k_1"] == pytest.approx(gear.k, rel=5e-4)
@@ -117,7 +119,7 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     lines, none = gather_lines(noise, SPEC, LINES), np.zeros((len(LINES), 2, 2), complex)
     G = Response(LINES * 0.5, none, places, places, "acceleration", posture)
     data = GearData([lines], [G], linearisation)
-    known = start_levels(data, parameters, parameters.x)
+    known = initial_estimate(data, parameters, parameters.x)
     groups = candidate_groups(data, known, (1.0, 2.0))
     assert {effect.kind for group in groups for effect in group if effect.joint == "2"} == {"friction"}
     assert {"behind", "gap", "stop"} < {effect.kind for group in groups for effect in group if effect.joint == "1"}
@@ -135,23 +137,23 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
 def test_ranges_and_elements_of_a_loop_are_added_one_at_a_time() -> None:
     """Two ranges that were added at once met at one end, and k was 7.7 % off beside a std of 0.13 %."""
     added = [GearEffect("range", "1", 1e-3), GearEffect("stop", "2", 1e-4)]
-    assert _stands(GearEffect("range", "1", 5e-4), added, alone=True)
-    assert _stands(GearEffect("bristle", "2", 5e-4), added, alone=True)
-    assert not _stands(GearEffect("range", "1", 5e-4), added)
+    assert _conflicts(GearEffect("range", "1", 5e-4), added, alone=True)
+    assert _conflicts(GearEffect("bristle", "2", 5e-4), added, alone=True)
+    assert not _conflicts(GearEffect("range", "1", 5e-4), added)
     for other in (GearEffect("range", "2", 5e-4), GearEffect("stop", "1", 1e-4), GearEffect("friction", "1", 1e-3)):
-        assert not _stands(other, added, alone=True)
+        assert not _conflicts(other, added, alone=True)
 
 
 @pytest.mark.slow
 def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
-    """Levels within 3 % or 3 std, k within 0.3 % and d within 2 %, of which the linear fit has d 5 % off or more."""
+    """Magnitudes within 3 % or 3 std, k within 0.3 % and d within 2 %, where a linear fit has d 5 % off or more."""
     arm, _ = parallel_linkage()
-    levels = {("friction", "2"): 40.0, ("behind", "2"): 20.0, ("friction", "3"): 35.0, ("behind", "3"): 18.0}
+    magnitudes = {("friction", "2"): 40.0, ("behind", "2"): 20.0, ("friction", "3"): 35.0, ("behind", "3"): 18.0}
 
     def rough(joint: Joint) -> Joint:
         if joint.motor is None:
             return joint
-        at_motor, behind = (levels[kind, joint.name] for kind in ("friction", "behind"))
+        at_motor, behind = (magnitudes[kind, joint.name] for kind in ("friction", "behind"))
         return replace(joint, motor=replace(joint.motor, coulomb=at_motor / 100), friction=Friction(behind))
 
     machine, band = with_joints(arm, rough), (2.0, 81.0)
@@ -170,7 +172,7 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
         assert numbers[f"k_{joint}"] == pytest.approx(true[f"k_{joint}"][0], rel=3e-3)
         assert numbers[f"d_{joint}"] == pytest.approx(true[f"d_{joint}"][0], rel=2e-2)
         assert abs(linear.values[f"d_{joint}"] / true[f"d_{joint}"][0] - 1) > 0.05
-    assert {(effect.kind, effect.joint) for effect in found.effects} == set(levels)
-    for effect, f, std in zip(found.effects, found.levels.tolist(), found.std.tolist(), strict=True):
-        level = levels[effect.kind, effect.joint]
-        assert abs(f - level) < max(0.03 * level, 3 * std), effect
+    assert {(effect.kind, effect.joint) for effect in found.effects} == set(magnitudes)
+    for effect, f, std in zip(found.effects, found.magnitudes.tolist(), found.std.tolist(), strict=True):
+        magnitude = magnitudes[effect.kind, effect.joint]
+        assert abs(f - magnitude) < max(0.03 * magnitude, 3 * std), effect

@@ -12,7 +12,7 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.basis_functions import GearEffect, GearMotion, forces, implicit_law, periodic_error, turning
+from elastid.nonlinear.basis_functions import GearEffect, GearMotion, forces, implicit_law, transmission_error, turning
 from elastid.nonlinear.hidden_motion_smoother import newton, smoothed_covariance
 from elastid.nonlinear.period_model import DriveLines, drive_lines, elastic_joints
 from elastid.nonlinear.spectra import PeriodLines
@@ -151,7 +151,7 @@ def test_an_edge_is_the_change_of_an_effect_with_its_scale() -> None:
 
 
 def test_a_stop_loses_four_levels_times_what_it_slides_in_a_loop() -> None:
-    """Work of a loop of amplitude A about a stop of range D: 4 (A - D) for level 1; its slope is that of the way."""
+    """Work of a loop of amplitude A about a stop of range D: 4 (A - D) at magnitude 1; its slope is that of the way."""
     x = 1e-3 * np.sin(PHASE)
     phi, slope = implicit_law(GearEffect("stop", "1", 2e-4), x)
     loop = np.append(x, x[0])
@@ -175,9 +175,9 @@ def test_a_transmission_error_bends_the_gear_and_pushes_the_motor_by_its_slope()
     """No energy is lost: tau (q' (1 + e') - l') is what the spring stores."""
     effect = GearEffect("error cosine", "1", 2.0)
     (gear, across), (motor, at_motor) = forces(effect, MOTION)
-    e, slope = periodic_error(effect, MOTION.angle, MOTION.ratio)
+    e, slope = transmission_error(effect, MOTION.angle, MOTION.ratio)
     assert (gear, motor) == ("gear", "motor")
-    assert periodic_error(effect, np.zeros(1), MOTION.ratio)[0] == 1.0
+    assert transmission_error(effect, np.zeros(1), MOTION.ratio)[0] == 1.0
     assert across == pytest.approx(MOTION.k * e + MOTION.d * slope * MOTION.velocity)
     assert at_motor == pytest.approx(MOTION.torque * slope)
     step = np.diff(MOTION.angle)

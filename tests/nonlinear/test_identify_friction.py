@@ -12,17 +12,18 @@ from plants.units import factor, record_in_other_units
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import identify_friction
-from elastid.nonlinear.compensate_friction import net_record
-from elastid.nonlinear.friction import FrictionTakenOut, friction_means, spectrum
-from elastid.nonlinear.identify_friction import find_friction
+from elastid.nonlinear.compensate_friction import compensate_friction
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import friction_means, spectrum
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.record import Record
 
 AUTO = EstimatorSpec(friction="auto")
 
 
 @pytest.fixture(scope="module")
-def found() -> FrictionTakenOut:
-    return find_friction(*measured_with(AUTO))
+def found() -> CompensatedFriction:
+    return identify_motor_friction(*measured_with(AUTO))
 
 
 def measured_with(spec: EstimatorSpec) -> tuple[tuple[tuple[Record, ...], ...], EstimatorSpec, np.ndarray]:
@@ -31,31 +32,31 @@ def measured_with(spec: EstimatorSpec) -> tuple[tuple[tuple[Record, ...], ...], 
 
 
 @pytest.mark.parametrize("friction", ["coulomb", "curve", "auto"])
-def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str, found: FrictionTakenOut) -> None:
+def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str, found: CompensatedFriction) -> None:
     """Within 2 % of the truth at both motors, whatever shapes are allowed; torques in time have no delay."""
     spec = replace(AUTO, friction=friction)  # type: ignore[arg-type]
-    result = found if friction == "auto" else find_friction(*measured_with(spec))
+    result = found if friction == "auto" else identify_motor_friction(*measured_with(spec))
     (delay_s,) = {shape.delay_s for shape in result.shapes}
     assert delay_s * measured()[0][0][0].rate_hz == pytest.approx(0, abs=0.1)
     assert "nonlinear/torque-delay" not in {note.code for note in result.notes}
-    levels = [result.sliding_level(place)[0] for place in result.places]
-    np.testing.assert_allclose(levels, COULOMB, rtol=0.02)
+    coefficients = [result.coulomb_friction(place)[0] for place in result.places]
+    np.testing.assert_allclose(coefficients, COULOMB, rtol=0.02)
     assert np.all(result.after < 0.25 * result.before)
 
 
 @pytest.mark.parametrize("samples", [slow(-2), 0.3, 3])
 def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples: float) -> None:
-    """Torques logged some samples off: the delay to a tenth of a sample, with its note; levels within 2 %."""
+    """Torques logged some samples off: the delay to a tenth of a sample, with its note; coefficients within 2 %."""
     configurations, lines = measured()
     n = len(configurations[0][0].u)
     turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n) * samples)[:, None]
     late = [[np.fft.irfft(turn * np.fft.rfft(r.u, axis=0), n, axis=0) for r in records] for records in configurations]
     moved = [[replace(r, u=u) for r, u in zip(*pair, strict=True)] for pair in zip(configurations, late, strict=True)]
-    result = find_friction(moved, AUTO, lines)
+    result = identify_motor_friction(moved, AUTO, lines)
     (delay_s,) = {shape.delay_s for shape in result.shapes}
     assert delay_s * configurations[0][0].rate_hz == pytest.approx(samples, abs=0.1)
     assert "nonlinear/torque-delay" in {note.code for note in result.notes}
-    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.02)
+    np.testing.assert_allclose([result.coulomb_friction(place)[0] for place in result.places], COULOMB, rtol=0.02)
 
 
 @pytest.mark.parametrize("signal", ["u", "y"])
@@ -69,22 +70,22 @@ def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(sign
         spoilt = [replace(each, u=each.u[:, [0, 0]]) for each in spoilt]
     else:
         spoilt = [replace(each, y=each.y[:, [0, 0]]) for each in records]
-    result = find_friction([tuple(spoilt)], AUTO, lines)
+    result = identify_motor_friction([tuple(spoilt)], AUTO, lines)
     assert result.shapes == ()
     (note,) = result.notes
     assert note.code == "nonlinear/friction-not-compensated"
 
 
-def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
+def test_the_torque_of_friction_is_not_held(found: CompensatedFriction) -> None:
     """At the lines the net torque is H U - sum f Phi, H being the hold of the torque alone."""
     configurations, lines = measured()
     record = configurations[0][0]
     raw, net = (
         period_spectra(RecordSpectra(each), lines, "acceleration").U.mean(axis=0)
-        for each in (record, net_record(record, found))
+        for each in (record, compensate_friction(record, found))
     )
     for i, place in enumerate(record.inputs):
-        means = friction_means(record, found.motion(record, place), found.taken_shapes(place))
+        means = friction_means(record, found.motion(record, place), found.compensated_basis(place))
         torque = spectrum(np.fft.rfft(means), len(means) // 4)
         at_lines = torque[lines * record.n_periods] * 2 / (record.n_periods * record.period_samples)
         np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)
@@ -94,9 +95,9 @@ def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
     """On the odd-random grid, within 2 %; where all lines are excited a sentence asks for another realisation."""
     configurations, lines = measured()
     single = [[record for record in records if record.realisation == 0] for records in configurations]
-    result = find_friction(single, AUTO, lines)
-    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.02)
-    every = find_friction(single, AUTO, lines[:1])
+    result = identify_motor_friction(single, AUTO, lines)
+    np.testing.assert_allclose([result.coulomb_friction(place)[0] for place in result.places], COULOMB, rtol=0.02)
+    every = identify_motor_friction(single, AUTO, lines[:1])
     assert every.shapes == ()
     assert every.notes[0].code == "nonlinear/friction-not-compensated"
     assert re.findall(r"\d+", every.notes[0].text) == ["2"]  # experiments
@@ -107,7 +108,7 @@ def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
     configurations, lines = measured()
     count = 2 * np.pi / 1000 / 6
     coarse = [[replace(r, y=np.round(r.y / count) * count) for r in records] for records in configurations]
-    result = find_friction(coarse, AUTO, lines)
+    result = identify_motor_friction(coarse, AUTO, lines)
     assert result.shapes == ()
     assert "encoder of more counts" in result.notes[0].text
 
@@ -117,40 +118,40 @@ def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
 def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     coulomb: tuple[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where records are many; levels are those of all configurations, and none where there is no friction."""
+    """Where records are many; coefficients are those of all configurations, and none where there is no friction."""
     configurations, lines = measured(coulomb)
     monkeypatch.setattr(identify_friction, "_CHOICE_RECORDS", 1)
-    result = find_friction(configurations, AUTO, lines)
+    result = identify_motor_friction(configurations, AUTO, lines)
     assert result.configurations == ("a", "b")
     assert bool(result.shapes) == bool(coulomb[0])
-    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], coulomb, rtol=0.02)
+    np.testing.assert_allclose([result.coulomb_friction(place)[0] for place in result.places], coulomb, rtol=0.02)
 
 
 @pytest.mark.slow
 def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval() -> None:
-    """Half as much friction in the second: the level is between both, and each is within its 95 % interval."""
+    """Half as much friction in the second: the coefficient is between both, and each is within its 95 % interval."""
     (one, _), lines = measured()
     (_, other), _ = measured((COULOMB[0] / 2, COULOMB[1]))
-    result = find_friction((one, other), AUTO, lines)
+    result = identify_motor_friction((one, other), AUTO, lines)
     (note,) = [note for note in result.notes if note.code == "nonlinear/friction-varies"]
     assert note.text.startswith("motor 1")
-    level, std = result.sliding_level("motor 1")
-    assert COULOMB[0] / 2 < level < COULOMB[0]
+    coefficient, std = result.coulomb_friction("motor 1")
+    assert COULOMB[0] / 2 < coefficient < COULOMB[0]
     assert std > COULOMB[0] / 8
-    assert result.sliding_level("motor 2")[1] < 0.02 * COULOMB[1]
+    assert result.coulomb_friction("motor 2")[1] < 0.02 * COULOMB[1]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["coulomb", slow("lugre"), "maxwell slip"])
 def test_friction_is_found_the_same_in_other_units_and_with_motors_in_another_order(law: str) -> None:
-    """The level of sliding within 5 %, with its std; the distortion falls to less than a fifth; bristles bend."""
+    """The coefficient of sliding within 5 %, with its std; the distortion falls to less than a fifth; bristles bend."""
     configurations, lines = measured() if law == "coulomb" else measured_bristles(law)
-    here = find_friction(configurations, AUTO, lines)
+    here = identify_motor_friction(configurations, AUTO, lines)
     turned = [[record_in_other_units(replace(r, u=r.u[:, ::-1], y=r.y[:, ::-1])) for r in c] for c in configurations]
-    there = find_friction(turned, AUTO, lines)
+    there = identify_motor_friction(turned, AUTO, lines)
     assert {shape.kind == "sign" for shape in (*here.shapes, *there.shapes)} == {law == "coulomb"}
-    levels = np.array([[found.sliding_level(place) for place in here.places] for found in (here, there)])
-    np.testing.assert_allclose(levels[0, :, 0], COULOMB, rtol=0.05)
-    np.testing.assert_allclose(levels[1, ::-1], levels[0] * factor("N*m"), rtol=1e-9)
+    coefficients = np.array([[found.coulomb_friction(place) for place in here.places] for found in (here, there)])
+    np.testing.assert_allclose(coefficients[0, :, 0], COULOMB, rtol=0.05)
+    np.testing.assert_allclose(coefficients[1, ::-1], coefficients[0] * factor("N*m"), rtol=1e-9)
     assert np.all(here.after < 0.2 * here.before)
     np.testing.assert_allclose(there.after[:, ::-1], here.after * factor("N*m"), rtol=1e-9)

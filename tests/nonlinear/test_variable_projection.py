@@ -1,4 +1,4 @@
-"""Levels of friction by regression; signs turn over the speed that friction has, not over one of those tried."""
+"""Coefficients of friction by regression; signs turn over the speed that friction has, not over one of those tried."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.nonlinear.friction import Kind, Shape
+from elastid.nonlinear.friction_basis import BasisFunction, Kind
 from elastid.nonlinear.spectra import ConfigurationSpectra
 from elastid.nonlinear.variable_projection import (
     SHAPE_ERROR,
     SIGN_ERROR,
-    Choice,
+    Basis,
     NormalEquations,
-    by_unknown_shapes,
-    choose_shapes,
+    basis_error_covariance,
+    identifiable_basis,
     refined,
+    select_motor_basis,
     solve,
-    telling_shapes,
 )
 
 EVERY = np.arange(3)
@@ -49,25 +49,25 @@ def folded(equations: NormalEquations) -> NormalEquations:
     return replace(equations, **{name: np.repeat(getattr(equations, name), 2, axis=0) for name in "Abc"})
 
 
-def kinds(*names: Kind) -> list[Shape]:
-    return [Shape("motor 1", kind, 1.0) for kind in names]
+def kinds(*names: Kind) -> list[BasisFunction]:
+    return [BasisFunction("motor 1", kind, 1.0) for kind in names]
 
 
 def test_of_rivals_one_is_chosen() -> None:
     """Friction of a shape and of two rivals: the rival that explains more, also where another came first."""
     folds = folded(regression(1.0, 0, (F_C, 2.0, 3.0)))
-    free, _ = choose_shapes(folds, 0, EVERY, kinds("sign", "sign", "sign"))
+    free, _ = select_motor_basis(folds, 0, EVERY, kinds("sign", "sign", "sign"))
     np.testing.assert_array_equal(free, EVERY)
-    chosen, _ = choose_shapes(folds, 0, EVERY, kinds("sign", "stribeck", "stribeck"))
+    chosen, _ = select_motor_basis(folds, 0, EVERY, kinds("sign", "stribeck", "stribeck"))
     np.testing.assert_array_equal(chosen, [0, 2])
 
 
 def test_a_stribeck_curve_is_not_chosen_alone() -> None:
     """A nearly flat Stribeck curve fits the friction alone but has no F_c: Coulomb friction is chosen with it."""
     folds, shapes = folded(regression(0.25, 0, (0.0, F_C, 0.0))), kinds("sign", "stribeck", "sign")
-    chosen, _ = choose_shapes(folds, 0, EVERY, shapes)
+    chosen, _ = select_motor_basis(folds, 0, EVERY, shapes)
     assert {0, 1} <= {*chosen.tolist()}
-    alone, _ = choose_shapes(folds, 0, np.array([1]), shapes)
+    alone, _ = select_motor_basis(folds, 0, np.array([1]), shapes)
     assert alone.tolist() == []
 
 
@@ -75,7 +75,7 @@ def test_a_stribeck_curve_is_not_chosen_alone() -> None:
 def test_damping_is_chosen_beside_the_element_that_it_damps(element: Kind, is_chosen: bool) -> None:
     """The rate at which a sign turns is no damping of an element: a sign jumps."""
     folds = folded(regression(1.0, 0, (F_C, 3.0, 0.0)))
-    chosen, _ = choose_shapes(folds, 0, np.arange(2), kinds(element, "bristle damping", "sign"))
+    chosen, _ = select_motor_basis(folds, 0, np.arange(2), kinds(element, "bristle damping", "sign"))
     assert (1 in chosen) is is_chosen
 
 
@@ -99,7 +99,7 @@ def on_a_carrier(power: float) -> ConfigurationSpectra:
 @pytest.mark.parametrize("power", [1.0, 1e3])
 def test_friction_is_told_from_a_spring_beside_a_carrier(power: float) -> None:
     """Most of a sign's power is then at the carrier's line, where it is in proportion to the torque."""
-    (own,) = telling_shapes([on_a_carrier(power)], np.zeros(2, np.int64))
+    (own,) = identifiable_basis([on_a_carrier(power)], np.zeros(2, np.int64))
     assert own.tolist() == [0]
 
 
@@ -107,11 +107,11 @@ PLACES = ("motor 1", "motor 2")
 QUIET = np.zeros(2)
 
 
-def choice_of(shapes: Sequence[Shape]) -> Choice:
-    return Choice(tuple(shapes), np.array([PLACES.index(shape.place) for shape in shapes]), np.ones(2))
+def choice_of(shapes: Sequence[BasisFunction]) -> Basis:
+    return Basis(tuple(shapes), np.array([PLACES.index(shape.place) for shape in shapes]), np.ones(2))
 
 
-def fitted(shapes: Sequence[Shape], v: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def fitted(shapes: Sequence[BasisFunction], v: np.ndarray, truth: np.ndarray) -> np.ndarray:
     X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
     return solve(X.T @ X, X.T @ truth)
 
@@ -121,11 +121,11 @@ def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
     than a quarter of that."""
     v = np.random.default_rng(1).normal(0, 0.05, 20000)
     truth = 90 * np.tanh(v / 1e-3)
-    tried = [Shape("motor 1", "sign", 0.93e-3), Shape("motor 1", "sign", 1.87e-3)]
-    levels = fitted(tried, v, truth)
-    near = refined(choice_of(tried), levels, PLACES, QUIET).shapes
+    tried = [BasisFunction("motor 1", "sign", 0.93e-3), BasisFunction("motor 1", "sign", 1.87e-3)]
+    coefficients = fitted(tried, v, truth)
+    near = refined(choice_of(tried), coefficients, PLACES, QUIET).shapes
     assert near[0].threshold < 1e-3 < near[1].threshold < 1.3 * near[0].threshold
-    assert abs(levels.sum() - 90) > 4 * abs(fitted(near, v, truth).sum() - 90)
+    assert abs(coefficients.sum() - 90) > 4 * abs(fitted(near, v, truth).sum() - 90)
 
 
 @pytest.mark.parametrize("speed", [0.0, 2e-3])
@@ -133,21 +133,23 @@ def test_friction_that_jumps_does_not_turn_by_the_noise_of_a_velocity(speed: flo
     """Of 5e-4 rad/s, over which it seems to turn; one that turns over 2e-3 rad/s keeps that within a tenth."""
     rng = np.random.default_rng(1)
     v = rng.normal(0, 0.05, 200000)
-    seen, truth = v + rng.normal(0, 5e-4, v.shape), Shape("motor 1", "sign", speed).sliding(v)
-    tried = [Shape("motor 1", "sign", 5e-4 * 2**i) for i in range(4)]
-    levels = fitted(tried, seen, truth)
-    as_seen, corrected = (refined(choice_of(tried), levels, PLACES, noise).shapes for noise in (QUIET, QUIET + 5e-4))
+    seen, truth = v + rng.normal(0, 5e-4, v.shape), BasisFunction("motor 1", "sign", speed).sliding(v)
+    tried = [BasisFunction("motor 1", "sign", 5e-4 * 2**i) for i in range(4)]
+    coefficients = fitted(tried, seen, truth)
+    as_seen, corrected = (
+        refined(choice_of(tried), coefficients, PLACES, noise).shapes for noise in (QUIET, QUIET + 5e-4)
+    )
     assert 0.9 * corrected[0].threshold <= speed <= 1.1 * corrected[-1].threshold
     assert as_seen[0].threshold > 5e-4
 
 
 def test_bristles_and_other_motors_stay_as_they_are() -> None:
-    """Beside signs that are refined; a sign without a level goes with those that have one."""
+    """Beside signs that are refined; a sign without a coefficient goes with those that have one."""
     shapes = [
-        Shape("motor 1", "sign", 1e-3),
-        Shape("motor 1", "sign", 2e-3),
-        Shape("motor 1", "bristle", 3e-4),
-        Shape("motor 2", "sign", 0.0),
+        BasisFunction("motor 1", "sign", 1e-3),
+        BasisFunction("motor 1", "sign", 2e-3),
+        BasisFunction("motor 1", "bristle", 3e-4),
+        BasisFunction("motor 2", "sign", 0.0),
     ]
     bristle, *signs, ideal = refined(choice_of(shapes), np.array([5.0, 0.0, 1.0, 2.0]), PLACES, QUIET).shapes
     assert (bristle, ideal) == tuple(shapes[2:])
@@ -158,18 +160,24 @@ def test_a_stribeck_velocity_between_those_that_were_tried_is_found() -> None:
     """F_c is 1 % off with the neighbour's velocity, by less than a tenth of that with two about its own."""
     v = np.random.default_rng(1).normal(0, 0.05, 20000)
     truth = 90 * np.sign(v) + 30 * np.sign(v) * np.exp(-((v / 0.01) ** 2))
-    tried = [Shape("motor 1", "sign"), Shape("motor 1", "stribeck", 0.0135)]
-    levels = fitted(tried, v, truth)
-    near = refined(choice_of(tried), levels, PLACES, QUIET).shapes
-    F_c = sum(level for shape, level in zip(near, fitted(near, v, truth), strict=True) if shape.kind == "sign")
-    assert abs(levels[0] - 90) > 0.5
-    assert abs(F_c - 90) < 0.1 * abs(levels[0] - 90)
+    tried = [BasisFunction("motor 1", "sign"), BasisFunction("motor 1", "stribeck", 0.0135)]
+    coefficients = fitted(tried, v, truth)
+    near = refined(choice_of(tried), coefficients, PLACES, QUIET).shapes
+    F_c = sum(
+        coefficient for shape, coefficient in zip(near, fitted(near, v, truth), strict=True) if shape.kind == "sign"
+    )
+    assert abs(coefficients[0] - 90) > 0.5
+    assert abs(F_c - 90) < 0.1 * abs(coefficients[0] - 90)
 
 
 def test_what_no_shape_has_is_smaller_where_signs_are_all() -> None:
-    """Levels of one motor are off by one factor, those of different motors by their own."""
-    shapes = [Shape("motor 1", "sign"), Shape("motor 1", "bristle", 1e-4), Shape("motor 2", "sign")]
-    C = by_unknown_shapes(choice_of(shapes), np.array([3.0, 1.0, 2.0]))
+    """Coefficients of one motor are off by one factor, those of different motors by their own."""
+    shapes = [
+        BasisFunction("motor 1", "sign"),
+        BasisFunction("motor 1", "bristle", 1e-4),
+        BasisFunction("motor 2", "sign"),
+    ]
+    C = basis_error_covariance(choice_of(shapes), np.array([3.0, 1.0, 2.0]))
     of_curves, of_signs = np.array([3.0, 1.0]) * SHAPE_ERROR, 2.0 * SIGN_ERROR
     np.testing.assert_allclose(C[:2, :2], np.outer(of_curves, of_curves))
     np.testing.assert_allclose(C[2], [0, 0, of_signs**2])

@@ -54,7 +54,9 @@ def friction_result() -> FrictionResult:
         PreslidingFit(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2),
         ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
-        held=(UnidentifiedTerm("stribeck", "no speed below nu_s / 3"), UnidentifiedTerm("quadratic", "not asked for")),
+        unidentified=(
+            UnidentifiedTerm("stribeck", "no speed below nu_s / 3"), UnidentifiedTerm("quadratic", "not asked for"),
+        ),
         notes=(Note("friction/constant-velocity-runs", "it sticks", "pass 1"),),
     )  # fmt: skip
     lift = JointFriction("<lift>", True, motion=motion(), numbers=(number("Fc_mlift", "F_c", 20.1, 0.2, None),))
@@ -65,5 +67,5 @@ def friction_content() -> FrictionContent:
     """The page of both joints, with a plan of twelve passes of the elbow at three speeds."""
     limits = PassLimits("joint elbow", (-1.0, 1.0), 2.5, 10.0, 0.06, 8.0)
     design = JointPassDesign("elbow", limits, np.array([0.01, 0.3, 2.0]), np.array([4.0, 3, 5]), 0.987)
-    plan = FrictionPlan(1000.0, (), (design,), 141.0, known=("Coulomb friction to 1 %",))
+    plan = FrictionPlan(1000.0, (), (design,), 141.0, assumed_friction=("Coulomb friction to 1 %",))
     return FrictionContent("friction of <an arm>", friction_result(), "name: <arm>", {"elastid": "1.0"}, plan)

@@ -1,4 +1,4 @@
-"""The linear fit of the plant of two masses, and effects of gears as levels beside its parameters."""
+"""The linear fit of the plant of two masses, and effects of gears as magnitudes beside its parameters."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear_estimation import GearData, Levels
+from elastid.nonlinear.gear_estimation import GearData, GearEstimate
 from elastid.nonlinear.gear_model_selection import choose_effects
 from elastid.nonlinear.period_model import without_arm
 from elastid.nonlinear.spectra import gather_lines
@@ -32,7 +32,7 @@ def linear_fit(gear: Gear, measured: Sequence[Record]) -> tuple[Response, Result
 
 def find_gear_effects(
     measured: Sequence[Iterable[Record]], responses: Sequence[Response], result: Result, robot: Robot
-) -> Levels:
+) -> GearEstimate:
     """Of the records of all configurations, friction still in both."""
     linearisation = Linearisation.of_robot(robot, EXACT, result.parameters.names)
     data = GearData([gather_lines(tuple(each), SPEC, LINES) for each in measured], responses, linearisation)

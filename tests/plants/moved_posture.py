@@ -6,7 +6,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.motion_bias import effect_of_motion
+from elastid.linear.motion_bias import estimate_motion_bias
 from elastid.linear.response.transfer import to_response
 from elastid.model.elastic import ElasticModel
 from elastid.response import MotorMotion
@@ -17,5 +17,5 @@ def posture_effect(
 ) -> ComplexArray:
     """dG (F, n_y, n_u); zero without a motion."""
     response = replace(to_response(linear, theta, freq_hz), motion=motion)
-    effect = effect_of_motion(model, linear, theta, response)
+    effect = estimate_motion_bias(model, linear, theta, response)
     return np.zeros_like(response.G) if effect is None else effect

@@ -3,17 +3,18 @@
 import numpy as np
 
 from elastid.base.errors import Note
-from elastid.nonlinear.friction import FrictionTakenOut, Shape
+from elastid.nonlinear.compensated_friction import CompensatedFriction
+from elastid.nonlinear.friction_basis import BasisFunction
 
 LEVELS, STDS, THRESHOLD = (3.0, 1.5), (0.1, 0.2), 2e-3
 LEFT = "no friction was taken out of the torque: it leaves 98 % of the power"
 
 
-def taken_friction(bristle: bool = True) -> FrictionTakenOut:
+def taken_friction(bristle: bool = True) -> CompensatedFriction:
     """At motor 1, in Nm; motor 2 slides and keeps its friction."""
     n = 2 if bristle else 1
-    shapes = (Shape("motor 1", "sign"), Shape("motor 1", "stop", THRESHOLD))
-    return FrictionTakenOut(
+    shapes = (BasisFunction("motor 1", "sign"), BasisFunction("motor 1", "stop", THRESHOLD))
+    return CompensatedFriction(
         places=("motor 1", "motor 2"),
         place_units=("N*m", "N"),
         shapes=shapes[:n],

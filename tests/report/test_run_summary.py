@@ -11,17 +11,9 @@ from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
 from elastid.experiment.simulated.plant import true_response
-from elastid.fit.result import (
-    BY_PRIOR,
-    DISTORTED,
-    GOOD,
-    NO_CAUSE,
-    OTHER_JOINTS,
-    UNCERTAIN,
-    ModificationIndex,
-    Result,
-    RigidPart,
-)
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex, RigidPart
+from elastid.fit.status_terms import BY_PRIOR, DISTORTED, GOOD, NO_CAUSE, OTHER_JOINTS, UNCERTAIN
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import WITH_COULOMB, ResponsesContent, parameter_rows
@@ -59,7 +51,7 @@ def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
     modes = estimate_modes(response)
     content = ResponsesContent("a bench", (response,), (modes,), "", {})
     (_, (good, *_)), (_, (found,)), (_, (following,)) = questions_of_responses(content)
-    assert good == f"Noise is {percent(float(np.median(modes.stated)))} of the response at a line."
+    assert good == f"Noise is {percent(float(np.median(modes.relative_std)))} of the response at a line."
     assert modes.n_modes == 3
     assert found.startswith("bench: 3 modes from 11.1")
     least = int(np.argmax(modes.zeta_std / modes.zeta))

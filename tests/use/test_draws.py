@@ -7,7 +7,7 @@ import pytest
 from plants.arm import STD, result
 
 from elastid.fit.result import Result
-from elastid.linear.fitted_model import Doubt
+from elastid.linear.fitted_model import ModelErrorFactor
 from elastid.use.draws import draw_robots
 
 
@@ -18,7 +18,7 @@ def test_draws_scatter_as_the_fit_says() -> None:
 
 def test_a_robot_has_the_numbers_of_its_draw_and_those_that_a_doubt_moves() -> None:
     """A mass, which takes the parameters with it; besides, they scatter as the fit says."""
-    doubt = Doubt(np.array([0.3, -0.2, 0.0, 0.1]), ("m_fore",), (0.1,), (True,))
+    doubt = ModelErrorFactor(np.array([0.3, -0.2, 0.0, 0.1]), ("m_fore",), (0.1,), (True,))
     estimated = replace(result().at(np.array([0.4, -0.9])).estimated, doubts=(doubt,))
     draws = draw_robots(type("Doubted", (Result,), {"doubts": (doubt,)})(**vars(result())), 20)
     assert np.std(draws.x[:, :-1], axis=0).max() < 2 * STD
@@ -34,8 +34,8 @@ def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held() 
     C = own.covariance.copy()
     C[0, 0] = np.inf
     draws = draw_robots(replace(own, covariance=C), 5, seed=1)
-    assert draws.held == (own.parameters.free_names[0],)
-    assert np.ptp(draws.values[:, draws.names.index(draws.held[0])]) == 0
+    assert draws.fixed == (own.parameters.free_names[0],)
+    assert np.ptp(draws.values[:, draws.names.index(draws.fixed[0])]) == 0
     np.testing.assert_array_equal(draws.values, draw_robots(replace(own, covariance=C), 5, seed=1).values)
 
 

@@ -72,9 +72,9 @@ def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[Log
     """Of the robot's file with the friction that the motion shows, 5 kg too light."""
     motion = Motion("joint 1", RATE_HZ, record.position, record.torque, turns_against_gravity=True)
     found = regress_motion(motion, passband_hz=10.0)
-    law = Friction(found.chosen["coulomb"])
-    joint = JointFriction("1", False, motion=found, friction=law, viscous=found.chosen["viscous"])
-    robot = with_laws(swing(), {"1": (law, found.chosen["viscous"])})
+    law = Friction(found.regression["coulomb"])
+    joint = JointFriction("1", False, motion=found, friction=law, viscous=found.regression["viscous"])
+    robot = with_laws(swing(), {"1": (law, found.regression["viscous"])})
     return compare_friction_logs(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
 
 

@@ -40,7 +40,7 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
         {INERTIA: 0.497, VISCOUS: 0.237, DRY: 0.267}, abs=0.003
     )
     # The regression leaves out what is near a reversal.
-    assert found.unexplained_fraction > motion.chosen.relative_error**2
+    assert found.unexplained_fraction > motion.regression.relative_error**2
     assert found.unexplained_fraction < 0.001
     assert found.unexplained_without_friction == pytest.approx(0.502, abs=0.003)
     assert all(band.fractions[0] > 0.97 for band in found.bands if band.low_hz >= 2.5)

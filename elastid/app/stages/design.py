@@ -81,7 +81,7 @@ def problem_of(study: Study) -> DesignProblem:
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
     sections = study.excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, study.design
     return DesignProblem(
-        study.as_robot(), *sections, left_out=study.validation.configurations, model=study.model,
+        study.as_robot(), *sections, excluded_configurations=study.validation.configurations, model=study.model,
         friction=study.estimator.friction,
     )  # fmt: skip
 

@@ -19,9 +19,9 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.logs.files.formats import naming
 from elastid.logs.responses.reading import link_side_response, read_table
 from elastid.nonlinear.basis_functions import notes_before_gears
-from elastid.nonlinear.compensate_friction import estimate_without_friction, on_shafts, shaft_couplings
-from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
-from elastid.nonlinear.identify_friction import find_friction
+from elastid.nonlinear.compensate_friction import estimate_compensated_response, shaft_couplings, to_shafts
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.record import Configuration, Record
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
@@ -38,7 +38,7 @@ def estimate(study: Study, work: Work) -> Artefacts:
     names, friction, recorded = read_configurations(records), None, study.experiment.recorded
     if estimator.friction != "none" and (recorded is None or not recorded.has_no_torque):
         on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
-        friction = find_friction(on_motors, estimator, lines, Execution(work.jobs))
+        friction = identify_motor_friction(on_motors, estimator, lines, Execution(work.jobs))
         work.console.notes(note for note in friction.notes if note.severity == "warning")
     estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, recorded=recorded)
     with work.execution() as execution:
@@ -59,7 +59,7 @@ def estimate_configuration(
     path: Path,
     spec: EstimatorSpec,
     lines: IntArray | None,
-    friction: FrictionTakenOut | None,
+    friction: CompensatedFriction | None,
     robot: Robot | None,
     configuration: str,
     recorded: RecordedSpec | None = None,
@@ -70,7 +70,7 @@ def estimate_configuration(
     maybe with the controller of their references.
     """
     records = tuple(read_records(path, configuration))
-    response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
+    response = estimate_compensated_response(records, friction, spec, lines, shaft_couplings(robot), robot)
     if recorded is not None and recorded.controller is not None and robot is not None:
         from elastid.logs.reference_loop import with_reference_loop  # these bring CasADi
         from elastid.logs.step_images import with_image_errors
@@ -94,13 +94,13 @@ class RecordsOnShafts:
     E: FloatArray | None
 
     def __iter__(self) -> Iterator[Record]:
-        return (on_shafts(record, self.E) for record in read_records(self.path, self.configuration))
+        return (to_shafts(record, self.E) for record in read_records(self.path, self.configuration))
 
 
 def _artefacts(
     responses: Sequence[Response],
     notes: Sequence[Note],
-    friction: FrictionTakenOut | None = None,
+    friction: CompensatedFriction | None = None,
 ) -> Artefacts:
     def report(console: Console) -> None:
         """Print the notes, the number of responses and lines, and the compensated friction."""

@@ -20,9 +20,10 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_selection import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.result import DISTORTED, HELD_AS_EXACT, Result
+from elastid.fit.result import Result
+from elastid.fit.status_terms import DISTORTED, FIXED_VALUES
 from elastid.nonlinear.basis_functions import notes_before_gears
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import (
     DENSE,
@@ -84,7 +85,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     # The fixed values and the base of a simulated robot are exact.
-    exact = () if study.experiment.simulated is None else (HELD_AS_EXACT, "fit/assumed-rigid")
+    exact = () if study.experiment.simulated is None else (FIXED_VALUES, "fit/assumed-rigid")
     noted = [note for note in result.notes if note.code not in exact]
     loop_notes = () if loop is None else loop_note(result, robot, loop)
     result = replace(result, notes=(*noted, *notes_of(tapped), *loop_notes, *combination_notes(result)))
@@ -116,7 +117,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
 
 def fitted_rows(
-    study: Study, result: Result, friction: FrictionTakenOut | None, gears: GearResult | None = None
+    study: Study, result: Result, friction: CompensatedFriction | None, gears: GearResult | None = None
 ) -> tuple[ParameterRow, ...]:
     """A row for each parameter, with its truth where the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
@@ -196,7 +197,7 @@ STD_PARTS = {
 
 
 def _legend(
-    robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: FrictionTakenOut | None
+    robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: CompensatedFriction | None
 ) -> Iterator[str]:
     named = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []

@@ -43,7 +43,7 @@ def design_motions(study: Study, work: Work) -> Artefacts:
             f"design: {len(plan.motions)} trajectories of {len(plan.designs)} joints, "
             f"{plan.robot_time_s / 60:.3g} min of robot time"
         )
-        for sentence in plan.known:
+        for sentence in plan.assumed_friction:
             console.say(f"design: {sentence}")
 
     files: dict[str, Write] = {
@@ -192,7 +192,7 @@ def _level_words(joint: SlidingFriction) -> str:
         curve = joint.constant_velocity
         parts.append(f"{curve.n_conditions} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
-        error = joint.motion.chosen.relative_error
+        error = joint.motion.regression.relative_error
         parts.append(f"trajectories, unexplained torque {error:.1%}")
         parts.append(joint.motion.time_summary)
     if joint.commanded is not None:

@@ -58,7 +58,7 @@ def gears(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         linear = [*result.notes, *notes_of(responses)]
-        console.notes(opened.left_open(note for note in linear if note.code in ANSWERED))
+        console.notes(opened.unanswered_notes(note for note in linear if note.code in ANSWERED))
         console.notes(opened.notes)
         if opened.refused:  # the end of the run has the effects
             console.warn(f"gears: {gear_line(opened)}")
@@ -132,12 +132,15 @@ def with_gear_section(
 
 def _number(joint: str, row: GearNumber) -> dict[str, Any]:
     known: dict[str, Any] = {"joint": joint, **section(row, "meaning unit value std")}
-    known |= {"interval95": row.interval if row.is_seen else None, "bound95": None if row.is_seen else row.bound}
+    known |= {
+        "interval95": row.interval if row.is_significant else None,
+        "bound95": None if row.is_significant else row.bound,
+    }
     if row.order:
         known |= section(row, "order phase phase_std")
     if math.isfinite(row.rated_fraction):
         known["of_rated"] = row.rated_fraction
     if row.maker_unit:
-        size = row.value if row.is_seen else row.bound
+        size = row.value if row.is_significant else row.bound
         known |= {"maker_unit": row.maker_unit, "in_maker_unit": size * row.factor}
     return known

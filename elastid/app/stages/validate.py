@@ -14,11 +14,11 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
-from elastid.fit.result import REQUIRED
+from elastid.fit.status_terms import REQUIRED
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY
-from elastid.nonlinear.compensate_friction import net_records, shaft_couplings
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensate_friction import compensated_records, shaft_couplings
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.response import Response
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
@@ -38,7 +38,7 @@ class Validated:
 
     study: Study
     fitted: FittedRobot
-    friction: FrictionTakenOut | None
+    friction: CompensatedFriction | None
     gears: GearResult | None = None
 
 
@@ -129,12 +129,12 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
 
 
 def _balanced(
-    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec,
+    path: Path, friction: CompensatedFriction | None, E: FloatArray | None, spec: EstimatorSpec,
     model: tuple[Sequence[Part], Response],
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))
-    net = next(net_records([first], friction, E))
+    net = next(compensated_records([first], friction, E))
     return elastic_balances(first, net, parts, response.freq_hz, spec)
 
 

@@ -235,7 +235,7 @@ class PlannedWarmUp:
 class FrictionPlan:
     """All motions in their order, sampled at rate_hz, and the warm-ups between them.
 
-    robot_time_s: of all of them.  known: sentences on the levels of each joint.
+    robot_time_s: of all of them.  assumed_friction: sentences on the levels of each joint.
     """
 
     rate_hz: float
@@ -243,4 +243,4 @@ class FrictionPlan:
     designs: tuple[JointPassDesign, ...]
     robot_time_s: float
     warm_ups: tuple[PlannedWarmUp, ...] = ()
-    known: tuple[str, ...] = ()
+    assumed_friction: tuple[str, ...] = ()

@@ -229,7 +229,7 @@ class SimulatedFrictionRig:
             still = np.zeros(1 if motion.torque is None else len(motion.torque))
             path = PassReference(self.plan.rate_hz, still + motion.configuration.angles[index], still, still)
         robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
-        start = motion.configuration.moved(index, float(path.position[0]))
+        start = motion.configuration.with_angle(index, float(path.position[0]))
         plant = true_plant(robot, self.simulated, self.plan.rate_hz, start, samples=samples)
         temperature = None
         if self.simulated.heat is not None:

@@ -38,7 +38,7 @@ class _Run:
 
     experiment: Experiment
     plant: Plant
-    given: Reference
+    reference: Reference
     gains: JointLoop
     noise: Noise
 
@@ -115,13 +115,13 @@ class SimulatedRig:
     def log(self, experiment: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Injected torque and the sensors' torques (n, n_u) and outputs (n, n_y) of a whole run, ramps included."""
         run = self._prepared(experiment)
-        injected = run.given.injected(self.plan.torque(experiment))
+        injected = run.reference.injected(self.plan.torque(experiment))
         return injected, *self._sensed(run, self._moved(run, 1.0, self.plan.run_samples))
 
     def _sensed(self, run: _Run, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
         """u (n, n_u) and y (n, n_y) of the n samples of a trajectory, with noise, filters and gains of the sensors."""
         plan, end, experiment = self.plan, len(trajectory.u), run.experiment
-        noise, given, robot = run.noise, run.given, run.plant.model.robot
+        noise, given, robot = run.noise, run.reference, run.plant.model.robot
         setup = (run.plant.model, run.plant.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
@@ -178,7 +178,7 @@ class SimulatedRig:
 
         A controller that follows references has no other feed-forward than the torque that holds its start.
         """
-        plan, given, experiment = self.plan, run.given, run.experiment
+        plan, given, experiment = self.plan, run.reference, run.experiment
         if plan.inject == "torque":
             injected = given.injected(factor * plan.torque(experiment))
             return given.position, given.velocity, given.feed_forward + injected
@@ -198,7 +198,7 @@ class SimulatedRig:
         curves = friction_coefficients(plant.loop.contacts, plant.model.robot, plant.point)
         position, velocity, torque = self._commanded(run, factor)
         commands = Commands(position[:n], velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n])
-        (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, run.given.position[:1])
+        (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, run.reference.position[:1])
         try:
             return simulate(plant.loop, run.gains, commands, start, curves)
         except DataError as error:

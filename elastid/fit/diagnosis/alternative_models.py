@@ -1,4 +1,4 @@
-"""Variants of a study, each fitted from the study's start: other robots than the file's, or the same read otherwise.
+"""Alternative models of a study, each fitted from its start: other robots, or the same robot misread.
 
 They stand at the angles as another unit, direction or order has them, have inertias of motors or encoders on the other
 side of the gears, are mounted otherwise, or do not carry the payload that the file has, or a further one.  A fit that
@@ -17,18 +17,18 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import ElastidError
+from elastid.fit.diagnosis.forgotten_load import LEAST, find_load, steps_of
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.score_test import LEAST, find_load, steps_of
-from elastid.fit.diagnosis.sensitivities import AS_READ, settle, thinned
+from elastid.fit.diagnosis.refit import AS_MEASURED, settle, thinned
 from elastid.fit.frf_problem import Assembly
-from elastid.fit.result import ModificationIndex
+from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior
 from elastid.robot import Payload, Robot
 
 
-class Variant(NamedTuple):
+class AlternativeModel(NamedTuple):
     """The study otherwise: of another robot, or with other responses."""
 
     name: str
@@ -36,40 +36,44 @@ class Variant(NamedTuple):
     assembly: Assembly
 
 
-def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
+def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """Return the indices with the best variant, and with a load that was fitted, where nothing explains all."""
     explained = max((index.explained_fraction for index in indices), default=0.0)
-    if explained > LIMITS.whole and not any(index.group == SCALE for index in indices):
+    if explained > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
         return indices
-    judged = sorted((_judged(variant, evidence, scores) for variant in _variants(evidence)), key=lambda trial: trial[1])
+    judged = sorted(
+        (_judged(alternative, evidence, scores) for alternative in _alternatives(evidence)), key=lambda trial: trial[1]
+    )
     # V that the file's own robot reaches from the study's start is no merit of a variant.
-    as_stated = min(_judged(Variant("", "", evidence.assembly), evidence, scores)[1], scores.cost)
+    as_stated = min(_judged(AlternativeModel("", "", evidence.assembly), evidence, scores)[1], scores.cost)
     first, least = judged[0]
     chosen = []
-    if as_stated - least > LIMITS.half * (as_stated - scores.noise):
+    if as_stated - least > LIMITS.majority_fraction * (as_stated - scores.noise):
         equal = tuple(index.name for index, V in judged[1:] if least > LIMITS.equal_drop * V)
         chosen.append(replace(first, alike=equal))
-    if max(explained, *(index.explained_fraction for index in chosen), 0.0) <= LIMITS.whole:
-        chosen += [index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.half]
+    if max(explained, *(index.explained_fraction for index in chosen), 0.0) <= LIMITS.complete_fraction:
+        chosen += [
+            index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.majority_fraction
+        ]
     shares = {index.name: index.explained_fraction for index in indices}
     better = {i.name: i for i in chosen if i.explained_fraction > shares.get(i.name, 0.0)}
     return [*(index for index in indices if index.name not in better), *better.values()]
 
 
-def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
+def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
     """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
-    cost, x, parameters = math.inf, variant.assembly.parameters.x, variant.assembly.parameters
+    cost, x, parameters = math.inf, alternative.assembly.parameters.x, alternative.assembly.parameters
     asked = np.array([not p.is_nuisance for p in parameters.free])
     for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
-            fit = thinned(variant.assembly.at(start, variant.assembly.spec.criterion), LIMITS.residuals)
-            V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
+            fit = thinned(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
+            V, end = settle(AS_MEASURED, fit, start, np.ones(len(start), dtype=bool))
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda point: point[0])
-    return against(ModificationIndex(variant.name, variant.family), cost, x, evidence, scores), cost
+    return against(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
 
 
-def _variants(evidence: Evidence) -> Iterator[Variant]:
+def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
     yield from _angles(evidence)
     yield from _encoders(evidence)
     base = evidence.assembly
@@ -78,10 +82,10 @@ def _variants(evidence: Evidence) -> Iterator[Variant]:
         about = _about(parameters, numbers)
         known = base.spec, about, base.model, (), base.weights
         of_varied = Assembly.of(base.responses, varied, *known, presliding=base.linearisation.presliding)
-        yield Variant(name, family, of_varied)
+        yield AlternativeModel(name, family, of_varied)
 
 
-def _angles(evidence: Evidence) -> Iterator[Variant]:
+def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
     assembly = evidence.assembly
     driven = assembly.linearisation.model.robot.driven
     turns, n = np.array([not joint.slides for joint in driven]), len(driven)
@@ -102,10 +106,10 @@ def _angles(evidence: Evidence) -> Iterator[Variant]:
         if not np.allclose(stood, stated):
             pairs = zip(assembly.responses, stood, strict=True)
             responses = (replace(G, configuration=replace(G.configuration, angles=row)) for G, row in pairs)
-            yield Variant(name, "postures", replace(assembly, responses=tuple(responses)))
+            yield AlternativeModel(name, "postures", replace(assembly, responses=tuple(responses)))
 
 
-def _encoders(evidence: Evidence) -> Iterator[Variant]:
+def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
     """The study with encoders of an axis, or of all axes, on the other side of the elastic gear."""
     assembly = evidence.assembly
     elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
@@ -118,7 +122,9 @@ def _encoders(evidence: Evidence) -> Iterator[Variant]:
             responses = tuple(
                 replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in assembly.responses
             )
-            yield Variant(f"{whose} {side} the gear", "side of the encoder", replace(assembly, responses=responses))
+            yield AlternativeModel(
+                f"{whose} {side} the gear", "side of the encoder", replace(assembly, responses=responses)
+            )
 
 
 # Name, family, robot, and the numbers about which tolerances are.
@@ -218,7 +224,7 @@ def _carrying(
         assembly = Assembly.of(given.responses, robot, *of_file, presliding=given.linearisation.presliding)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, given.spec.criterion)
-            _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
+            _, near = settle(AS_MEASURED, thinned(fit), x, np.ones(len(x), dtype=bool))
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
         cost = assembly.at(x, given.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there

@@ -1,13 +1,4 @@
-r"""Undetectable errors of held numbers: no test of the responses finds them, since free parameters take them up.
-
-A base that the model takes as rigid, and what it takes from the stiffnesses where it is as stiff as is usual.
-
-No response of the motors shows a stiff spring in series with a gear: the gear then is a little softer. A base with the
-compliance c moves the estimates x as the score test says,
-
-.. math:: \Delta x = c\, \partial x / \partial c, \qquad
-          \Delta \ln k_1 = -c\, k_1, \; \Delta \ln d_1 = -2 c\, k_1 \quad \text{of a base about the first axis.}
-"""
+"""Undetectable errors of fixed numbers: free parameters absorb them, so that no residual shows them."""
 
 import math
 from collections.abc import Iterator
@@ -15,16 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, quotient
+from elastid.base.arrays import quotient
 from elastid.base.errors import Note
-from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.score_test import HeldNumber
-from elastid.fit.result import HELD_AS_EXACT, Result, RigidPart
-from elastid.robot import Robot
+from elastid.fit.diagnosis.score_test import FixedNumber
+from elastid.fit.result import Result
+from elastid.fit.status_terms import FIXED_VALUES
 
-SAID = 3.0  # standard deviations, by which a number that is held moves one of the fit, and is named
+MIN_SHIFT = 3.0  # standard deviations, by which a number that is held moves one of the fit, and is named
 
 
 @dataclass(frozen=True)
@@ -35,19 +25,19 @@ class UndetectableError:
     """
 
     name: str
-    number: HeldNumber
+    number: FixedNumber
     parameter: int
     per_std: float
     error: float
 
     def amount(self, error: float) -> str:
-        """An error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
+        """Return an error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
         is_share = self.number.log or self.number.unit == "1"
         return f"{100 * error:.2g} % of {self.name}" if is_share else f"{error:.2g} {self.number.unit} of {self.name}"
 
 
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
-    r"""Errors of held numbers, alone or with all of their kind by one factor, that move a parameter.
+    r"""Return errors of held numbers, alone or with all of their kind by one factor, that move a parameter.
 
     A gear ratio that is wrong by a little changes the response as stiffness and damping do: free parameters take it up.
     Of a number h, with S and the effects of the score test and the standard deviations of x,
@@ -57,7 +47,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
     are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
     no more than what shows a model to be wrong (D, `status.LIMITS.drop`).
     """
-    n = len(result.parameters.asked)
+    n = len(result.parameters.of_interest)
     test, std = scores.test, result.std_of_x[:n]
     for candidate in scores.candidates:
         places, first = candidate.places, test.numbers[candidate.places[0]]
@@ -78,12 +68,12 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
 
 
 def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Note, ...]:
-    """A sentence on the worst of three kinds of numbers, where the intervals are stated as they stand."""
+    """Return a sentence on the worst of three kinds of numbers, where the intervals are stated as they stand."""
     if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
         return ()
     # Of two that do exactly the same, rounding does not choose.
     errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.error / error.per_std:.6g}"))
-    worst = {error.number.family: error for error in reversed(errors) if error.error > SAID * error.per_std}
+    worst = {error.number.family: error for error in reversed(errors) if error.error > MIN_SHIFT * error.per_std}
     named = [error for error in errors if worst.get(error.number.family) is error][:3]
     if not named:
         return ()
@@ -94,56 +84,4 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
         f"one std: {moves}. The residuals do not show an error of {named[0].amount(named[0].error)}. State the "
         "tolerances of these values in robot.tolerances, so that the intervals include them"
     )
-    return (Note(HELD_AS_EXACT, text, severity="information"),)
-
-
-# Assumed stiffness of a pedestal over that of the gear; one of steel on a floor, N m/rad, is no stiffer under a stiffer
-# gear. What a base takes is in proportion to its compliance, and the stiffness from which on it is within the intervals
-# depends on neither.
-BASE_RATIO, STIFFEST_BASE = 100.0, 1e7
-NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is not named
-
-
-def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[RigidPart, ...]:
-    """The base about three axes, as far as no response shows it; the axis first about which it takes most."""
-    asked, parts = result.parameters.asked, list[RigidPart]()
-    k = {p.name: math.exp(x) for p, x in zip(asked, result.x, strict=False) if p.log and p.name.startswith("k_")}
-    std = result.std_of_x[: len(asked)]
-    limits = QUANTILE_95 * np.where(np.isfinite(std) & (std > 0), std, np.inf)
-    owners = {body.name for body in robot.bodies}
-    for body in (body for body in robot.bodies if body.joints and body.parent not in owners):
-        first = next((joint for joint in body.joints if joint.motor is not None), None)
-        if first is None or first.slides or f"k_{first.name}" not in k:
-            continue
-        gear, springs = k[f"k_{first.name}"], _tilting(scores, len(asked))
-        if not any(joint.axis == first.axis for joint in body.joints if joint is not first):
-            series = {f"k_{first.name}": -gear, f"d_{first.name}": -2 * gear}
-            slope = np.array([series.get(parameter.name, 0.0) for parameter in asked])
-            springs[f"base about axis {first.name}"] = slope, math.inf
-        usual = max(1 / (BASE_RATIO * gear), 1 / STIFFEST_BASE)
-        for name, (slope, visible) in springs.items():
-            changes = min(usual, visible) * slope
-            if np.max(np.abs(changes) / limits) > NEGLIGIBLE:
-                parts.append(RigidPart(name, 1 / usual, changes, float(np.max(np.abs(slope) / limits))))
-    return tuple(sorted(parts, key=lambda part: -part.detection_limit / part.stiffness))
-
-
-def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
-    """dx / dc (n,) of elastic rotations of the base, and the compliance c that shows in residuals, by their names."""
-    test, errors = scores.test, dict[str, tuple[FloatArray, float]]()
-    for place, number in enumerate(test.numbers):
-        if number.name.startswith("base_"):
-            information = float(test.S[place, place]) / scores.lines
-            is_visible = bool(test.known[place]) and information > 0
-            visible = math.sqrt(LIMITS.drop / information) if is_visible else math.inf
-            errors[f"base about {number.name[-1]}"] = test.response[:n, place], visible
-    return errors
-
-
-def find_elastic_base(result: Result) -> tuple[Note, ...]:
-    """A note on the base that lowers the stiffnesses most, where they would leave an interval."""
-    remarks = result.base_remarks
-    if not remarks:
-        return ()
-    text = f"{'. '.join(remarks.values())}. If the base is elastic, add its measured stiffness to the robot model"
-    return (Note("fit/assumed-rigid", text, severity="information"),)
+    return (Note(FIXED_VALUES, text, severity="information"),)

@@ -1,14 +1,15 @@
-r"""HYPOTHESES: every kind of cause that a diagnosis considers, with its usual size, its words and its plausibility.
+r"""HYPOTHESES: a row for every kind of cause, with its typical size, sentence, remedy, plausibility and plant.
 
-To add one, write a function and an entry.  An entry may be put into this list, or handed to `identify`:
+To add one, write a function and a row (`Hypothesis`), and name the row as an entry point of the group `elastid.causes`:
 
-    def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
-        "Derivative to the share of motor 1's torque that is logged with that of motor 2."
+    def crosstalk(response: ModelResponse) -> dict[str, ComplexArray]:
+        "Derivative to the fraction of motor 1's torque that is logged with that of motor 2."
         return {"crosstalk_2": -response.G @ np.array([[0.0, 0.0], [1.0, 0.0]])}
 
-    MINE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), columns=crosstalk,
-                      advice="check the wiring of the current sensors")
-    identify(responses, robot, spec, hypotheses=(MINE, *HYPOTHESES))
+    CROSSTALK = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), columns=crosstalk,
+                           advice="check the wiring of the current sensors")
+
+    # pyproject.toml: [project.entry-points."elastid.causes"]  crosstalk = "my_package:CROSSTALK"
 
 `hypothesis` describes the fields. `rank_hypotheses` judges causes by the drop of V, the change relative to a usual
 change, and the plausibility of the family.
@@ -18,13 +19,17 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-from elastid.fit.diagnosis.alternative_models import find_variants
-from elastid.fit.diagnosis.channel_hypotheses import FORMS, READINGS, find_lateness, find_misreading
+from elastid.base.display import capital, percent
+from elastid.base.entry_points import registered
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.fit.diagnosis.alternative_models import find_alternatives
+from elastid.fit.diagnosis.channel_hypotheses import CHANNEL_HYPOTHESES, find_misreading
+from elastid.fit.diagnosis.delay_hypotheses import FORMS, find_delays
 from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size, axis
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.priors import relative
-from elastid.fit.diagnosis.sensitivities import (
+from elastid.fit.diagnosis.response_derivatives import (
     channel_delays,
     gear_couplings,
     gear_ratios,
@@ -32,7 +37,7 @@ from elastid.fit.diagnosis.sensitivities import (
     posture_angles,
     stiffening,
 )
-from elastid.fit.result import ModificationIndex
+from elastid.fit.result_rows import ModificationIndex
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
@@ -43,7 +48,7 @@ DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be th
 
 
 def gain(index: ModificationIndex) -> str:
-    """Factor by which a channel, or all channels of one kind, read wrongly."""
+    """Return the factor by which a channel, or all channels of one kind, read wrongly."""
     _, role, where = index.name.split("_", 2)
     signals, factor = SIGNALS[role], relative(float(index.steps[0]))
     if where == "*":
@@ -55,13 +60,13 @@ def gain(index: ModificationIndex) -> str:
 
 
 def angle(index: ModificationIndex) -> str:
-    """Offset of an axis, in one configuration or in all."""
+    """Return offset of an axis, in one configuration or in all."""
     where = "" if "@" in index.name else " in all configurations"
     return f"angle of axis {axis(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{where}"
 
 
 def angles(index: ModificationIndex) -> str:
-    """Offsets of an axis that differ between configurations, the largest first."""
+    """Return offsets of an axis that differ between configurations, the largest first."""
     by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda pair: -abs(pair[0]))
     where = ", ".join(
         f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
@@ -70,7 +75,7 @@ def angles(index: ModificationIndex) -> str:
 
 
 def compliance(index: ModificationIndex) -> str:
-    """Stiffness of a gear, a base or a body that the file has as rigid."""
+    """Return the stiffness of a gear, a base or a body that the file has as rigid."""
     kind, _, where = index.name.partition("_")
     k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
     if kind == "gear":
@@ -82,7 +87,7 @@ def compliance(index: ModificationIndex) -> str:
 
 
 def payload(index: ModificationIndex) -> str:
-    """Mass, centre and inertia of a body together; where a mass is added, its place."""
+    """Return mass, centre and inertia of a body together; where a mass is added, its place."""
     body, mass, new = axis(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
     place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
@@ -90,39 +95,39 @@ def payload(index: ModificationIndex) -> str:
     return f"mass of {body} = {new:.4g} kg instead of {mass:.4g} kg ({new - mass:+.2g} kg{at})"
 
 
-def late(index: ModificationIndex) -> str:
-    """Delay or low pass of a channel, or of the motions relative to the torques."""
+def delay_phrase(index: ModificationIndex) -> str:
+    """Return delay or low pass of a channel, or of the motions relative to the torques."""
     T = float(index.steps[0])
     form = next(form for form in FORMS if index.name.startswith(form))
     role, _, place = index.name.partition("@")[0].removeprefix(form).lstrip("_").partition("_")
-    late, other = ("motions", "torques") if T > 0 else ("torques", "motions")
+    delayed, other = ("motions", "torques") if T > 0 else ("torques", "motions")
     if role == "r":
-        late, role = f"the references{place and ' of'} {place.replace('_', ' ')}".rstrip(), ""
+        delayed, role = f"the references{place and ' of'} {place.replace('_', ' ')}".rstrip(), ""
         if form == "delay":
-            return f"a delay of {T / 1e-3:.3g} ms of {late}"
+            return f"a delay of {T / 1e-3:.3g} ms of {delayed}"
     if form == "delay":
         ms = f"{T / 1e-3:.3g} ms"
         return (
             f"a delay of {ms} of {role} at {place.replace('_', ' ')}"
             if role
-            else (f"a delay of {ms}: {late} logged {ms.lstrip('-')} later than the {other}")
+            else (f"a delay of {ms}: {delayed} logged {ms.lstrip('-')} later than the {other}")
         )
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
     if not role:
-        return f"{size} in the log of the {late}"
+        return f"{size} in the log of the {delayed}"
     at = f"of {role} at {place.replace('_', ' ')}"
     return f"{size} {at}" if T > 0 else f"{size} {at} that was compensated and does not exist"
 
 
 def scale(index: ModificationIndex) -> str:
-    """Factors of channels in another unit."""
+    """Return factors of channels in another unit."""
     factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
     is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
     return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
 
 
 def load(index: ModificationIndex) -> str:
-    """Change of a gear's stiffness with the torque it carries."""
+    """Return the change of a gear's stiffness with the torque it carries."""
     gear, percent = f"gear {axis(index)} whose stiffness increases with torque", 100 * float(index.steps[0])
     if index.name.startswith("play"):
         return f"{gear} above its backlash ({-percent:+.2g} % at the smallest torque of these postures)"
@@ -130,15 +135,15 @@ def load(index: ModificationIndex) -> str:
 
 
 def coupling(index: ModificationIndex) -> str:
-    """Turns of a motor with another axis."""
+    """Return turns of a motor with another axis."""
     motor, joint = index.name.split("_")[1:3]
     return f"gear coupling of motor {motor} with axis {joint}, {float(index.steps[0]):+.3g} of its ratio"
 
 
 def words_of_one_posture(index: ModificationIndex) -> str:
-    """Delay, torques or stiffness of one configuration."""
+    """Return delay, torques or stiffness of one configuration."""
     if index.name.startswith("delay"):
-        return late(index)
+        return delay_phrase(index)
     quantity = "gain of the torques" if index.name.startswith("torques") else f"stiffness of gear {axis(index)}"
     return f"{quantity} {100 * float(index.steps[0]):+.2g} %"
 
@@ -147,131 +152,119 @@ LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     # Channels and clocks.
-    Hypothesis("gain", ("gain_u",), GAIN_U, True, gain, CHANNELS),
-    Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS),
-    Hypothesis("controller gain", ("gain_kp", "gain_kd"), GAIN_U, True, gain, GAINS),
-    Hypothesis(
-        "time",
-        ("delay", "low"),
-        LATE,
-        False,
-        late,
-        "check time stamps, filters and hold of the channels; state their delay or low_pass_hz, or identify it: "
-        "`--set 'fit.parameters.{name}={{}}'`",
-        columns=channel_delays,
-        search=find_lateness,
-    ),
+    Hypothesis("gain", ("gain_u",), GAIN_U, True, gain, CHANNELS, "torque constant, unit or scale of a torque",
+               "torque constant 2 20 % off"),
+    Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS, "unit or scale of a motion"),
+    Hypothesis("controller gain", ("gain_kp", "gain_kd"), GAIN_U, True, gain, GAINS, "gain of a controller"),
+    Hypothesis("time", ("delay", "low"), LATE, False, delay_phrase,
+               "check time stamps, filters and hold of the channels; state their delay or low_pass_hz, or identify "
+               "it: `--set 'fit.parameters.{name}={{}}'`", summary="time delay or low-pass filter of a channel",
+               plant="delay left out", columns=channel_delays, search=find_delays),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
-    Hypothesis(
-        "gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot model", columns=gear_ratios
-    ),
-    Hypothesis(
-        "angle",
-        ("angle", "zero"),
-        Size(0.02, 0.6, unit="rad"),
-        phrase=angle,
-        advice="check the zero of the axis, the angles of the configurations, its brake and its encoder",
-        columns=posture_angles,
-    ),
-    Hypothesis(
-        "angles by posture",
-        ("angles",),
-        phrase=angles,
-        advice="check the angles of the configurations, the brake of the axis and its encoder",
-    ),
+    Hypothesis("gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot model",
+               summary="gear ratio", plant="gear ratio 1 % wrong", columns=gear_ratios),
+    Hypothesis("angle", ("angle", "zero"), Size(0.02, 0.6, unit="rad"), phrase=angle,
+               advice="check the zero of the axis, the angles of the configurations, its brake and its encoder",
+               summary="angle of an axis in one configuration, or in all", plant="zero of axis 3 off by 5 deg",
+               columns=posture_angles),
+    Hypothesis("angles by posture", ("angles",), Size(0.02, 0.6, unit="rad"), phrase=angles,
+               advice="check the angles of the configurations, the brake of the axis and its encoder",
+               summary="angles of an axis that differ between configurations", plant="angles of an axis"),
     # The robot's file.
-    Hypothesis("motor inertia", ("Jm",), INERTIA, True),
-    Hypothesis("mass", ("m",), Size(0.05, math.log(3), True)),
-    Hypothesis("centre of mass", ("c",), Size(0.01, 0.3)),
-    Hypothesis("centre of mass", ("a",), Size(0.05, 0.5)),
-    Hypothesis("inertia", ("I",), Size(0.15, math.log(5), True)),
-    Hypothesis("stiffness", ("k", "km", "ki", "kc", "k2", "k2s", "k3"), Size(0.3, math.log(30), True)),
-    Hypothesis("damping", ("d", "dm", "f", "fm"), Size(0.5, math.log(100), True)),
-    Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
-    Hypothesis(
-        "payload",
-        phrase=payload,
-        advice="add a forgotten payload to the robot model, or correct mass and centre of body {where}",
-        plausibility=20.0,  # what a robot carries changes, its links do not
-        columns=of_one_posture,
-    ),
-    Hypothesis(
-        "payload of one posture",
-        phrase=payload,
-        advice="state the payload of each configuration (without_payload), or exclude the configuration",
-        is_stated=False,
-    ),
-    Hypothesis(
-        "one posture",
-        ("delay@", "torques@", "spring@"),
-        Size(0.03, 2.0, unit="1"),
-        phrase=words_of_one_posture,
-        advice="check time stamps and start of its files, and whether robot, day and temperature are the same; else "
-        "exclude or repeat it",
-        is_stated=False,
-    ),
+    Hypothesis("motor inertia", ("Jm",), INERTIA, True, summary="inertia of a motor",
+               plant="inertia of motor 2 doubled"),
+    Hypothesis("mass", ("m",), Size(0.05, math.log(3), True), summary="mass of a body", plant="link mass +5 %"),
+    Hypothesis("centre of mass", ("c",), Size(0.01, 0.3, unit="m"), summary="centre of mass of a body",
+               plant="centre of the fore arm 80 mm off"),
+    Hypothesis("centre of mass", ("a",), Size(0.05, 0.5, unit="m")),
+    Hypothesis("inertia", ("I",), Size(0.15, math.log(5), True), summary="inertia of a body", plant="inertia +20 %"),
+    Hypothesis("stiffness", ("k", "km", "ki", "kc", "k2", "k2s", "k3"), Size(0.3, math.log(30), True),
+               summary="fixed stiffness"),
+    Hypothesis("damping", ("d", "dm", "f", "fm"), Size(0.5, math.log(100), True),
+               summary="fixed damping or viscous friction", plant="friction behind gear 2"),
+    Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2, unit="m"),
+               summary="length or position of a joint", plant="link length"),
+    # Plausibility: what a robot carries changes, its links do not.
+    Hypothesis("payload", phrase=payload,
+               advice="add a forgotten payload to the robot model, or correct mass and centre of body {where}",
+               summary="payload that the robot model lacks", plant="payload 5 kg", plausibility=20.0,
+               columns=of_one_posture),
+    Hypothesis("payload of one posture", phrase=payload,
+               advice="state the payload of each configuration (without_payload), or exclude the configuration",
+               summary="payload of one configuration", plant="one file with 5 kg", is_stated=False),
+    Hypothesis("one posture", ("delay@", "torques@", "spring@"), Size(0.03, 2.0, unit="1"),
+               phrase=words_of_one_posture,
+               advice="check time stamps and start of its files, and whether robot, day and temperature are the "
+                      "same; else exclude or repeat it",
+               summary="delay, torque scale or stiffness of one configuration", plant="soft day", is_stated=False),
     # What gears do besides.
-    Hypothesis(
-        "load",
-        ("load", "play"),
-        Size(0.1, 1.0, unit="1"),
-        phrase=load,
-        advice="give the spring of the gear cubic (hardening) or backlash in the robot model",
-        columns=stiffening,
-        is_stated=False,
-    ),
-    Hypothesis(
-        "gear coupling",
-        ("coupling",),
-        Size(0.1, 2.0, unit="1"),
-        phrase=coupling,
-        advice="add the coupling as gears in the robot model",
-        columns=gear_couplings,
-        is_stated=False,
-    ),
-    *READINGS,
-    Hypothesis(
-        SCALE,
-        phrase=scale,
-        advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
-        search=find_misreading,
-    ),
+    Hypothesis("load", ("load", "play"), Size(0.1, 1.0, unit="1"), phrase=load,
+               advice="give the spring of the gear cubic (hardening) or backlash in the robot model",
+               summary="stiffness of a gear that increases with its torque", plant="gear 2 hardens by 10 %",
+               columns=stiffening, is_stated=False),
+    Hypothesis("gear coupling", ("coupling",), Size(0.1, 2.0, unit="1"), phrase=coupling,
+               advice="add the coupling as gears in the robot model", summary="gear coupling between axes",
+               plant="motor 3 turned along by axis 2", columns=gear_couplings, is_stated=False),
+    *CHANNEL_HYPOTHESES,
+    Hypothesis(SCALE, phrase=scale,
+               advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of "
+                      "the robot", summary="channels in another unit", plant="torque constants 20 % off",
+               search=find_misreading),
     # What the robot's file lacks.
-    Hypothesis(
-        "compliance",
-        ("torsion", "gear", "base"),
-        Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
-        phrase=compliance,
-        advice="add it to the robot model with a spring, and compare: `elastid compare STUDY --search`",
-        search=find_missing_springs,
-    ),
-    Hypothesis(
-        "gravity",
-        phrase="{name} instead of the stated gravity",
-        advice="check gravity in the robot model, and the mounting of the base",
-        search=find_variants,
-    ),
-    Hypothesis(
-        "postures",
-        phrase="{name}",
-        advice="check unit, direction and order of the angles in experiment.configurations",
-    ),
-    Hypothesis(
-        "side of the gear",
-        phrase="{name}",
-        advice="give the inertia of a motor on the motor side in the robot model, in kg*m^2",
-    ),
-    Hypothesis(
-        "side of the encoder",
-        phrase="the {name}",
-        advice="correct the location of its channel: motor before the elastic gear, joint behind it",
-    ),
-    Hypothesis(
-        "payload of the file",
-        phrase="{name}",
-        advice="remove payload from the robot model, or list the configurations without it (without_payload)",
-    ),
+    Hypothesis("compliance", ("torsion", "gear", "base"), Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
+               phrase=compliance,
+               advice="add it to the robot model with a spring, and compare: `elastid compare STUDY --search`",
+               summary="elasticity of a gear, a body or the base", plant="missing torsion",
+               search=find_missing_springs),
+    Hypothesis("gravity", phrase="{name} instead of the stated gravity",
+               advice="check gravity in the robot model, and the mounting of the base",
+               summary="direction of gravity", plant="ceiling", search=find_alternatives),
+    Hypothesis("postures", phrase="{name}",
+               advice="check unit, direction and order of the angles in experiment.configurations",
+               summary="unit, direction or order of all angles", plant="degrees"),
+    Hypothesis("side of the gear", phrase="{name}",
+               advice="give the inertia of a motor on the motor side in the robot model, in kg*m^2",
+               summary="inertia of a motor on the other side of the gear", plant="rotors on the link side"),
+    Hypothesis("side of the encoder", phrase="the {name}",
+               advice="correct the location of its channel: motor before the elastic gear, joint behind it",
+               summary="encoder on the other side of the gear", plant="behind the gear"),
+    Hypothesis("payload of the file", phrase="{name}",
+               advice="remove payload from the robot model, or list the configurations without it (without_payload)",
+               summary="payload of the robot model that is not carried", plant="the file's payload not carried"),
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
-)
+)  # fmt: skip
+GROUP = "elastid.causes"
+
+
+def all_hypotheses() -> tuple[Hypothesis, ...]:
+    """Return the rows of other packages (entry points of GROUP), then HYPOTHESES.
+
+    Raises StudyError for a row that cannot be loaded.
+    """
+    return (*registered(GROUP, Hypothesis), *HYPOTHESES)
+
+
+def explain_causes(family: str = "") -> str:
+    """Explain the hypotheses of a family, or all: error, typical size and remedy. StudyError for an unknown family."""
+    rows = [row for row in all_hypotheses() if row.summary and family in ("", row.family)]
+    if not rows:
+        known = dict.fromkeys(row.family for row in all_hypotheses() if row.summary)
+        raise StudyError("study/unknown-key", f"no cause '{family}'; {did_you_mean(family, tuple(known))}")
+    return "\n".join(f"{row.family}: {row.summary}\n  {_typical(row)}{capital(_remedy(row))}." for row in rows)
+
+
+def _typical(row: Hypothesis) -> str:
+    size = row.size.usual
+    if not row.numbers or math.isinf(size):
+        return ""
+    is_relative = row.size.log or row.size.unit == "1"
+    return f"Typical error: {percent(size) if is_relative else f'{size:g} {row.size.unit}'}. "
+
+
+def _remedy(row: Hypothesis) -> str:
+    advice = row.advice or "correct the value in the robot model, or estimate it with a prior"
+    return advice.format(name="NAME", where="NAME", usual=row.size.usual, size="")
+
+
 # For fits that are compared: those of other robots take longer than the fit, and no status depends on them.
-WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_variants else replace(h, search=None) for h in HYPOTHESES)
+WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_alternatives else replace(h, search=None) for h in HYPOTHESES)

@@ -28,15 +28,15 @@ class Limits:
     residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
     factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
     stiffness_std: float = 0.5  # the largest, of ln p: beyond it a parameter is weakly identifiable
-    suspect_explained_share: float = 0.9  # below which, where the noise is unknown, responses may have been misread
+    min_explained_fraction: float = 0.9  # below which, where the noise is unknown, responses may have been misread
     # Shares of the excess of V that a cause explains.
-    further_share: float = 0.05  # that each in a sequence explains
-    stated_share: float = 0.1  # below which a cause has no sentence, and a delay no other form
-    reason_share: float = 0.3  # below which even the best is not named as the reason, nor a load sought
-    half: float = 0.5  # of a variant, of a cause of contradictions; of the responses that a model explains
-    explained_share: float = 0.8  # of a reading; from which on no cause is sought that V does not rank
-    certain_share: float = 0.9  # below which a cause is said not to be certain, and springs are sought
-    whole: float = 0.99  # below which scales and variants are tried, too
+    min_further_fraction: float = 0.05  # that each in a sequence explains
+    min_stated_fraction: float = 0.1  # below which a cause has no sentence, and a delay no other form
+    min_cause_fraction: float = 0.3  # below which even the best is not named as the reason, nor a load sought
+    majority_fraction: float = 0.5  # of a variant, of a cause of contradictions; of the responses that a model explains
+    sufficient_fraction: float = 0.8  # of a reading; from which on no cause is sought that V does not rank
+    certain_fraction: float = 0.9  # below which a cause is said not to be certain, and springs are sought
+    complete_fraction: float = 0.99  # below which scales and variants are tried, too
     # The ranking of causes.
     false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
     linear_error: float = 0.002  # of the excess that one step leaves of what the true cause explains
@@ -44,7 +44,7 @@ class Limits:
     equal_drop: float = 0.9  # ratio of their drops, likewise, or of V of two readings or variants
     equal_odds: float = 6.0  # 2 ln of the odds (20 to 1) below which two causes cannot be told apart
     variances: float = 10.0  # difference of V, in variances of the noise, below which there is no minimum, no best form
-    form_share: float = 0.01  # likewise of what V has beyond the noise
+    form_fraction: float = 0.01  # likewise of what V has beyond the noise
     sequence: int = 3  # candidates in a sequence
     alone: int = 15  # in the table
     ranked: int = 25  # judged by their forms

@@ -1,4 +1,4 @@
-r"""Missing springs: coordinates that the robot's file has as rigid, each tried with a resonance within the band.
+r"""Missing springs: rigid coordinates of the robot model, each fitted with a resonance within the band.
 
 .. math:: k_i = m_c\, (2 \pi f_i)^2, \qquad d_i = k_i \operatorname{median} \frac{d}{k}, \qquad f_{i+1} = \sqrt 2 f_i
 
@@ -15,21 +15,14 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, named
 from elastid.base.errors import FitError
+from elastid.fit.diagnosis.extended_model import ExtendedModel
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.sensitivities import (
-    AS_READ,
-    HeldModel,
-    evaluate,
-    predict,
-    spread_out,
-    squares,
-    thinned,
-)
+from elastid.fit.diagnosis.refit import AS_MEASURED, evaluate, predict, spread_out, squares, thinned
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.problem.frf_residuals import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
-from elastid.fit.result import ModificationIndex
+from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.derivatives import Columns
@@ -40,9 +33,9 @@ from elastid.response import Response
 def find_missing_springs(
     indices: list[ModificationIndex], evidence: Evidence, scores: Scores
 ) -> list[ModificationIndex]:
-    """The indices with springs that the robot lacks, each replacing its linear step, where nothing explains V."""
+    """Return the indices with missing springs instead of their linear steps, if no cause explains V."""
     explained = max((index.explained_fraction for index in indices), default=0.0)
-    if evidence.result.exceeds_noise and explained > LIMITS.certain_share:
+    if evidence.result.exceeds_noise and explained > LIMITS.certain_fraction:
         return indices
     promising = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.followed]
     springs = [index for index in (_followed(spring, evidence, scores) for spring in promising) if index is not None]
@@ -63,33 +56,35 @@ class _Spring:
 
 
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
-    assembly, optimum, held = evidence.assembly, evidence.optimum, scores.held
+    assembly, optimum, extended = evidence.assembly, evidence.optimum, scores.extended
     every, x = spread_out(len(optimum.fit.parts)), optimum.end.x
-    models = _models(evidence, held, assembly.responses[every])
+    models = _models(evidence, extended, assembly.responses[every])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
     few = thinned(replace(optimum.fit, parts=optimum.fit.parts[every]), LIMITS.residuals)
     ratio = float(np.median(damped)) if damped else 1e-3
     V, known = sum(squares(evaluate(few, x))), named(assembly.parameters.free_names, x)
-    for name in held.rigid:
+    for name in extended.rigid:
         trials = []
         for k in _stiffnesses(name, models, few).tolist():
             sprung = _with_spring(few, name, k, ratio, models, assembly)
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
-            cost, step = predict(AS_READ, evaluate(sprung, start), sprung.prior_slopes, np.ones(len(start), dtype=bool))
+            cost, step = predict(
+                AS_MEASURED, evaluate(sprung, start), sprung.prior_slopes, np.ones(len(start), dtype=bool)
+            )
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
         least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.level)
         yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)
 
 
-def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:
+def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Response]) -> list[LinearModel]:
     x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
-    rigid = held.rigid
+    rigid = extended.rigid
     kept = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}
     models = []
     for response in responses:
-        theta = held.theta(fitted, x, response.configuration.name)
-        model = linear_model(held.linearisation, response, theta)
+        theta = extended.theta(fitted, x, response.configuration.name)
+        model = linear_model(extended.linearisation, response, theta)
         slopes = {name: slope for name, slope in model.slopes.items() if name in kept}
         models.append(replace(model, theta_ref=theta, slopes=slopes))
     return models
@@ -131,7 +126,7 @@ def _with_spring(
 
 def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
     assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
-    models = _models(evidence, scores.held, assembly.responses)
+    models = _models(evidence, scores.extended, assembly.responses)
     fit = _with_spring(optimum.fit, spring.name, spring.stiffness, spring.damping_ratio, models, assembly)
     try:
         end = solve(fit.problem, spring.x, ROUGH, LIMITS.iterations)
@@ -145,7 +140,7 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
     k = math.exp(estimates[spring.name])
     place = fit.parameters.free_names.index(spring.name)
     variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
-    name = scores.held.rigid[spring.name]
+    name = scores.extended.rigid[spring.name]
     std, x = (
         math.sqrt(max(float(variance) * scores.level, 0.0)) / k,
         [estimates[p.name] for p in result.parameters.free],

@@ -11,12 +11,13 @@ from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.gear_ratios import RatioScatter
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex
 from elastid.response import Response
 
 
 def tolerance_of(index: ModificationIndex, result: Result) -> str:
-    """The tolerance of the value that a cause changes most, in words; empty without one or if not significant."""
+    """Return the tolerance, in words, of the value that a cause changes most; empty if not significant."""
     known = {p.name: p for p in result.parameters.free if p.is_nuisance and p.prior is not None}
     steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
     changes = [(step / p.prior.std, p) for name, step in steps if (p := known.get(name)) is not None and p.prior]
@@ -28,13 +29,13 @@ def tolerance_of(index: ModificationIndex, result: Result) -> str:
 
 
 def prior_moves(result: Result) -> FloatArray:
-    """Change (n_x,) of each number from the mean of its prior or tolerance, over its standard deviation."""
+    """Return the change (n_x,) of each number from the mean of its prior or tolerance, over its standard deviation."""
     pairs = zip(result.parameters.free, result.x.tolist(), strict=True)
     return np.array([0.0 if p.prior is None else (x - p.to_x(p.prior.mean)) / p.prior.std for p, x in pairs])
 
 
 def contradicted_priors(result: Result) -> tuple[Note, ...]:
-    """The priors of the study that data without them contradict.
+    """Return the priors of the study that data without them contradict.
 
     Of a prior of mean m and variance S the difference x - m has the variance S - P, P being that of x.
     """
@@ -54,14 +55,14 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
 
 
 def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
-    r"""A note if numbers of the robot model leave their tolerances: all (chi-square test, 1/700), one, or by effect.
+    r"""Return a note if values of the robot model leave their tolerances: all (chi-square test), one, or by effect.
 
     Distances d over their tolerances: d^T d has the expectation tr(1 - P), P: posterior covariance of d. A number that
     scattering gear ratios move by more than its tolerance (P > 1) counts as one.
     They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
     tolerances explain this step has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
-    n, C = len(result.parameters.asked), result.covariance
+    n, C = len(result.parameters.of_interest), result.covariance
     d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])
     if not len(s) == len(d) > 0 or not np.isfinite(C).all():
         return ()
@@ -74,7 +75,7 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     if square <= limit and max(np.abs(d).max(), sizes.max()) <= LIMITS.prior:
         return ()
     worst = int(np.argmax(sizes))
-    p = result.parameters.asked[worst]
+    p = result.parameters.of_interest[worst]
     change = relative(-moved[worst]) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
@@ -86,7 +87,7 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
 
 
 def scattered_ratios(ratios: RatioScatter, responses: Sequence[Response]) -> tuple[Note, ...]:
-    """A note on gears whose ratio differs from angle to angle, where that explains most of the excess of V."""
+    """Return a note on gears whose ratio differs from angle to angle, where that explains most of the excess of V."""
     first, notes = responses[0], list[Note]()
     for name, std in ratios.std.items() if ratios.explains else ():
         scatter = std * float(first.ratio_std[first.inputs.index(name)])
@@ -100,7 +101,7 @@ def scattered_ratios(ratios: RatioScatter, responses: Sequence[Response]) -> tup
 
 
 def relative(step: float) -> str:
-    """A step of a logarithm: a percentage near zero, else a factor, of which only the size counts beyond 1e6."""
+    """Return a step of a logarithm: a percentage near zero, else a factor, of which only the size counts beyond 1e6."""
     if abs(step) > math.log(1e6):
         return f"a factor {'above 1e+06' if step > 0 else 'below 1e-06'}"
     factor = math.exp(step)

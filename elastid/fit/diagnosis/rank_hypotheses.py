@@ -1,9 +1,9 @@
-r"""The judge: one score test of everything that a fit held, and the ranking of all causes that hypotheses propose.
+r"""Ranking of hypotheses: one score test of all fixed numbers of a fit, and the odds of all causes.
 
 Numbers by one evaluation at the optimum (`score_test`), then what hypotheses search for themselves: forms of lateness,
-readings of channels and postures, springs that the robot's file lacks, other robots.  Causes are ranked by their odds
-(below); the likeliest is followed by what explains more with it.
-Last come undetectable errors of held numbers: no test of the responses finds them, since free parameters take them up.
+misreadings of channels and postures, springs that the robot's file lacks, other robots.  Causes are ranked by their
+odds (below); the likeliest is followed by what explains more with it. Last come undetectable errors of fixed numbers:
+no test of the responses finds them, since free parameters take them up.
 
 The judgement of causes: the odds of each by the drop of V, by what is plausible beforehand, and by what remains.
 
@@ -32,34 +32,31 @@ from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.channel_hypotheses import as_delay
-from elastid.fit.diagnosis.confounded_parameters import find_elastic_base, find_rigid_parts, find_undetectable_errors
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES
-from elastid.fit.diagnosis.hypothesis import (
-    Columns,
-    Evidence,
-    Hypothesis,
-    Scores,
-    explanations,
-    hypothesis_of,
-    hypothesis_of_index,
-)
-from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
-from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, HeldNumber, ScoreTest, find_load, free_drop
-from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held, inertial, spread_out, thinning
-from elastid.fit.diagnosis.status import (
+from elastid.fit.diagnosis.cause_notes import explanations
+from elastid.fit.diagnosis.confounded_parameters import find_undetectable_errors
+from elastid.fit.diagnosis.delay_hypotheses import as_delay
+from elastid.fit.diagnosis.estimate_notes import (
     contradictions,
-    decisive_index,
     estimate_notes,
     find_disagreement,
     find_wrong_frequency_unit,
-    with_status,
 )
+from elastid.fit.diagnosis.extended_model import ExtendedModel, evaluate_extended
+from elastid.fit.diagnosis.forgotten_load import DISTANCE_M, MASS_KG, find_load
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES
+from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of, hypothesis_of_index
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
+from elastid.fit.diagnosis.refit import spread_out, thinning
+from elastid.fit.diagnosis.response_derivatives import inertial
+from elastid.fit.diagnosis.rigid_base import find_elastic_base, find_rigid_parts
+from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
+from elastid.fit.diagnosis.status import decisive_index, with_status
 from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
 from elastid.fit.problem.frf_residuals import Part, each_at_home
 from elastid.fit.problem.inertia_barrier import find_border_inertias
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex
 from elastid.parameters import Parameters
 from elastid.robot import Robot
 
@@ -71,30 +68,30 @@ _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
 
 
 def score(evidence: Evidence) -> Scores:
-    """The score test at the optimum; parameters at a bound stay there."""
+    """Return the score test at the optimum; parameters at a bound stay there."""
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
-    held = HeldModel.of(assembly, fit.parts[0].kernel.model)
+    extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
     few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
     chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
-    sums = partial(_sums, held, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
+    sums = partial(_sums, extended, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
     every_sum = each_at_home(sums, fit.parts, evidence.execution)
     A, b, V, counted, names = _added((sums for sums in every_sum if sums is not None), len(x))
-    numbers, scale = _held_numbers(names, evidence, held, x)
+    numbers, scale = _fixed_numbers(names, evidence, extended, x)
     every, lines = np.concatenate([np.ones(len(x)), scale]), counted / max(fit.n_residuals, 1)
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
-    freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
+    freed = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
     noise, V = evidence.noise_cost * lines, V + pull - free_drop(A, b, ~evidence.result.at_bound)
     level = (noise or V) / max(counted - len(x), 1)
     excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
-    return Scores(held, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost)
+    return Scores(extended, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost)
 
 
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
-) -> tuple[FloatArray, FloatArray, list[HeldNumber], float]:
+) -> tuple[FloatArray, FloatArray, list[FixedNumber], float]:
     """Return A and b with priors and static loads, the values beyond their tolerance, and V.
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
@@ -120,7 +117,7 @@ def _with_priors(
 
 
 def _sums(
-    held: HeldModel, fitted: Parameters, x: FloatArray, columns: Sequence[Columns], chosen: Container[str],
+    extended: ExtendedModel, fitted: Parameters, x: FloatArray, columns: Sequence[Columns], chosen: Container[str],
     thin: Callable[[Part], Part], part: Part,
 ) -> _Sums | None:  # fmt: skip
     """The sums of a configuration, some lines of which count; None of one that is not chosen."""
@@ -128,54 +125,54 @@ def _sums(
         return None
     # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
     G = part.kernel.response(part.theta(fitted, x))
-    evaluated = replace(evaluate_held(held, fitted, x, columns, part), G=G)
-    J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
+    evaluated = replace(evaluate_extended(extended, fitted, x, columns, part), G=G)
+    J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.fixed.values()))]))
     r = evaluated.residual
-    return J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.held)
+    return J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.fixed)
 
 
 def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
     names: dict[str, int] = {}
     A, b, V, counted = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0, 0
-    for A_q, b_q, V_q, count_q, held in every:
-        for name in held:
+    for A_q, b_q, V_q, count_q, names_q in every:
+        for name in names_q:
             names.setdefault(name, len(names))
         more = n_x + len(names) - len(b)
         A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
-        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in held]]).astype(int)
+        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in names_q]]).astype(int)
         A[np.ix_(places, places)] += A_q
         b[places] += b_q
         V, counted = V + V_q, counted + count_q
     return A, b, V, counted, tuple(names)
 
 
-def _held_numbers(
-    names: Sequence[str], evidence: Evidence, held: HeldModel, x: FloatArray
-) -> tuple[list[HeldNumber], FloatArray]:
+def _fixed_numbers(
+    names: Sequence[str], evidence: Evidence, extended: ExtendedModel, x: FloatArray
+) -> tuple[list[FixedNumber], FloatArray]:
     """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
-    assembly, robot = evidence.assembly, held.linearisation.model.robot
-    theta = held.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
-    values = named(held.parameters, theta)
-    units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
+    assembly, robot = evidence.assembly, extended.linearisation.model.robot
+    theta = extended.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
+    values = named(extended.parameters, theta)
+    units = {name: unit for name, (_, unit) in robot.parameters(extended.linearisation.model.parameters).items()}
     numbers, scale = [], []
-    turning = (joint for joint in robot.joints if not joint.slides and f"k_{joint.name}" not in held.rigid)
+    turning = (joint for joint in robot.joints if not joint.slides and f"k_{joint.name}" not in extended.rigid)
     springs = [joint.spring.stiffness for joint in turning if joint.spring is not None]
     for name in names:
         stem, is_ratio = name.partition("@")[0], name.startswith("ratio_")
         value, unit = values.get(stem, 0.0), units.get(stem, "")
-        if name in held.rigid:
-            name, value, unit = held.rigid[name], 0.0, ""
+        if name in extended.rigid:
+            name, value, unit = extended.rigid[name], 0.0, ""
         elif is_ratio:
             value = abs(robot.ratio(name.removeprefix("ratio_")))
         number = hypothesis_of(name, evidence.hypotheses).number(name, value, unit)
-        if math.isinf(number.usual) and name in held.rigid.values() and springs:
+        if math.isinf(number.usual) and name in extended.rigid.values() and springs:
             number = replace(number, usual=1 / float(np.median(springs)))  # rad/(N*m), as of the robot's own springs
         numbers.append(number)
         scale.append(number.value if number.log and not is_ratio else 1.0)  # the slope of a ratio is to its logarithm
     return numbers, np.array(scale)
 
 
-def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """Return candidates: single values, then common factors of several, then values with a common cause.
 
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
@@ -216,12 +213,12 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
 
 
 def temper(scores: Scores) -> float:
-    """tau^2 of all causes."""
+    """Return tau^2 of all causes."""
     return max(scores.level, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
 
 
 def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: Scores) -> float:
-    """2 ln O of a cause, one of `count` of its family."""
+    """Return 2 ln O of a cause, one of `count` of its family."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     prior = 1.0 if hypothesis is None else hypothesis.plausibility
     return index.drop * scores.lines / temper(scores) - index.occam + 2 * math.log(max(prior, 1e-300) / count)
@@ -258,7 +255,7 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
             break
         test = test.freed(by_name[linear])
         best = ranked(test, scores, place, 1)[:1]
-        if not best or best[0].explained_fraction < LIMITS.further_share:
+        if not best or best[0].explained_fraction < LIMITS.min_further_fraction:
             break
         before = best[0]
         further.append(before)
@@ -266,7 +263,7 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
 
 
 def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:
-    """Candidates with a significant drop, best first: so many, and every delay, which has several forms."""
+    """Return candidates with a significant drop, best first: so many, and every delay, which has several forms."""
     every, significant, tau2 = scores.candidates, scores.significant, temper(scores)
     steps = [_step(test, candidate, scores) for candidate in every]
     drops = np.maximum([drop - scores.worse for _, drop, _ in steps], 0.0)
@@ -307,7 +304,9 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
     if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
         return np.zeros(len(candidate.places)), 0.0, 0.0
     if candidate.name.startswith("payload_"):
-        load = find_load(test, candidate, scores.level, max(scores.significant[4], LIMITS.reason_share * scores.excess))
+        load = find_load(
+            test, candidate, scores.level, max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
+        )
         if load is None:
             return np.zeros(len(candidate.places)), 0.0, 0.0
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])
@@ -320,7 +319,7 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
 
 
 def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
-    """ln det(1 + W S) and the prior's term of sizes (n_d,) relative to the usual ones."""
+    """Return ln det(1 + W S) and the prior's term of sizes (n_d,) relative to the usual ones."""
     _, log_det = np.linalg.slogdet(np.eye(len(S)) + usual[:, None] * S * usual)
     return float(log_det + 2 * np.sum(np.log1p(sizes**2)))
 
@@ -328,11 +327,11 @@ def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
 CONSEQUENCES = ("fit/at-bound", "fit/weakly-identifiable")  # codes of notes
 
 
-def judge(
+def rank_causes(
     result: Result, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty, execution: Execution,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
 ) -> Evidence:  # fmt: skip
-    """The evidence with a result that has its status, and modification indices where they bear on it."""
+    """Return the evidence with a result that has its status, and modification indices where they bear on it."""
     evidence = Evidence(assembly, optimum, uncertainty, result, hypotheses, execution)
     # Where no noise is known, only suspect responses are judged.
     if evidence.noise_cost > 0 or evidence.is_unexplained:
@@ -353,10 +352,12 @@ def judge(
 
 
 def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
-    """A judged result with notes on causes, estimate and undetectable errors, besides `notes` of data and search."""
+    """Return the result with `notes` of data and search, and notes on causes, estimate and undetectable errors."""
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):
-        result = replace(result, assumed_rigid=find_rigid_parts(result, scores, scores.held.linearisation.model.robot))
+        result = replace(
+            result, assumed_rigid=find_rigid_parts(result, scores, scores.extended.linearisation.model.robot)
+        )
     apart, causes = evidence.apart, explanations(evidence)
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)

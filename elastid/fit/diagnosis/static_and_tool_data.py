@@ -1,4 +1,4 @@
-r"""A second source of one robot beside the responses of its motors: load tests, or responses at the tool.
+r"""Static and tool data: consistency of load tests, or of responses at the tool, with the responses of the motors.
 
 The fit to the motors' responses alone, x_m with covariance C, and the residuals r of the second source,
 
@@ -23,13 +23,14 @@ from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.sensitivities import evaluate
+from elastid.fit.diagnosis.refit import evaluate
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.result import Result, largest_by_chance
+from elastid.fit.residual_test import max_cost_ratio
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters
 from elastid.record import MOTION_ORDER
@@ -54,7 +55,7 @@ class SecondSource:
 
     @classmethod
     def of(cls, alone: Result, residuals: Residuals, n_residuals: int) -> SecondSource:
-        """Source beside `alone`, the fit to the motors' responses."""
+        """Return the source beside `alone`, the fit to the motors' responses."""
         C = alone.covariance.copy()
         unknown = ~np.isfinite(np.diag(C))
         C[unknown] = C[:, unknown] = 0.0
@@ -64,7 +65,7 @@ class SecondSource:
         return cls(alone.x, size[:, None] * V * np.sqrt(np.maximum(values, 0.0)), residuals, n_residuals)
 
     def least(self, with_factor: bool = False) -> tuple[float, float, float]:
-        """T and the factor less 1 with its std, NaN without one."""
+        """Return T and the factor less 1 with its std, NaN without one."""
         z = np.zeros(self.root.shape[1] + with_factor)
         unknowns = Parameters(tuple(Parameter(f"z{i}", 0.0) for i in range(len(z))))
         try:
@@ -93,19 +94,19 @@ class SecondSource:
 
 
 def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
-    """The source next to `alone`, any cause still _UNKNOWN; and T with the factor that explains it, else inf."""
+    """Return the source next to `alone`, any cause still _UNKNOWN; and T with the factor that explains it, else inf."""
     scale = alone.inflation_factor**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)
     is_other_size = by**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
-    is_beyond = scale * dof * largest_by_chance(dof) < T or is_other_size
+    is_beyond = scale * dof * max_cost_ratio(dof) < T or is_other_size
     ratio = (1 + by, std) if np.isfinite(std) else (np.nan, std)
     return Agreement(*ratio, T, dof, _UNKNOWN if is_beyond else ""), least if explains(now, T, least) else np.inf
 
 
 def explains(now: SecondSource, T: float, least: float) -> bool:
     """Return True if a cause lowers T to `least`, by more than half of the excess over its degrees of freedom."""
-    return T - least > LIMITS.half * (T - now.n_residuals)
+    return T - least > LIMITS.majority_fraction * (T - now.n_residuals)
 
 
 def _residuals(
@@ -152,21 +153,21 @@ def _tool_residuals(
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Compare the responses at the tool in `assembly` with `alone`, the fit to the motor responses."""
-    fit, now = _beside(assembly.with_floor(alone.model_error), alone)
+    fit, now = _beside(assembly.with_model_error(alone.model_error), alone)
     result, with_factor = agreement(now, alone)
     is_misread = False
     if result.disagrees:
-        others = [(_beside(replace(assembly, responses=read).with_floor(alone.model_error), alone)[1], words)
+        others = [(_beside(replace(assembly, responses=read).with_model_error(alone.model_error), alone)[1], words)
                   for read, words in _tool_readings(assembly.responses)]  # fmt: skip
-        least, reading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
+        least, misreading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
         is_misread = explains(now, result.chi_square, least)
         if with_factor < least and abs(result.ratio - 1) < LIMITS.largest:
-            is_misread, reading = False, (
+            is_misread, misreading = False, (
                 "check unit and calibration of hammer and sensor, and the torque constants of the motors: all "
                 f"responses at the tool are {result.ratio:.4g} times as large"
             )  # fmt: skip
-            result = replace(result, cause=reading)
-        result = replace(result, cause=reading if is_misread else result.cause)
+            result = replace(result, cause=misreading)
+        result = replace(result, cause=misreading if is_misread else result.cause)
     compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
     return ToolAgreement(**vars(result), responses=compared, is_misread=is_misread)
 
@@ -196,10 +197,10 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
     orders = {order: name for name, order in MOTION_ORDER.items()}
     for power in (-2, -1, 1, 2):
         stated = {MOTION_ORDER[G.quantity] for G in responses}
-        if len(stated) == 1 and (held := orders.get(min(stated) - power)):
+        if len(stated) == 1 and (quantity := orders.get(min(stated) - power)):
             yield (
                 turned(1.0, power),
-                f"correct the quantity: the file has the {held}, not the {orders[min(stated)]}",
+                f"correct the quantity: the file has the {quantity}, not the {orders[min(stated)]}",
             )
     moves = any(place.startswith("motor ") for G in responses for place in G.outputs)
     ways: tuple[Literal["locked", "free"], ...] = ("free",) if moves else ("locked", "free")

@@ -66,7 +66,7 @@ class Full:
     R: ComplexArray | FloatArray
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
-        """Sums of a block of lines. precision: data type of the moments."""
+        """Return sums of a block of lines. precision: data type of the moments."""
         R, slope = self.R[part.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
@@ -90,7 +90,7 @@ class Packed:
 
     @classmethod
     def of(cls, R: ComplexArray | FloatArray) -> "Packed":
-        """Packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
+        """Return packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
         F, n_r = rows.shape
         filled = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
@@ -99,7 +99,7 @@ class Packed:
         return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
-        """Sums as of `Full.sums`; callable only where the kernels are built."""
+        """Return sums as of `Full.sums`; callable only where the kernels are built."""
         (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
         n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
         sign = np.ones(n_b)
@@ -142,7 +142,7 @@ class CompressedResiduals(Kept):
     known: "Compressed | None" = None
 
     def has_data_of(self, other: "CompressedResiduals") -> bool:
-        """True if these are residuals of the very same data, with the very same weights."""
+        """Return True if these are residuals of the very same data, with the very same weights."""
         are_same = (np.array_equal(getattr(self, name), getattr(other, name)) for name in ("measured", "gain"))
         form = (self.whitening is other.whitening, self.criterion, self.is_symmetric)
         return form == (True, other.criterion, other.is_symmetric) and all(are_same)
@@ -155,7 +155,7 @@ class CompressedResiduals(Kept):
         return replace(self, whitening=None, known=self.compressed)
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
-        """The residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
+        """Return the residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
         known = self.compressed
         if self.criterion == "complex":
             return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
@@ -257,7 +257,7 @@ class NormalEquations:
     residuals: CompressedResiduals
 
     def at(self, theta: FloatArray, precision: Precision = np.float64) -> tuple[float, FloatArray, FloatArray]:
-        """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
+        """Return V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
 
         J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.
         precision: of these sums alone; single is enough for a step and takes less time.

@@ -1,4 +1,4 @@
-r"""Meeting place of the wings: responses and linear models of all configurations as one LeastSquares.
+r"""FRF residuals: responses and linear models of all configurations as one LeastSquares.
 
 .. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
           + \text{priors}
@@ -28,10 +28,10 @@ from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
+from elastid.linear.ports import Ports, acted_on, moved_by
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.transfer import held_images
-from elastid.linear.static_deflection import Ports, acted_on, moved_by
+from elastid.linear.response.transfer import zoh_aliases
 from elastid.parameters import Parameters
 from elastid.record import REFERENCE
 from elastid.response import Response
@@ -72,11 +72,11 @@ class Part(Kept):
         return self.kernel.model.configuration.name
 
     def theta(self, parameters: Parameters, x: FloatArray) -> FloatArray:
-        """theta (n_theta,) in its configuration."""
+        """Return theta (n_theta,) in its configuration."""
         return parameters.expand(x, self.configuration)
 
     def chain(self, parameters: Parameters, x: FloatArray) -> FloatArray:
-        """d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
+        """Return d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
         return parameters.jacobian(x, self.configuration)[self.kernel.places]
 
     @property
@@ -110,12 +110,12 @@ class Part(Kept):
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
     def with_residuals_of(self, other: "Part") -> "Part":
-        """Part with data and weights of another part, including its cached values."""
+        """Return the part with data and weights of another part, including its cached values."""
         known = other.normal.residuals
         return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
-        """r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
+        """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
 
         mixing: that of the part.
         """
@@ -123,14 +123,14 @@ class Part(Kept):
         return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
 
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
-        """dr (n, F, n_y, n_u) by changes dG of a response G."""
+        """Return dr (n, F, n_y, n_u) by changes dG of a response G."""
         # A logarithm of an element that is left out because it is zero has no slope.
         slope = np.where(self.gain > 0, error_gain(self.criterion, G), 0.0)
         return mixed(mixing, -self.gain * slope * dG)
 
 
 def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
-    """mixing, if there is any, applied to the elements of each line of values (..., F, n_y, n_u)."""
+    """Return mixing, if there is any, applied to the elements of each line of values (..., F, n_y, n_u)."""
     if mixing is None:
         return values
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
@@ -145,7 +145,7 @@ class Chunk(Kept):
     parts: tuple[Part, ...]
 
     def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
-        """V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
+        """Return V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         with np.errstate(all="ignore"):
             for part in self.parts:
@@ -156,12 +156,12 @@ class Chunk(Kept):
 
 
 def chunked(items: Sequence[Item]) -> list[tuple[Item, ...]]:
-    """Chunks of neighbours, of items that each belong to a configuration."""
+    """Return chunks of neighbours, of items that each belong to a configuration."""
     return [tuple(items[first : first + CHUNK]) for first in range(0, len(items), CHUNK)]
 
 
 def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
-    """Execution of the chunks of all configurations: by others where these are many, else starts are shared."""
+    """Return execution of the chunks of all configurations: by others where these are many, else starts are shared."""
     is_large = sum(response.n_lines for response in responses) >= MIN_LINES
     is_large &= len(chunked(responses)) >= 2 * execution.jobs
     return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else HERE
@@ -195,7 +195,7 @@ class ElasticFit:
         return replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
 
     def evaluated_by(self, execution: Execution) -> Execution:
-        """The execution of work that evaluates it: one item after the other where its chunks are at workers."""
+        """Return the execution of work that evaluates it: one item after the other where its chunks are at workers."""
         return replace(execution, jobs=0) if self.home.jobs else execution
 
     @property
@@ -211,7 +211,7 @@ class ElasticFit:
         return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
-        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
+        """Return V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
         try:
             every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
             V, g, A = (sum(terms) for terms in zip(*every, strict=True))  # in the order of the chunks
@@ -224,7 +224,7 @@ class ElasticFit:
         return Evaluation(V + b, 2 * g + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
 
     def rough(self, x: FloatArray) -> Evaluation:
-        """Evaluation with J^T J from single precision, enough to step."""
+        """Return evaluation with J^T J from single precision, enough to step."""
         return self.evaluate(x, np.float32)
 
     @cached_property
@@ -233,17 +233,17 @@ class ElasticFit:
         return tuple(Chunk(self.parameters, parts) for parts in chunked(self.parts))
 
     def static(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r (n,) and dr/dx (n, n_x) of the static load tests; LinAlgError where the robot finds no rest under them."""
+        """Return r (n,) and dr/dx (n, n_x) of the static load tests; LinAlgError without an equilibrium under them."""
         if self.loads is None:
             return np.zeros(0), np.zeros((0, len(x)))
         return self.loads.residual(self.parameters, x)
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
-        """Whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
+        """Return whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
         return (self.block(part, x, part.mixing) for part in self.parts)
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        """Residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
+        """Return residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
         G, dG = part.columns.evaluate(part.theta(self.parameters, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
@@ -254,7 +254,7 @@ class ElasticFit:
         return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free])
 
     def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(x - m) / s and 1 / s (n_x,), zero where nothing is known beforehand."""
+        """Return (x - m) / s and 1 / s (n_x,), zero where nothing is known beforehand."""
         mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
         slope = self.prior_slopes
         return (x - np.array(mean)) * slope, slope
@@ -280,7 +280,7 @@ def elastic_fit(
     parameters: Parameters,
     criterion: ResidualKind,
 ) -> ElasticFit:
-    """The fit of `models` to `responses`, inputs and outputs matched by name.
+    """Return the fit of `models` to `responses`, inputs and outputs matched by name.
 
     The logarithmic criterion leaves out what is below twice its sigma, and elements for which the model has no response
     at all (an axis that does not couple), and weighs element by element; the complex one weighs those that err together
@@ -293,16 +293,16 @@ def elastic_fit(
 def part_of(
     response: Response, model: LinearModel, weights: Weights, parameters: Parameters, criterion: ResidualKind
 ) -> Part:
-    """The part of one configuration; arguments as `elastic_fit`."""
+    """Return the part of one configuration; arguments as `elastic_fit`."""
     model = at_measured_places(model, response)
     columns = Columns(kernel_of(model, parameters, response.freq_hz))
-    return part_with(columns, held_images(model, model.theta_ref, response.freq_hz), response, weights, criterion)
+    return part_with(columns, zoh_aliases(model, model.theta_ref, response.freq_hz), response, weights, criterion)
 
 
 def part_with(
     columns: Columns, images: ComplexArray, response: Response, weights: Weights, criterion: ResidualKind
 ) -> Part:
-    """The part of one configuration with the columns of its model and its images of held torques."""
+    """Return the part of one configuration with the columns of its model and its images of held torques."""
     kernel, used = columns.kernel, weights.used
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
@@ -321,7 +321,7 @@ def part_with(
 
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
-    """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
+    """Return the model with inputs, outputs, hold and sampling of a response, or of its model."""
     loads = {moved_by(name) for name in response.inputs if is_load(name)}
     is_closed = response.controller is not None and model.controller is None
     references = tuple(f"{REFERENCE}{name[6:]}" for name in model.inputs) if is_closed else ()
@@ -348,24 +348,27 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
 
 
 def linear_model(linearisation: Linearisation, response: Response, theta: FloatArray) -> LinearModel:
-    """The model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
+    """Return the model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
     model = linearisation.at(response.configuration, theta[:-1], places_of(response), response.quantity)
     return replace(at_measured_places(model, response), theta_ref=theta)
 
 
 def places_of(response: Response | LinearModel) -> tuple[str, ...]:
-    """The outputs of a response, and the motions on which its forces at frames work."""
+    """Return the outputs of a response, and the motions on which its forces at frames work."""
     return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
 
 
 def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:
-    """Response of a model on some lines, with derivatives with respect to its parameters in x.
+    """Return the response of a model on some lines, with derivatives with respect to its parameters in x.
 
     Without slopes to anything else: a fraction to carry to other processes.
     """
     if model.parameters != parameters.names:
         raise ValueError(f"the model has parameters {model.parameters}, the set {parameters.names}")
-    moved, theta = parameters.moved(model.configuration.name), parameters.expand(parameters.x, model.configuration.name)
+    moved, theta = (
+        parameters.dependent_names(model.configuration.name),
+        parameters.expand(parameters.x, model.configuration.name),
+    )
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
     local = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)

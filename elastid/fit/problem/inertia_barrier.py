@@ -45,11 +45,11 @@ class BodyInertia:
         )
 
     def slopes(self, parameters: Parameters, x: FloatArray) -> FloatArray:
-        """d entry / d x (n_entries, n_x)."""
+        """Return d entry / d x (n_entries, n_x)."""
         return parameters.jacobian(x, self.configuration)[list(self.places)]
 
     def second_moment(self, parameters: Parameters, x: FloatArray) -> FloatArray:
-        """Sigma (3, 3)."""
+        """Return sigma (3, 3)."""
         theta = parameters.expand(x, self.configuration)
         return np.tensordot(theta[list(self.places)], self.directions, axes=1)
 
@@ -73,7 +73,7 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
         names = [f"I_{body.name}{suffix}" for suffix in body.inertia_entries if suffix]
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
-            if set(names) & set(parameters.moved(where)):
+            if set(names) & set(parameters.dependent_names(where)):
                 places = tuple(parameters.index(name) for name in names)
                 inertia = BodyInertia(body.name, places, where)
                 is_flat = abs(inertia.roundness(parameters, parameters.x)) < BORDER
@@ -82,14 +82,14 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
 
 
 def impossible_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> list[BodyInertia]:
-    """Inertias that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
+    """Return inertias that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
     return [body for body in inertias if body.roundness(parameters, x) < -1e-9]
 
 
 def barrier(
     inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """b, its gradient (n_x,) and its Gauss-Newton Hessian (n_x, n_x); b is infinite outside."""
+    """Return b, its gradient (n_x,) and its Gauss-Newton Hessian (n_x, n_x); b is infinite outside."""
     b, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
     for body in inertias:
         sigma, directions = body.second_moment(parameters, x), body.directions
@@ -109,12 +109,12 @@ def barrier(
 
 
 def border_metric(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> FloatArray:
-    """D (n_x, n_x) of Dikin's ellipsoid s^T D s < 1, within which Sigma + dSigma s stays positive definite."""
+    """Return D (n_x, n_x) of Dikin's ellipsoid s^T D s < 1, within which Sigma + dSigma s stays positive definite."""
     return barrier(inertias, parameters, x)[2] / (2 * BARRIER_WEIGHT)
 
 
 def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> FloatArray:
-    """The starts (n, n_x), each drawn towards the given one until its inertias are possible.
+    """Return the starts (n, n_x), each drawn towards the given one until its inertias are possible.
 
     Raises StudyError for a start that is physically impossible.
     """
@@ -132,7 +132,7 @@ def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], paramet
 
 
 def find_border_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> tuple[Note, ...]:
-    """A note on each body whose inertia ended at the border of the possible ones."""
+    """Return a note on each body whose inertia ended at the border of the possible ones."""
     text = (
         "the data ask for a physically impossible inertia (a principal moment above the sum of the other two); it "
         "ended at the border: check its mass, its centre of mass and the placement of its joint"

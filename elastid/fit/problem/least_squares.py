@@ -1,4 +1,4 @@
-r"""LeastSquares: a weighted nonlinear least-squares problem that knows no robot, its residuals, the end of a solve.
+r"""LeastSquares: a weighted nonlinear least-squares problem of any origin, its residuals, and a local optimum.
 
     V(x) = sum_i r_i(x)^2 + sum_p ((x_p - m_p) / s_p)^2,   each real residual r_i of unit variance under the noise model
 
@@ -95,31 +95,31 @@ class Ending:
 
 
 def distance(step: FloatArray, ending: Evaluation, dof: int) -> float:
-    """Length delta of a step dx (n_x,) in standard deviations of the estimate."""
+    """Return the length delta of a step dx (n_x,) in standard deviations of the estimate."""
     information = 0.5 * float(step @ ending.hessian @ step)
     return float(np.sqrt(abs(information) / max(1.0, ending.cost / max(dof, 1))))  # rounding may take its sign
 
 
-def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
-    """Distance to the stationary point, one Gauss-Newton step, in standard deviations of the estimate.
+def distance_to_optimum(ending: Evaluation, dof: int, fixed: BoolArray) -> float:
+    """Return the distance to the stationary point, one Gauss-Newton step, in standard deviations of the estimate.
 
-    held (n_x,): variables that a bound holds, which take no step.  inf where the cost is not finite.
+    fixed (n_x,): variables at an active bound, which take no step.  inf where the cost is not finite.
     """
     if not np.isfinite(ending.cost):
         return np.inf
-    free = ~held
+    free = ~fixed
     step = np.zeros(len(free))
     step[free] = np.linalg.lstsq(ending.hessian[np.ix_(free, free)], ending.gradient[free], rcond=1e-12)[0]
     return distance(step, ending, dof)
 
 
 def is_far_from_noise(cost: float, dof: float) -> bool:
-    """True if V indicates a wrong model whatever the noise, so that its optimum is needed approximately only."""
+    """Return True if V indicates a wrong model whatever the noise, so that its optimum is needed approximately only."""
     return cost > 100 * max(dof, 1)
 
 
-def held_by_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
-    """Variables (n_x,) at a bound, by 1e-6 of its distance to the other, beyond which the cost falls."""
+def find_active_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
+    """Return variables (n_x,) at a bound, by 1e-6 of its distance to the other, beyond which the cost falls."""
     lower, upper = problem.parameters.x_bounds
     reach = 1e-6 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     below, above = x <= lower + reach, x >= upper - reach

@@ -1,4 +1,4 @@
-r"""The noise of a measured response as it weighs: its sample covariance smoothed over lines, in the form it came in.
+r"""Smoothed noise: the sample covariance of a measured response smoothed over lines, in the form it came in.
 
 A full covariance is smoothed around a model of the noise: the sum of noise on the outputs of a response and of torques
 at its inputs that pass through it. Levels of both kinds are estimated by likelihood.
@@ -72,12 +72,12 @@ class NoiseShapes:
         return cls(own, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> "NoiseShapes":
-        """Shapes on some of the lines."""
+        """Return shapes on some of the lines."""
         return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
 
 
 def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
-    """C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
+    """Return C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
 
     With errors in proportion to gains if lines are more likely then: the sum of -ln det C - tr(C^-1 S) is larger.
     The levels of every other line are those of the lines between them, so that C knows nothing of a line's own S;
@@ -160,7 +160,7 @@ class SmoothedNoise(Kept):
     G: ComplexArray
 
     def is_of(self, response: Response) -> bool:
-        """True if `smooth_noise` gives this result, with identical numbers of the response."""
+        """Return True if `smooth_noise` gives this result, with identical numbers of the response."""
         return any(self.measured is matrix for matrix in (response.total, response.noise)) and np.array_equal(
             self.G, response.G
         )
@@ -188,7 +188,7 @@ class SmoothedNoise(Kept):
 
 
 def smooth_noise(response: Response) -> SmoothedNoise | None:
-    """Smoothed noise of a response, from the total covariance or, where larger, from the noise covariance.
+    """Return smoothed noise of a response, from the total covariance or, where larger, from the noise covariance.
 
     None where no uncertainty is known.
     """
@@ -228,7 +228,7 @@ def _model(response: Response, known: Covariance, S: ComplexArray) -> ComplexArr
 
 
 def larger(response: Response) -> Covariance | None:
-    """The total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
+    """Return the total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
 
     Their ratio, the geometric mean over lines and elements, is held against the F distribution of one line: errors of
     elements may be one error, and realisations that share their noise do so at all lines.  By more than chance: it puts
@@ -249,7 +249,7 @@ SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 
 
 def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """C~ (F, n, n) of sample covariances S (F, n, n) of `dof` degrees of freedom each, and kappa (F,).
+    """Return C~ (F, n, n) of sample covariances S (F, n, n) of `dof` degrees of freedom each, and kappa (F,).
 
     kappa: how much of C~, and of its diagonal, is the line's own; tr(C~^-1 S) is 1 - kappa / nu of what a line's S
     independent of C~ would leave, to first order.
@@ -310,7 +310,7 @@ def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: flo
 
 
 def without_gaps(level: FloatArray) -> FloatArray:
-    """Levels (F,) with zeros replaced by their neighbours."""
+    """Return levels (F,) with zeros replaced by their neighbours."""
     known = np.flatnonzero(level)
     return np.interp(np.arange(len(level)), known, level[known])
 
@@ -345,14 +345,14 @@ def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[
 
 
 def moving_mean(values: Any, width: int) -> Any:
-    """Mean over the `width` nearest lines, axis 0; at the ends the window stays inside."""
+    """Return the mean over the `width` nearest lines, axis 0; at the ends the window stays inside."""
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     first = np.clip(np.arange(len(values)) - width // 2, 0, len(values) - width)
     return (total[first + width] - total[first]) / width
 
 
 def log_moment(power: int, dof: float, width: int) -> float:
-    """ln E[g^power], g the geometric mean of `width` variables chi^2_{2 dof} / (2 dof); 0 where it does not exist."""
+    """Return ln E[g^power] of the geometric mean g of `width` variables chi^2_{2 dof} / (2 dof); 0 if undefined."""
     step = power / width
     if math.isinf(dof) or dof + step <= 0:
         return 0.0

@@ -33,7 +33,7 @@ class PlacedTest:
 
 
 def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configuration]) -> tuple[PlacedTest, ...]:
-    """The tests in their postures; StudyError for a configuration that is not there."""
+    """Return the tests in their postures; StudyError for a configuration that is not there."""
     every = []
     for test in tests:
         if test.angles is not None:
@@ -58,7 +58,7 @@ class StaticLoads:
 
     @classmethod
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
-        """Loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
+        """Return loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
         listed = tuple(load.test for load in tests)
         readings = ([test.measured for test in listed], [test.deviations for test in listed])
@@ -75,36 +75,36 @@ class StaticLoads:
         return [i for i, test in enumerate(self.tests) for _ in range(test.n_readings)]
 
     def predicted(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Deflections (n,) in m and their slopes (n, n_x) to x (n_x,); LinAlgError where the robot finds no rest."""
+        """Return deflections (n,) in m and their slopes (n, n_x) to x (n_x,); LinAlgError without an equilibrium."""
         names = [load.configuration.name for load in self.robot.loads]
         deflections, slopes = self.robot.deflections([parameters.expand(x, name)[:-1] for name in names])
         rows = [slope @ parameters.jacobian(x, n)[self.robot.moved] for slope, n in zip(slopes, names, strict=True)]
         return np.concatenate(deflections), np.vstack(rows)
 
     def residual(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r (n,) and dr/dx (n, n_x)."""
+        """Return r (n,) and dr/dx (n, n_x)."""
         y, slopes = self.predicted(parameters, x)
         return (self.measured - y) / self.std, -slopes / self.std[:, None]
 
     def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> "StaticLoads":
-        """Loads with measurements (n,) about a model's deflections."""
+        """Return loads with measurements (n,) about a model's deflections."""
         return replace(self, measured=predicted + self.std * rng.standard_normal(len(predicted)))
 
 
 def loaded_robot(
     tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters, x: FloatArray
 ) -> LoadedRobot:
-    """Robot at x (n_x,) under the loads of the tests, with slopes with respect to its parameters."""
+    """Return the robot at x (n_x,) under the loads of the tests, with slopes with respect to its parameters."""
     loads = tuple(load_of(load, robot) for load in tests)
     framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
     equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
     names = [load.configuration.name for load in loads]
-    moved = {name for where in names for name in parameters.moved(where)}
+    moved = {name for where in names for name in parameters.dependent_names(where)}
     return LoadedRobot.of(equations, loads, [parameters.expand(x, where)[:-1] for where in names], tuple(moved))
 
 
 def load_of(placed_test: PlacedTest, robot: Robot) -> Load:
-    """The force and torque of a test, a hanging mass as its weight; StudyError for a wrong number of angles."""
+    """Return the force and torque of a test, a hanging mass as its weight; StudyError for a wrong number of angles."""
     test, where = placed_test.test, placed_test.configuration
     if refused := robot.count_refusal(where.angles.size):
         raise StudyError("study/invalid", f"{where.name}: {refused}", "loads")

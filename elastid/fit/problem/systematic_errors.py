@@ -31,7 +31,7 @@ Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" f
 
 
 def find_factors(responses: Sequence[Response]) -> tuple[Factor, ...]:
-    """Bias factors of all responses: per biased motor, one shared factor and one per configuration."""
+    """Return bias factors of all responses: per biased motor, one shared factor and one per configuration."""
     factors: dict[Factor, None] = {}
     for response in responses:
         for i, errors in enumerate(() if response.bias is None else response.bias):
@@ -66,7 +66,7 @@ def ratio_errors(
 
 
 def of_name(model: LinearModel, theta: FloatArray, name: str) -> float:
-    """Value of a parameter of a model at theta (n_theta,), 0 without it."""
+    """Return the value of a parameter of a model at theta (n_theta,), 0 without it."""
     return float(theta[model.parameters.index(name)]) if name in model.parameters else 0.0
 
 
@@ -84,14 +84,14 @@ def _of_motor(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) ->
 
 
 def errors_of(response: Response) -> ComplexArray:
-    """The errors delta G, delta G' (n_e, F, n_y, n_u) of one response, of which factors are shares."""
+    """Return the errors delta G, delta G' (n_e, F, n_y, n_u) of one response, of which factors are shares."""
     if response.bias is None:
         return np.zeros((0, *response.G.shape), complex)
     return np.reshape(response.bias, (-1, *response.G.shape))
 
 
 def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
-    """C (n_b, n_e) of the errors of one response: d Ghat / d c = C errors, zero where a factor is not of it."""
+    """Return C (n_b, n_e) of the errors of one response: d Ghat / d c = C errors, zero where a factor is not of it."""
     n, n_u = (0, 0) if response.bias is None else response.bias.shape[:2]
     shares, counts = np.zeros((len(factors), n, n_u)), Counter(name for name, _, known in factors if known)
     for b, (name, i, configuration) in enumerate(factors):
@@ -103,7 +103,7 @@ def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
 
 
 def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
-    """Response with the systematic errors that the response G (F, n_y, n_u) of a model would have.
+    """Return the response with the systematic errors that the response G (F, n_y, n_u) of a model would have.
 
     Measured with fewer outputs than inputs it keeps those that it has.
     """

@@ -13,7 +13,7 @@ from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.names import posture_of
 from elastid.base.workers import Kept
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.spec import USUAL_FLOOR, FactorSpec, FitSpec, WeightSpec, misnamed
+from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, WeightSpec, misnamed
 from elastid.frf.matrices import inverse
 from elastid.response import Covariance, Response
 
@@ -47,7 +47,7 @@ class Whitening(Kept):
         return inverse(np.asarray(np.linalg.cholesky(relative)))
 
     def lines(self, keep: BoolArray | slice) -> "Whitening":
-        """Whitening on some lines."""
+        """Return the whitening on some lines."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
         noise = self.noise.lines(mask)
@@ -55,22 +55,22 @@ class Whitening(Kept):
         return Whitening(noise, self.floor, self.G[keep], self.sigma[keep])
 
 
-def floor_of(response: Response, spec: WeightSpec) -> float:
-    """The floor that the study gives; without one 0 where all elements have noise, else the usual one."""
+def declared_model_error(response: Response, spec: WeightSpec) -> float:
+    """Return the floor that the study gives; without one 0 where all elements have noise, else the usual one."""
     if spec.model_error is not None:
         return spec.model_error
     known = response.uncertainty
-    return USUAL_FLOOR if known is None or np.any((known.variance == 0) & (response.G != 0)) else 0.0
+    return TYPICAL_MODEL_ERROR if known is None or np.any((known.variance == 0) & (response.G != 0)) else 0.0
 
 
 def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec) -> bool:
-    """True if C~ weighs the elements of a line jointly, False if each element counts by itself.
+    """Return True if C~ weighs the elements of a line jointly, False if each element counts by itself.
 
     smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
     """
     if spec.covariance == "diagonal" or smooth is None or smooth.is_diagonal:
         return False
-    return floor_of(response, spec) > 0 or not _is_singular(smooth.covariance, sigma)
+    return declared_model_error(response, spec) > 0 or not _is_singular(smooth.covariance, sigma)
 
 
 def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
@@ -107,7 +107,7 @@ class Weights(Kept):
         return np.isfinite(self.sigma)
 
     def noise_covariance(self) -> ComplexArray | None:
-        """Measured cov(vec G) (F, n_y n_u, n_y n_u), for sums over lines; None if unknown."""
+        """Return the measured cov(vec G) (F, n_y n_u, n_y n_u), for sums over lines; None if unknown."""
         if self.noise is None:
             return None
         t = vec(self.scale)
@@ -117,13 +117,13 @@ class Weights(Kept):
 
 
 def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None) -> Weights:
-    """The weights of one measured response under the study's band, floor, smoothing and factors.
+    """Return the weights of one measured response under the study's band, floor, smoothing and factors.
 
     known: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
     Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
     where = response.configuration.name
-    floor = floor_of(response, spec.weights)
+    floor = declared_model_error(response, spec.weights)
     if response.uncertainty is None and floor == 0:
         raise DataError(
             "fit/weights",
@@ -155,13 +155,13 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
     return Weights(sigma, noise, scale, floor, notes, factor, noise.smooth if noise is not None and is_joint else None)
 
 
-def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:
-    """Spec with a floor."""
+def with_model_error(spec: FitSpec, floor: float | None) -> FitSpec:
+    """Return the spec with a floor."""
     return replace(spec, weights=replace(spec.weights, model_error=floor))
 
 
 def vec(array: FloatArray | ComplexArray) -> Any:
-    """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
+    """Return (..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
     return array.mT.reshape(*array.shape[:-2], -1)
 
 

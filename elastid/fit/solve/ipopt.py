@@ -32,7 +32,7 @@ _OPTIONS: dict[str, Any] = {
 def ipopt(
     problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int
 ) -> Ending:
-    """End of IPOPT from x0 (n_x,), within its bounds; beginning: the problem there.
+    """Return end of IPOPT from x0 (n_x,), within its bounds; beginning: the problem there.
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """
@@ -82,14 +82,14 @@ class _ScaledProblem:
         return (x - self.origin) / self.scale
 
     def at(self, x: FloatArray) -> Evaluation:
-        """The problem at x; cost, gradient and Hessian are asked for one after the other at the same x."""
+        """Return the problem at x; cost, gradient and Hessian are asked for one after the other at the same x."""
         key = x.tobytes()
         if self._cache[0] != key:
             self._cache = (key, self.problem.evaluate(x))
         return self._cache[1]
 
     def guarded(self, z: ca.DM) -> Evaluation:
-        """Evaluation for a callback, whose exceptions CasADi would swallow: the first is kept in `error`.
+        """Return evaluation for a callback, whose exceptions CasADi would swallow: the first is kept in `error`.
 
         From then on the solver sees a flat function, with which it ends at once and silently.
         """
@@ -102,11 +102,11 @@ class _ScaledProblem:
         return Evaluation(0.0, np.zeros(n), np.eye(n))
 
     def objective(self, arguments: Sequence[ca.DM]) -> "_Outputs":
-        """V / N, and no constraints."""
+        """Return V / N, and no constraints."""
         return [ca.DM(self.weight * self.guarded(arguments[0]).cost), ca.DM(0, 1)]
 
     def gradient(self, arguments: Sequence[ca.DM]) -> "_Outputs":
-        """V / N and its gradient as a column."""
+        """Return V / N and its gradient as a column."""
         gradient = self.guarded(arguments[0]).gradient
         return [self.objective(arguments)[0], ca.DM(self.weight * self.scale * gradient)]
 

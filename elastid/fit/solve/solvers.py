@@ -41,7 +41,7 @@ from elastid.fit.problem.least_squares import (
     LeastSquares,
     LocalOptimum,
     distance_to_optimum,
-    held_by_bounds,
+    find_active_bounds,
     is_far_from_noise,
 )
 from elastid.fit.solve.ipopt import ipopt
@@ -68,7 +68,7 @@ def trust_region(
     problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int,
     fixed: BoolArray | None = None,
 ) -> Ending:  # fmt: skip
-    """End of the steps from x0 (n_x,), within its bounds; beginning: the problem there.
+    """Return end of the steps from x0 (n_x,), within its bounds; beginning: the problem there.
 
     An iteration is one evaluation.  fixed (n_x,): variables that stay.
     """
@@ -76,8 +76,8 @@ def trust_region(
     unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
     x, now, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
     for used in range(max_iterations + 1):
-        held = fixed | held_by_bounds(problem, x, now)
-        if distance_to_optimum(now, problem.dof, held) < tolerance:
+        at_bounds = fixed | find_active_bounds(problem, x, now)
+        if distance_to_optimum(now, problem.dof, at_bounds) < tolerance:
             return Ending(x, now, "", used)
         if used == max_iterations:
             break
@@ -92,7 +92,7 @@ def trust_region(
             if border is not None:  # beta weighs, unless rounding would swallow 1
                 weight = min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
                 metric = np.eye(len(x)) + weight * border
-            step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), held, radius)
+            step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), at_bounds, radius)
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
             radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
         if not predicted > ROUNDING * now.cost:
@@ -139,11 +139,11 @@ def _bounded_step(
     hessian: FloatArray,
     metric: FloatArray,
     room: tuple[FloatArray, FloatArray],
-    held: BoolArray,
+    at_bounds: BoolArray,
     radius: float,
 ) -> FloatArray:
     """The step (n_x,) within radius and room of the variables that are not held."""
-    step, free = np.zeros(len(gradient)), ~held
+    step, free = np.zeros(len(gradient)), ~at_bounds
     while free.any():
         left = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])
         if left <= 0:
@@ -196,7 +196,7 @@ def solve(
     max_iterations: int = 200,
     method: SolverName = "trust_region",
 ) -> LocalOptimum:
-    """The local optimum that the solver reaches from x0 (n_x,), and how it ended.
+    """Return the local optimum that the solver reaches from x0 (n_x,), and how it ended.
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.  converged: by the distance to the
     stationary point, which means the same for every problem, not by the solver's status.
@@ -211,7 +211,7 @@ def solve(
     if len(x0) == 0:
         return LocalOptimum(x0, x0, beginning.cost, 0, True, "nothing is free")
     end = _SOLVERS[method](problem, x0, beginning, tolerance, max_iterations)
-    off = distance_to_optimum(end.evaluation, problem.dof, held_by_bounds(problem, end.x, end.evaluation))
+    off = distance_to_optimum(end.evaluation, problem.dof, find_active_bounds(problem, end.x, end.evaluation))
     ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
     # A tenth of a deviation moves no interval. One that creeps far from any noise has converged, too: the model is
@@ -226,7 +226,7 @@ DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 
 
 def spread(parameters: Parameters, starts: int, factor: float, seed: int) -> FloatArray:
-    """Starts (starts, n_x) in x: the given one first, then a Latin hypercube, uniform in x, around it.
+    """Return starts (starts, n_x) in x: the given one first, then a Latin hypercube, uniform in x, around it.
 
     Logarithmic parameters within `factor` of their start, dampings and frictions, which are known less well, within
     factor^2, linear ones within a tenth of their bounds (unbounded ones stay), all within the bounds.
@@ -250,7 +250,7 @@ def multistart(
     method: SolverName = "trust_region",
     execution: Execution | None = None,
 ) -> tuple[tuple[LocalOptimum, ...], int]:
-    """Rough ends of starts (starts, n_x), best first, and how many of them reached the best cost of the last problem.
+    """Return rough optima from starts (starts, n_x), best first, and the number of them that reached the best cost.
 
     The same under any execution; for several processes the problems must pickle. Raises FitError where none succeeds.
     """

@@ -62,17 +62,17 @@ class Experiments:
 class FittedResponse:
     """G (F, n_y, n_u) with its covariances, and their parts.
 
-    B_u (F, n_u, n_u): inputs per reference, in open loop the identity.  left (F, n_u, n_u): cov(vec G) by a residual
-    V = Y - G U of covariance C is left (x) C.  C_total (F, n_y, n_y): of V, from the residual, each record times
-    sqrt(P).  C_Z (F, n_y + n_u, n_y + n_u): of the noise of [Y; U] in one period, C_noise (F, n_y, n_y): of that of V;
-    None where nothing separates it.
+    B_u (F, n_u, n_u): inputs per reference, in open loop the identity.  input_factor (F, n_u, n_u): cov(vec G) by a
+    residual V = Y - G U of covariance C is input_factor (x) C.  C_total (F, n_y, n_y): covariance of V, from the
+    residual, each record times sqrt(P).  C_Z (F, n_y + n_u, n_y + n_u): of the noise of [Y; U] in one period, C_noise
+    (F, n_y, n_y): of that of V; None where nothing separates it.
     """
 
     G: ComplexArray
     noise: Covariance | None
     total: Covariance
     B_u: ComplexArray
-    left: ComplexArray
+    input_factor: ComplexArray
     C_total: ComplexArray
     C_Z: ComplexArray | None = None
     C_noise: ComplexArray | None = None
@@ -97,7 +97,7 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
     inverse = np.linalg.inv(B_u) if closed else B_u
     G = B[:, :n_y] @ inverse
     N = np.concatenate([np.broadcast_to(np.eye(n_y), (F, n_y, n_y)), -G], axis=2)
-    left = np.swapaxes(inverse, 1, 2) @ fit.left[usable] @ inverse.conj()
+    left = np.swapaxes(inverse, 1, 2) @ fit.input_factor[usable] @ inverse.conj()
     of_fit = N if closed else N[:, :, :n_y]
     M = of_fit[:, None] @ fit.M[usable] @ inverse[:, None]
     poles = (M, fit.A_cov[usable])
@@ -200,7 +200,7 @@ def _coherences(
     fitted: FittedResponse, S_uu: ComplexArray, C_V: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Ordinary (F, n_y, n_u) and multiple coherence (F, n_y), and the power (F, n_y) of G U; C_V (F, n_y)."""
-    G, left, C_total = fitted.G, fitted.left, power(fitted.C_total)
+    G, left, C_total = fitted.G, fitted.input_factor, power(fitted.C_total)
     S_yu = G @ S_uu
     # Powers that the error of G brings into G U and S_yu.
     of_signal = np.einsum("fjk,fjk->f", S_uu, left).real[:, None] * C_total

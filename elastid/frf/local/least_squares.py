@@ -110,21 +110,22 @@ class LocalFit:
     r"""B(0) and T(0) of each line, the residual, and the parts of their covariance.
 
     B (F, n_z, n_u).  T (F, E, n_z), none without transient terms.  scatter (F, n_z, n_z): the sum of V V^H, of
-    expectation dof C_V.  With left (F, n_u, n_u), M (F, d, n_z, n_u) = dB(0) / dA_p and A_cov (F, d, d) of A_1 ... A_d,
+    expectation dof C_V.  With the input_factor L (F, n_u, n_u), M (F, d, n_z, n_u) = dB(0) / dA_p and A_cov (F, d, d)
+    of A_1 ... A_d,
 
-    .. math:: cov(vec\, B(0)) = left \otimes C_V + \sum_{pq} vec(M_p)\, A_{pq}\, vec(M_q)^H
+    .. math:: cov(vec\, B(0)) = L \otimes C_V + \sum_{pq} vec(M_p)\, A_{pq}\, vec(M_q)^H
 
-    T_left (F, E): cov(T_e(0)) = T_left_e C_V.  condition (F,): of the regressors.
+    transient_factor (F, E): cov(T_e(0)) = T_left_e C_V.  condition (F,): of the regressors.
     """
 
     B: ComplexArray
     T: ComplexArray
     scatter: ComplexArray
     dof: float
-    left: ComplexArray
+    input_factor: ComplexArray
     M: ComplexArray
     A_cov: ComplexArray
-    T_left: FloatArray
+    transient_factor: FloatArray
     condition: FloatArray
 
 
@@ -153,9 +154,9 @@ class LadderFit:
     terms: of the last model, for which the windows are made.
     """
 
-    chosen: LocalFit
+    selected: LocalFit
     models: tuple[LocalFit, ...]
-    taken: IntArray
+    selected_index: IntArray
     where: Windows
     terms: WindowTerms
 
@@ -192,7 +193,7 @@ def fitted_transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) 
     ladder = _transient_ladder()
     # The noise estimate has five degrees of freedom more than there are outputs.
     where = windows(rest, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
-    return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).chosen
+    return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).selected
 
 
 def _transient_ladder() -> tuple[WindowTerms, ...]:
@@ -311,10 +312,10 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
         T=of_T @ AZ,
         scatter=scatter,
         dof=dof,
-        left=of_B @ of_B.mT.conj(),
+        input_factor=of_B @ of_B.mT.conj(),
         M=np.swapaxes(of_B[:, None] @ solution.X, 2, 3),
         A_cov=_denominator_covariance(solution.V_X, solution.scale, scatter / dof),
-        T_left=np.sum(np.abs(of_T) ** 2, axis=2),
+        transient_factor=np.sum(np.abs(of_T) ** 2, axis=2),
         condition=condition,
     )
 

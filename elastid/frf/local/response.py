@@ -88,7 +88,7 @@ class SteadySpectra:
     U: ComplexArray
     R: ComplexArray | None
     n_periods: float
-    settled: bool
+    is_steady: bool
     noise: ComplexArray
     dof: float
 
@@ -100,7 +100,7 @@ class _Signals:
     Z: ComplexArray
     R: ComplexArray
     lines: IntArray
-    every: slice
+    response_lines: slice
     step: int
 
 
@@ -126,10 +126,10 @@ def local_response(
     closed = all(spectrum.R is not None for spectrum in spectra)
     spectra = merge_repeats(spectra, closed)
     signals = _signals(spectra, closed, all_lines, _step(spec, first), most_lines)
-    experiments = _experiments(spectra, closed, signals.every)
+    experiments = _experiments(spectra, closed, signals.response_lines)
     fits, richer = _fits(signals, spec, first, transient=experiments.C_Z is None)
     S_rr = window_power(signals.R, fits.where)
-    usable = separates_inputs(fits.chosen, experiments)
+    usable = separates_inputs(fits.selected, experiments)
     if not usable.any():
         raise DataError(
             "frf/inputs-not-separable",
@@ -137,9 +137,9 @@ def local_response(
             "since one was not excited or two are proportional. Give each its own random phases",
             f"configuration {first.configuration.name}",
         )
-    fitted = fitted_response(fits.chosen, experiments, usable)
+    fitted = fitted_response(fits.selected, experiments, usable)
     total = with_model_error(fitted, richer, experiments, usable)
-    lines, span = all_lines[signals.every], fits.where.span
+    lines, span = all_lines[signals.response_lines], fits.where.span
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, span))
     quality = local_quality(freq_hz, fitted, experiments.periods, S_rr[usable])
     notes = [*cut, *notes_of(logs)]
@@ -154,7 +154,7 @@ def local_response(
     unit, n_w = "Hz" if first.has_rate else "of the sampling rate", fits.where.index.shape[1]
     text = (
         f"{spec.method} of order {fits.terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} {unit}), "
-        f"{fits.chosen.dof:.3g} degrees of freedom"
+        f"{fits.selected.dof:.3g} degrees of freedom"
     )
     notes.append(Note("frf/window", text, severity="information"))
     notes += wide_windows(local_modes(freq_hz, fitted.G, total.variance), freq_hz, span_hz, fits.terms.poles)
@@ -162,7 +162,7 @@ def local_response(
         first, spec.quantity, freq_hz, fitted.G, noise=fitted.noise, total=total, quality=quality, notes=tuple(notes)
     )
     # Errors of G are correlated over 1 / (n sum w^2) of a window: 4/9 for a local quadratic, less for more parameters.
-    thinning = signals.every.step // signals.step
+    thinning = signals.response_lines.step // signals.step
     return replace(response, correlated_lines=max(1.0, 4 / 9 * n_w / signals.step) / thinning)
 
 
@@ -240,9 +240,9 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: i
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
     if fit is not None:
         at_lines = at_lines - fit.T[:, 0]
-        noise, dof = fit.scatter / fit.dof * (1 + fit.T_left[:, 0, None, None]), fit.dof
+        noise, dof = fit.scatter / fit.dof * (1 + fit.transient_factor[:, 0, None, None]), fit.dof
     Y, U, R = at_lines[:, :n_y], at_lines[:, n_y:], None if R is None else R[: len(bins)]
-    return SteadySpectra(Y, U, R, n_periods=P, settled=fit is not None, noise=noise, dof=dof)
+    return SteadySpectra(Y, U, R, n_periods=P, is_steady=fit is not None, noise=noise, dof=dof)
 
 
 def _signals(
@@ -260,7 +260,7 @@ def _signals(
 def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -> Experiments:
     """Experiments with the noise of all records in one period, each by its degrees of freedom."""
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
-    if all(spectrum.settled for spectrum in spectra):
+    if all(spectrum.is_steady for spectrum in spectra):
         C_Z = np.sum([part.noise[every] * (part.dof * part.n_periods / dof) for part in spectra], axis=0)
     periods = np.array([spectrum.n_periods for spectrum in spectra])
     return Experiments(spectra[0].Y.shape[1], closed, periods, C_Z, dof)
@@ -289,12 +289,12 @@ def _fits(
     fits = []
     for ladder, n_w in zip(ladders, widths, strict=True):
         if n_w <= n_lines:
-            where = windows(signals.lines, signals.lines[signals.every], max(n_w, min(signals.step, n_lines)))
+            where = windows(signals.lines, signals.lines[signals.response_lines], max(n_w, min(signals.step, n_lines)))
             fits.append(fit_ladder(signals.Z, signals.R, where, ladder))
     # Each at the lines that take a simpler one.
-    further = [(model, fits[0].taken < i) for i, model in enumerate(fits[0].models) if i]
-    everywhere = np.ones(len(fits[0].taken), dtype=np.bool_)
-    return fits[0], [*further, *((fit.chosen, everywhere) for fit in fits[1:])] if transient else []
+    further = [(model, fits[0].selected_index < i) for i, model in enumerate(fits[0].models) if i]
+    everywhere = np.ones(len(fits[0].selected_index), dtype=np.bool_)
+    return fits[0], [*further, *((fit.selected, everywhere) for fit in fits[1:])] if transient else []
 
 
 def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:
@@ -393,7 +393,7 @@ def _merged(group: Sequence[SteadySpectra], closed: bool) -> SteadySpectra:
         U=np.sum([weight * spectrum.U for weight, spectrum in pairs], axis=0) / total,
         R=np.sum(known, axis=0) / total if len(known) == len(group) else None,
         n_periods=total,
-        settled=all(spectrum.settled for spectrum in group),
+        is_steady=all(spectrum.is_steady for spectrum in group),
         noise=np.sum([weight**2 * spectrum.noise for weight, spectrum in pairs], axis=0) / total**2,
         dof=sum(spectrum.dof for spectrum in group),
     )

@@ -54,7 +54,7 @@ class Sensitivity:
         return self.left is self.right
 
     def columns(self, scale: FloatArray, precision: type[np.floating[Any]]) -> AnyComplex:
-        """Columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3, each times its scale (n_b,)."""
+        """Return columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3, each times its scale (n_b,)."""
         n_1, n_12 = len(self.sign), len(self.sign) + self.S.shape[1]
         columns = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
         right = self.right.astype(columns.dtype)
@@ -108,7 +108,7 @@ class Sensitivity:
 
 
 def as_rank_one(matrix: FloatArray) -> tuple[float, FloatArray] | None:
-    """sigma = +-1 and y of a symmetric matrix sigma y y^T; None for a higher rank."""
+    """Return sigma = +-1 and y of a symmetric matrix sigma y y^T; None for a higher rank."""
     i = int(np.argmax(np.abs(matrix.diagonal())))
     largest = float(matrix[i, i])
     if not largest:
@@ -147,7 +147,7 @@ class Columns(Kept):
     kernel: Kernel
 
     def size(self, theta: FloatArray) -> FloatArray:
-        """|theta| (P,) of the wanted parameters, 1 where one is zero."""
+        """Return |theta| (P,) of the wanted parameters, 1 where one is zero."""
         size = np.abs(theta[self.kernel.places])
         return np.where(size == 0, 1.0, size)
 
@@ -214,7 +214,7 @@ class Columns(Kept):
         return V, V.T @ E @ V
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
-        """Block by block at theta (n_theta,)."""
+        """Return block by block at theta (n_theta,)."""
         rows, columns = self.elements
         (_, S), kernel = self._directions, self.kernel
         places = rows * len(kernel.model.inputs) + columns
@@ -230,7 +230,7 @@ class Columns(Kept):
             yield Sensitivity(part.block, s, omega, part.gain, G, *bases, unfactored, rows, columns)
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
+        """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) to the wanted parameters at theta (n_theta,)."""
         (rows, columns), pieces, model = self.elements, self.pieces, self.kernel.model
         G = np.empty((self.kernel.freq_hz.size, len(model.outputs), len(model.inputs)), complex)
         dG, places = np.empty((len(self.kernel.wanted), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
@@ -261,7 +261,7 @@ class _Bases:
     single: list[tuple[float, FloatArray] | None]
 
     def add(self, both: FloatArray, single: tuple[float, FloatArray] | None) -> tuple[int, float]:
-        """Index of a matrix, which is added if it is new, and its factor. single: sign and y for rank one."""
+        """Return index of a matrix, which is added if it is new, and its factor. single: sign and y for rank one."""
         sigma, known = float(np.linalg.norm(both)), self.E[: len(self.single)]
         E = both.ravel() / sigma
         products = known @ E

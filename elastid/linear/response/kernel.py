@@ -30,7 +30,7 @@ from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import Kept
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel, Slope
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, closed, open_loops
-from elastid.linear.response.transfer import factor, folded_images, held_images
+from elastid.linear.response.transfer import factor, folded_images, zoh_aliases
 from elastid.robot import CHANNEL_NUMBERS, channel_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -74,7 +74,7 @@ class Kernel(Kept):
     """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `wanted` (P
     names).
 
-    Images of held torques are no part of it (`held_images`), but for those in loops of references, which are held at
+    Images of held torques are no part of it (`zoh_aliases`), but for those in loops of references, which are held at
     `images_at` (n_theta,). Prepared once, evaluated at many theta; it pickles.
     KeyError for a name that the model does not have.
     """
@@ -90,7 +90,7 @@ class Kernel(Kept):
                 raise KeyError(f"the model has no parameter {name}; there are {', '.join(self.model.parameters)}")
 
     def response(self, theta: FloatArray) -> ComplexArray:
-        """G (F, n_y, n_u) at theta (n_theta,)."""
+        """Return G (F, n_y, n_u) at theta (n_theta,)."""
         return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
 
     @cached_property
@@ -106,7 +106,7 @@ class Kernel(Kept):
         return tuple(name for name in self.wanted if name in known)
 
     def factor_slopes(self, theta: FloatArray, part: Products) -> Iterator[ComplexArray]:
-        """dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
+        """Return dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
         elements, s, loop = {element.name: element for element in self.model.chain}, part.s[:, None, None], part.loop
         G = part.G if loop is None else loop.T  # images are held
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
@@ -148,7 +148,7 @@ class Kernel(Kept):
         return tuple(name for name in self.wanted if name in moved)
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
-        """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
+        """Return block by block at theta (n_theta,), with directions Y (n, n_d)."""
         model = self.model
         M, D, K = model.matrices(theta)
         (C, T), tilted = model.readout(theta), self._sides.tilted
@@ -188,7 +188,7 @@ class Kernel(Kept):
             yield Products(block, s, gain, G, YX, readings, loop)
 
     def sides(self, theta: FloatArray, part: Products) -> tuple[ComplexArray, ComplexArray]:
-        """Y^T Z^-1 of the outputs (F, n_y, n_d) and of the inputs (F, n_u, n_d): dG = -c left dZ right^T."""
+        """Return Y^T Z^-1 of the outputs (F, n_y, n_d) and of the inputs (F, n_u, n_d): dG = -c left dZ right^T."""
         n_m = self.model.B.shape[1]
         right = part.YX if part.YX.shape[1] == n_m else part.YX[:, :n_m]
         left = part.YX if np.array_equal(self.output_columns, np.arange(n_m)) else part.YX[:, self.output_columns]
@@ -207,7 +207,7 @@ class Kernel(Kept):
     @cached_property
     def _images(self) -> list[ComplexArray]:
         """Images of the controllers' torques in outputs and motors (F, n, n_m)."""
-        return [held_images(model, self._theta_of_images, self.freq_hz) for model in self._open_loops or ()]
+        return [zoh_aliases(model, self._theta_of_images, self.freq_hz) for model in self._open_loops or ()]
 
     @cached_property
     def _folded(self) -> ComplexArray:
@@ -289,7 +289,7 @@ class Elimination:
 
     @classmethod
     def of(cls, coupled: BoolArray) -> "Elimination":
-        """Elimination of a pattern (n, n) of coupled coordinates; next is the one that acts on the fewest."""
+        """Return elimination of a pattern (n, n) of coupled coordinates; next is the one that acts on the fewest."""
         acts = (coupled | coupled.T) & ~np.eye(len(coupled), dtype=bool)
         filled, left, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []
         while left.any():
@@ -304,7 +304,7 @@ class Elimination:
     def products(
         self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
     ) -> ComplexArray:
-        """B^T Z^-1 Y (F, m, n_d) of Z = K + j omega D - omega^2 M, real B (n, m), Y (n, n_d).
+        """Return B^T Z^-1 Y (F, m, n_d) of Z = K + j omega D - omega^2 M, real B (n, m), Y (n, n_d).
 
         Raises LinAlgError where Z is singular.
         """
@@ -332,7 +332,7 @@ class Elimination:
 def solved_products(
     M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
 ) -> ComplexArray:
-    """Products by LAPACK."""
+    """Return products by LAPACK."""
     Z, of_lines = np.empty((len(omega), *K.shape), complex), omega[:, None, None]
     np.subtract(K, of_lines**2 * M, out=Z.real)
     np.multiply(of_lines, D, out=Z.imag)

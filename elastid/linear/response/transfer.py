@@ -32,7 +32,7 @@ from elastid.response import Response
 
 
 def factor(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
-    """c = s^k exp(-s T_d) times the factors of the chain, of the shape of s = j omega."""
+    """Return c = s^k exp(-s T_d) times the factors of the chain, of the shape of s = j omega."""
     delay = model.number(theta, DELAY) if DELAY in model.parameters and model.is_delayed else 0.0
     c = s ** MOTION_ORDER[model.quantity]
     if delay:
@@ -49,8 +49,8 @@ IMAGES = np.array([m for m in range(-64, 65) if m])
 NODES = (1 + np.cos(np.pi * (np.arange(4) + 0.5) / 4)) / 2
 
 
-def held_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
-    """Images (F, n_y, n_u) in a response of torques that `model.hold` holds; none on lines above half of their rate."""
+def zoh_aliases(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
+    """Return aliases (F, n_y, n_u) of the zero-order hold `model.hold`; zero on lines above half of its rate."""
     images = np.zeros((len(freq_hz), len(model.outputs), len(model.inputs)), complex)
     if model.hold is None or model.controller is not None or not any(model.hold.sampled):
         return images  # those of a controller are within its loop
@@ -92,7 +92,7 @@ def _image_sums(freq_hz: bytes, rate_hz: float, lowest: float, delay: float) -> 
 
 
 def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
-    r"""Response of an elastic robot in one configuration, the formula itself.
+    r"""Return the response of an elastic robot in one configuration, the formula itself.
 
     .. math:: G(j\omega) = (j\omega)^k e^{-j\omega T_d}\, C\, [K - \omega^2 M + j\omega D]^{-1} B
 
@@ -110,16 +110,16 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     of_outputs, of_inputs = model.channel_factors(theta, s[:, 0, 0])
     G = factor(model, theta, s) * (C @ X + T @ X / s**2)
     G = of_outputs[..., :, None] * G * of_inputs[..., None, :]
-    return np.asarray(G + held_images(model, theta, freq_hz))
+    return np.asarray(G + zoh_aliases(model, theta, freq_hz))
 
 
 def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:
-    """Loops of a model whose inputs are references, closed at freq_hz (F,)."""
+    """Return loops of a model whose inputs are references, closed at freq_hz (F,)."""
     return closed(model, theta, freq_hz, *(frequency_response(part, theta, freq_hz) for part in open_loops(model)))
 
 
 def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
-    r"""Images (F, n_y, n_u) of sampled references in sampled positions, both at f_l = `model.controller.log_hz`.
+    r"""Return images (F, n_y, n_u) of sampled references in sampled positions, both at f_l = `model.controller.log_hz`.
 
     .. math:: \sum_{m \ne 0} T(f + m f_l)
     """
@@ -136,7 +136,7 @@ def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) ->
 
 
 def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray) -> ComplexArray:
-    """dG by a change (F, n_y, n_u) of the angles by torques; with loops (F, n_y + n_m, n_m), motors last."""
+    """Return dG by a change (F, n_y, n_u) of the angles by torques; with loops (F, n_y + n_m, n_m), motors last."""
     s = (2j * np.pi * freq_hz).astype(np.complex128)
     of_outputs, of_inputs = model.channel_factors(theta, s)
     of_y = of_outputs[..., None] * factor(model, theta, s)[:, None, None]
@@ -148,7 +148,7 @@ def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray,
 
 
 def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
-    """Frequencies (F,) as numbers, also of a single one; ValueError for others, and for those that are not positive."""
+    """Return frequencies (F,) as numbers, also of a single one; ValueError unless positive and finite."""
     try:
         lines = np.atleast_1d(np.asarray(freq_hz, float))
     except (TypeError, ValueError):
@@ -161,7 +161,7 @@ def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
 
 
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> Response:
-    """The response as a value like a measured one; arguments as `frequency_response`."""
+    """Return the response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
     places = model.inputs, model.outputs, model.quantity, model.configuration
     return Response(

@@ -8,14 +8,14 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cache, partial
-from importlib.metadata import EntryPoint, entry_points
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.entry_points import registered
 from elastid.base.errors import DataError, ElastidError, StudyError, is_program_fault
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
@@ -94,27 +94,7 @@ def is_log(path: Path) -> bool:
 
 def all_formats() -> tuple[Format, ...]:
     """Formats, specialised packages first; raise StudyError for a format that cannot be imported."""
-    return (*(_registered(point) for point in _points()), *FORMATS)
-
-
-@cache
-def _points() -> tuple[EntryPoint, ...]:
-    """Looked for once: that reads a file of every package installed, and a log may be opened for each of its pieces."""
-    return tuple(entry_points(group="elastid.readers"))
-
-
-def _registered(point: EntryPoint) -> Format:
-    try:
-        registered = point.load()
-        problem = f"is {type(registered).__name__} and not an elastid.logs.files.formats.Format"
-    except Exception as error:
-        registered, problem = None, f"cannot be loaded ({error})"
-    if isinstance(registered, Format):
-        return registered
-    raise StudyError(
-        "install/missing-package",
-        f"the reader {point.name} ({point.value}) of another package {problem}; update that package, or uninstall it",
-    )
+    return (*registered("elastid.readers", Format), *FORMATS)
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_name
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import fit, friction
 from elastid.response import Response
@@ -74,7 +74,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("peaks", "plan", caption, partial(fit.limit_use, content.limit_use))
 
 
-def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
+def friction_drawings(taken_out: CompensatedFriction | None, robot: Robot | None = None) -> Iterator[Drawing]:
     """Yield drawings of compensated friction and of the friction of the robot model."""
     if taken_out is not None and taken_out.configurations:
         caption = (
@@ -182,7 +182,7 @@ def _of_filter(followed: FollowedFriction) -> Named:
     from elastid.report.figures import friction_records
 
     joint = followed.filtered
-    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.held]
+    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.consider_parameters]
     with_errors = f", which include the tolerances of {', '.join(held)}" if held else ""
     caption = (
         f"friction tracked by a Kalman filter, with 95 % bands{with_errors}. "

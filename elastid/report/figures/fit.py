@@ -100,7 +100,7 @@ def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
 
 def identifiability(result: Result) -> Figure:
     """Correlations of the estimates, numbers where |r| > 0.9."""
-    n = len(result.parameters.asked)
+    n = len(result.parameters.of_interest)
     r, names = result.correlation[:n, :n], result.parameters.free_names[:n]
     cells = Cells(r, names, names, (-1.0, 1.0), lambda v: f"{v:.2f}" if 0.9 < abs(v) < 1 else "", "RdBu_r")
     return style.matrix("Correlation of the estimates", [[Panel(cells=cells)]])

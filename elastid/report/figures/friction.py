@@ -13,7 +13,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Conditions
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.report.figures import style
 from elastid.report.figures.style import Curve, Panel
 from elastid.robot import Robot
@@ -57,7 +57,7 @@ class Condition:
 
     def includes(self, law: StaticLaw) -> BoolArray:
         """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
-        levels, rows = law.levels, np.ones(law.levels.n_conditions, dtype=bool)
+        levels, rows = law.curve, np.ones(law.curve.n_conditions, dtype=bool)
         if depends_on(law, "load"):
             rows &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
         if depends_on(law, "temperature"):
@@ -66,7 +66,7 @@ class Condition:
 
     def text(self, law: StaticLaw) -> str:
         """Words on the conditions that the law depends on."""
-        load, heat = f"a load of {self.load:.3g} {units(law.levels.slides)[1]}", f"{self.temperature:.3g} °C"
+        load, heat = f"a load of {self.load:.3g} {units(law.curve.slides)[1]}", f"{self.temperature:.3g} °C"
         words = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
         return f"at {' and '.join(words)}" if words else ""
 
@@ -76,7 +76,7 @@ def friction_curve(law: StaticLaw) -> Figure:
 
     Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
     """
-    levels, condition = law.levels, Condition.typical(law.levels)
+    levels, condition = law.curve, Condition.typical(law.curve)
     on_curve = condition.includes(law)
     curves, left = [], []
     for direction in sorted(set(levels.direction.tolist()), reverse=True):
@@ -115,11 +115,11 @@ def depends_on(law: StaticLaw, part: str) -> bool:
 
 def residuals(law: StaticLaw) -> FloatArray:
     """(level - law) / std (n,)."""
-    return (law.levels.torque - law.torque(law.levels.conditions)) / law.levels.std
+    return (law.curve.torque - law.torque(law.curve.conditions)) / law.curve.std
 
 
 def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:
-    levels, (color, name) = law.levels, DIRECTIONS[direction]
+    levels, (color, name) = law.curve, DIRECTIONS[direction]
     above, below = [], []
     for chosen, ink, text in (
         (~on_curve, style.WEAK, "levels at other loads and temperatures"),
@@ -135,25 +135,25 @@ def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list
 
 
 def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Curve]:
-    low, high = float(law.levels.speed.min()), float(law.levels.speed.max())
+    low, high = float(law.curve.speed.min()), float(law.curve.speed.max())
     color = style.FITTED if direction >= 0 else style.TOTAL
     name = f"law, {DIRECTIONS[direction][1]}" if direction else "law with 95 % band"
     for ends, text in (((low, high), name), ((low / BEYOND, low), ""), ((high, high * BEYOND), "")):
         speed = np.geomspace(*ends, POINTS)
         at = condition.at(speed, direction)
-        torque, half = law.torque(at), law.reach * law.torque_std(at)
+        torque, half = law.torque(at), law.quantile_95 * law.torque_std(at)
         looks = {"ls": "-" if text else "--"}
         yield Curve(speed, torque, text, color, band=(torque - half, torque + half), looks=looks)
 
 
-def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:
+def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None) -> Figure:
     """Torque of each motor after a reversal, or over velocity, with its 95 % interval; torque not explained.
 
     The latter as its amplitude by configuration, with friction and without. A motor that no friction was taken out of
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.
     """
     known = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
-    taken = friction.taken_places()
+    taken = friction.compensated_motors()
     curves = [_taken_out(friction, i, known.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
     levels = [_unexplained(friction, i) for i in range(len(friction.places))]
     figure = style.matrix("Friction compensation", style.in_columns(curves, levels))
@@ -163,17 +163,17 @@ def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -
     return figure
 
 
-def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+def curve_of(friction: CompensatedFriction, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """x (n,), torque and its std of a motor; True where x is a distance from a reversal, in rad (m) on the link side.
 
     Where no bristle was taken out, friction is a function of velocity, and x is that, in rad/s (m/s).
     """
-    shapes = [shape for shape, _ in friction.taken_shapes(place)]
+    shapes = [shape for shape, _ in friction.compensated_basis(place)]
     bend = max((shape.threshold for shape in shapes if shape.kind not in ("sign", "stribeck")), default=0.0)
     if bend > 0:
         distance = np.linspace(0.0, 4 * bend, POINTS_TAKEN_OUT)  # a stop operator slides after 2 thresholds
         torque, std = friction.reversal(place, distance)
-        level, of_level = friction.sliding_level(place)
+        level, of_level = friction.coulomb_friction(place)
         x = np.concatenate([[-0.1 * distance[-1], 0.0], distance])
         return x, np.concatenate([[-level, -level], torque]), np.concatenate([[of_level, of_level], std]), True
     turning = max((shape.threshold for shape in shapes), default=0.0)
@@ -182,7 +182,7 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
     return v, *friction.sliding(place, v), False
 
 
-def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel:
+def _taken_out(friction: CompensatedFriction, i: int, known: float | None) -> Panel:
     place, unit = friction.places[i], friction.place_units[i]
     x, torque, std, is_distance = curve_of(friction, place)
     band = style.about(torque, std)
@@ -190,7 +190,7 @@ def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel
     for level in () if known is None else (known, -known):
         ends, looks = 1e3 * x[[0, -1]], {"ls": "--"}
         curves.append(Curve(ends, [level, level], "F_c of the robot model", style.TRUTH, looks=looks))
-    F_c, of_own = friction.sliding_level(place)
+    F_c, of_own = friction.coulomb_friction(place)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
     words = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
     unit = style.pretty_unit(unit)
@@ -198,7 +198,7 @@ def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel
     return Panel(curves, words, f"{quantity} in {unit}", title)
 
 
-def _unexplained(friction: FrictionTakenOut, i: int) -> Panel:
+def _unexplained(friction: CompensatedFriction, i: int) -> Panel:
     x = np.arange(len(friction.configurations))
     kinds = (
         (friction.before[:, i], "none", "before compensation"),

@@ -36,13 +36,13 @@ def friction_motion(friction: MotionFriction) -> Figure:
     """
     signals, slides = MotionSignals.of(friction.motion, friction.passband_hz), friction.motion.slides
     columns, (speed, unit) = columns_of(signals, friction.terms), units(slides)
-    parts = torque_components(friction.chosen, columns)
+    parts = torque_components(friction.regression, columns)
     torque, v = signals.filtered(friction.motion.torque), signals.filtered(signals.velocity)
     regressed, rigid = (
         np.sum([parts[name] for name in names if name in parts], axis=0)
         for names in (TORQUE_COMPONENTS, TORQUE_COMPONENTS[:2])
     )
-    time_s = np.arange(len(friction.motion.position))[signals.kept] / friction.motion.rate_hz
+    time_s = np.arange(len(friction.motion.position))[signals.decimation] / friction.motion.rate_hz
     part = slice(None, None, max(1, len(time_s) // MOST_SAMPLES))
     over_time = [
         Curve(time_s[part], values[part], text, ink)
@@ -56,7 +56,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
         [Panel([*_over_velocity(friction, v, torque - rigid)], f"velocity in {speed}", f"friction in {unit}")],
         [Panel(over_time, "time in s", f"{quantity(slides)} in {unit}")],
     ]
-    error = f"{100 * friction.chosen.relative_error:.3g} % of the {quantity(slides)} left"
+    error = f"{100 * friction.regression.relative_error:.3g} % of the {quantity(slides)} left"
     title = f"{friction.motion.place}: friction over velocity, {error}"
     return style.matrix(title, rows)
 
@@ -85,7 +85,7 @@ def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: Float
             yield Curve([sign * speed] * 2, ends, "speeds dwelt at", style.NOISE, looks={"ls": ":"})
     for low, high in ((float(velocity.min()), 0.0), (0.0, float(velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
-        level, std = sliding(motion.chosen, v)
+        level, std = sliding(motion.regression, v)
         yield Curve(v, level, "regression", style.FITTED, band=style.about(level, std))
 
 

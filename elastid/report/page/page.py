@@ -25,7 +25,7 @@ from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import grouped
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_atomically
-from elastid.nonlinear.friction import friction_rows
+from elastid.nonlinear.compensated_friction import friction_rows
 from elastid.report import run_summary
 from elastid.report.content import (
     ParameterRow,

@@ -30,7 +30,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
     run = run_of(tiny, "coulomb")
     friction = read_friction(run.path("estimate"))
     assert friction is not None
-    level, std = friction.sliding_level("motor 1")
+    level, std = friction.coulomb_friction("motor 1")
     assert abs(level - 0.01) < 0.002, (level, std)
     summary = json.loads((run.folder / "summary.json").read_text())
     assert [(each["motor"], each["F_c"], each["std"]) for each in summary["friction"]] == [("motor 1", level, std)]

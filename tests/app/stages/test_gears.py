@@ -162,7 +162,7 @@ def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> No
     result = identify([response], worn, fit)
     start = on_straight_springs(worn, [response], result, EXACT, fit, Execution())
     found = open_gears([measured], [response], *start, spec, GearsSpec(), planned=LINES)
-    numbers = {number.name: number for number in found.numbers if number.is_seen}
+    numbers = {number.name: number for number in found.numbers if number.is_significant}
     assert numbers["k_1"].value == pytest.approx(gear.k, rel=1e-3)
     assert numbers["lost_1"].value == pytest.approx(2 * 0.7 * 1e-4, rel=0.03)
 

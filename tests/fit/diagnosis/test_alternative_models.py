@@ -12,7 +12,8 @@ from plants.marks import slow
 from plants.measured_robots import responses_of
 
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.result import ModificationIndex, Result
+from elastid.fit.result import Result
+from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.spec import WeightSpec
 from elastid.robot import Payload, Robot, Tolerances
 from elastid.study import load

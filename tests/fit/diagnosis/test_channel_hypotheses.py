@@ -11,7 +11,8 @@ from plants.elastic_arm import CONFIGURATIONS, FREQ, arm, started_elsewhere
 from plants.marks import slow
 from plants.measured_robots import deviation, responses_of
 
-from elastid.fit.diagnosis.channel_hypotheses import as_delay, quantities
+from elastid.fit.diagnosis.channel_hypotheses import quantities
+from elastid.fit.diagnosis.delay_hypotheses import as_delay
 from elastid.fit.diagnosis.hypothesis import SCALE
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec

@@ -10,7 +10,8 @@ from plants.data_sheet_arm import arm, measure
 from plants.faults import SPEC, Case, drawn, true_case
 
 from elastid.fit.diagnosis import rank_hypotheses
-from elastid.fit.diagnosis.confounded_parameters import STIFFEST_BASE, UndetectableError, undetectable_errors
+from elastid.fit.diagnosis.confounded_parameters import UndetectableError, undetectable_errors
+from elastid.fit.diagnosis.rigid_base import STIFFEST_BASE
 from elastid.fit.diagnosis.score_test import ScoreTest
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
@@ -71,7 +72,7 @@ def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> 
     assert abs(off) < 2 * result.std_with_base["k_1"]
     assert result.std_with_base["k_2"] == pytest.approx(result.std["k_2"], rel=1e-6)
     (base,) = result.assumed_rigid
-    names = [parameter.name for parameter in result.parameters.asked]
+    names = [parameter.name for parameter in result.parameters.of_interest]
     for name, true, rel in (("k_1", 3e4, 0.1), ("d_1", 60.0, 0.6)):  # the post's inertia damps, too
         stated = float(base.changes[names.index(name)]) * base.stiffness / (120 * 3e4)
         assert math.log(result.values[name] / true) == pytest.approx(stated, rel=rel)

@@ -1,8 +1,10 @@
 """What a fit held or read wrongly is named with its size, by its own list of causes and by those of a user."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +12,15 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from plants.faults import FAULTS, FURTHER, SPEC, Case, drawn, faulty, true_case
 from plants.marks import slow
+from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
-from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
+from elastid.base.arrays import FloatArray
+from elastid.base.entry_points import points
+from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
-from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreTest, find_load, free_drop, steps_of
-from elastid.fit.diagnosis.sensitivities import HeldResponse
+from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result import Result
 from elastid.fit.spec import ParameterSpec
@@ -72,8 +75,8 @@ def test_two_faults_are_named_one_after_the_other() -> None:
 def test_missing_spring_is_named_beside_a_delay_of_the_torques() -> None:
     """Torques 5 ms late, delay_u free: the missing torsion is the likely cause, as without the delay."""
     case, late_s = faulty("missing torsion"), 5e-3
-    late = [replace(G, G=G.G * np.exp(2j * np.pi * G.freq_hz * late_s)[:, None, None]) for G in case.responses]
-    case = replace(case, responses=tuple(late))
+    delayed = [replace(G, G=G.G * np.exp(2j * np.pi * G.freq_hz * late_s)[:, None, None]) for G in case.responses]
+    case = replace(case, responses=tuple(delayed))
     spec = replace(SPEC, parameters=SPEC.parameters | {"delay_u": ParameterSpec()})
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, spec, hypotheses=WITHOUT_OTHER_ROBOTS)
     assert result.indices[0].name == FAULTS["missing torsion"].cause
@@ -94,7 +97,7 @@ def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_fr
 
     r, limits = left(raw, 0, 1, 2), room / np.linalg.norm(J[:, 3:], axis=0)
     assert free_drop(J.T @ J, J.T @ raw, np.arange(5) < 3) == pytest.approx(raw @ raw - r @ r)
-    numbers = [HeldNumber(name, "", 0.0, "1", False, -math.inf, math.inf, 1.0) for name in "ab"]
+    numbers = [FixedNumber(name, "", 0.0, "1", False, -math.inf, math.inf, 1.0) for name in "ab"]
     test = ScoreTest.of(numbers, J.T @ J, J.T @ r, np.ones(3, dtype=bool))
     first, second = (Candidate(name, "", np.array([i]), np.eye(1)) for i, name in enumerate("ab"))
     steps, drop = test.step(second)
@@ -118,12 +121,12 @@ MASS, CENTRE, INERTIA = 40.0, (0.3, 0.0, 0.1), (0.8, 4.0, 4.1)
 LOAD, PLACE = 3.0, np.array([0.7, 0.1, 0.05])
 
 
-def numbers() -> list[HeldNumber]:
-    centre = [HeldNumber(f"c_arm_{a}", "", c, "m", False, -1, 1, 0.01) for a, c in zip("xyz", CENTRE, strict=True)]
+def numbers() -> list[FixedNumber]:
+    centre = [FixedNumber(f"c_arm_{a}", "", c, "m", False, -1, 1, 0.01) for a, c in zip("xyz", CENTRE, strict=True)]
     inertia = [
-        HeldNumber(f"I_arm_{a}{a}", "", i, "kg*m^2", True, -9, 9, 0.1) for a, i in zip("xyz", INERTIA, strict=True)
+        FixedNumber(f"I_arm_{a}{a}", "", i, "kg*m^2", True, -9, 9, 0.1) for a, i in zip("xyz", INERTIA, strict=True)
     ]
-    return [HeldNumber("m_arm", "", MASS, "kg", True, -9, 9, 0.05), *centre, *inertia]
+    return [FixedNumber("m_arm", "", MASS, "kg", True, -9, 9, 0.05), *centre, *inertia]
 
 
 def searched(mass: float) -> tuple[Load | None, float]:
@@ -148,7 +151,7 @@ def test_a_body_with_a_load_has_the_centre_and_the_inertia_of_both(load: float, 
     """The inertia about its centre by Steiner's theorem: of the reduced mass at the distance of the two."""
     rho, entries = np.array(place), ("xx", "yy", "zz", "xy", "xz", "yz")
     names = [*(f"c_arm_{a}" for a in "xyz"), *(f"I_arm_{e}" for e in entries), "I_arm"]
-    numbers = [HeldNumber(name, "", MASS, "", name == "m_arm", -9, 9, 0.1) for name in ("m_arm", *names)]
+    numbers = [FixedNumber(name, "", MASS, "", name == "m_arm", -9, 9, 0.1) for name in ("m_arm", *names)]
     mass, *steps = steps_of(numbers, np.array([load, *place])).tolist()
     inertia = MASS * load / (MASS + load) * (rho @ rho * np.eye(3) - np.outer(rho, rho))
     expected = [*(load / (MASS + load) * rho), *(inertia["xyz".index(a), "xyz".index(b)] for a, b in entries)]
@@ -170,35 +173,66 @@ SHARE = 0.04
 FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
 
 
-def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
-    """The torque that is logged at motor 2 has a share of motor 1's: G E^-1 with E = 1 + share e_2 e_1^T."""
-    return {"crosstalk_2": -response.G @ FIRST_ON_SECOND}
-
-
-CROSSTALK = Hypothesis(
-    "crosstalk",
-    ("crosstalk",),
-    Size(0.05, 0.5, unit="1"),
-    phrase=lambda index: f"{100 * index.steps[0]:.1f} % of motor 1's torque logged at motor {index.name[-1]}",
-    advice="check the wiring of {where}",
-    columns=crosstalk,
-)
-
-
 def with_crosstalk(case: Case) -> Case:
     mixed = np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
     return replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
 
 
-def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
-    """With its size to 5 %, and nearly all of the excess."""
-    case, hypotheses = with_crosstalk(true_case()), (CROSSTALK, *HYPOTHESES)
-    result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
+PACKAGE = """
+import numpy as np
+from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
+
+def crosstalk(response):
+    return {"crosstalk_2": -response.G @ np.array([[0.0, 0.0], [1.0, 0.0]])}
+
+CAUSE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), columns=crosstalk,
+                   summary="torque of one motor in the channel of another", advice="check the wiring")
+"""
+
+
+@pytest.fixture
+def installed_cause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Folder of a package with one cause, as pip installs it."""
+    (tmp_path / "crosstalk_cause.py").write_text(PACKAGE)
+    info = tmp_path / "crosstalk_cause-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crosstalk-cause\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[elastid.causes]\ncrosstalk = crosstalk_cause:CAUSE\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    points.cache_clear()
+    yield info
+    points.cache_clear()
+
+
+def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path) -> None:
+    """First, with its size to 5 % and nearly all of the excess, without any argument of identify."""
+    case = with_crosstalk(true_case())
+    result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
     first = result.indices[0]
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
-    assert first.explained_fraction > 0.95
     assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
+    assert first.explained_fraction > 0.95
     assert "fit/likely-cause" in {note.code for note in result.notes}
+    assert "torque of one motor" in explain_causes("crosstalk")
+
+
+def test_entry_point_without_a_cause_is_refused(installed_cause: Path) -> None:
+    """The error has the name of the entry point and its value."""
+    (installed_cause / "entry_points.txt").write_text("[elastid.causes]\nwrong = crosstalk_cause:crosstalk\n")
+    with refused("install/missing-package", holds=("wrong", "crosstalk_cause")):
+        all_hypotheses()
+
+
+def test_every_cause_is_explained_and_has_its_plant() -> None:
+    """A row has a summary and a remedy; its plant is a fault of these tests or an injection of the study."""
+    injections = (Path(__file__).parents[3] / "scripts" / "studies" / "causes.py").read_text(encoding="utf-8")
+    for row in HYPOTHESES:
+        if row.summary:
+            assert f"{row.family}: {row.summary}" in explain_causes(row.family)
+            assert not row.plant or row.plant in FAULTS or f'"{row.plant}"' in injections, row
+    assert {row.family for row in HYPOTHESES if not row.summary} <= {"time", "number", "centre of mass"}
+    with refused("study/unknown-key"):
+        explain_causes("gain of nothing")
 
 
 @pytest.mark.slow

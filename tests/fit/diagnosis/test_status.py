@@ -13,8 +13,8 @@ from plants.elastic_arm import measure, pendulum
 from plants.faults import SPEC, drawn, faulty, rubbing, true_case
 from plants.measured_robots import responses_of
 
+from elastid.fit.diagnosis.estimate_notes import bound_notes
 from elastid.fit.diagnosis.priors import contradicted_tolerances, relative
-from elastid.fit.diagnosis.status import bound_notes
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.parameters import Parameters
@@ -54,7 +54,7 @@ def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted() ->
     case = faulty("gear ratio 1 % wrong")
     data = drawn(case, np.random.default_rng(0))
     result = fit_parameters(data, case.robot, SPEC)
-    verdicts = dict(zip((p.name for p in result.parameters.asked), result.verdicts, strict=True))
+    verdicts = dict(zip((p.name for p in result.parameters.of_interest), result.verdicts, strict=True))
     assert result.status == "misfit"
     assert verdicts["k_1"] != verdicts["k_1x"] == "good"
     assert abs(np.log(result.values["k_1x"] / case.stiffness["k_1x"])) < 3 * result.std["k_1x"] / result.values["k_1x"]
@@ -113,7 +113,7 @@ def test_what_the_tolerances_absorb_together_is_said_with_its_size(factor: float
 def test_numbers_within_their_tolerances_that_move_a_stiffness_together_are_seen(std: float, is_beyond: bool) -> None:
     """Each number off its file by what moves k_2 most: at 4.6 std none by 4 tolerances, their rms by chance."""
     true = identify(measured(), FILE, OF_SHEET)
-    n, C = len(true.parameters.asked), true.covariance
+    n, C = len(true.parameters.of_interest), true.covariance
     free = true.parameters.free[n:]
     s = np.array([p.prior.std for p in free])
     pull = s * np.linalg.solve(C[n:, n:], C[n:, true.parameters.free_names.index("k_2")])
@@ -128,8 +128,8 @@ def test_numbers_that_ratios_move_beyond_their_tolerances_count_as_one_each() ->
     """All 1.3 tolerances off, with variances of 26 tolerances squared by scattering ratios: within chance."""
     true = identify(measured(), FILE, OF_SHEET)
     n, s = (
-        len(true.parameters.asked),
-        np.array([p.prior.std for p in true.parameters.free[len(true.parameters.asked) :]]),
+        len(true.parameters.of_interest),
+        np.array([p.prior.std for p in true.parameters.free[len(true.parameters.of_interest) :]]),
     )
     x, C = true.x.copy(), true.covariance.copy()
     x[n:] += 1.3 * s * np.resize([1, -1], len(s))

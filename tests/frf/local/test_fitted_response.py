@@ -65,7 +65,7 @@ def test_a_richer_model_widens_the_variance_where_it_differs_and_has_a_useful_va
     rng, k = np.random.default_rng(0), np.arange(60)
     R = np.exp(2j * np.pi * rng.random((2, len(k), 1)))
     Z = 3 * R + rng.normal(size=R.shape) + 1j * rng.normal(size=R.shape)
-    fit = fit_ladder(Z, R, windows(k, k, 12), [WindowTerms(1, 2, 0, transient=True)]).chosen
+    fit = fit_ladder(Z, R, windows(k, k, 12), [WindowTerms(1, 2, 0, transient=True)]).selected
     experiments, everywhere = Experiments(1, False, np.ones(2), None, 0.0), np.ones(len(k), dtype=np.bool_)
     fitted = fitted_response(fit, experiments, everywhere)
     other = replace(fit, B=fit.B + 10 * np.sqrt(fitted.total.variance))
@@ -90,7 +90,7 @@ def test_the_residual_of_local_fits_is_chi_square_with_its_degrees_of_freedom() 
     n_w = terms.width(6, E, n_z)
     # Windows that share no bin.
     lines = np.arange(n_w, bins - n_w, n_w + 1)
-    fit = fit_ladder(Z, R, windows(np.arange(bins), lines, n_w), [terms]).chosen
+    fit = fit_ladder(Z, R, windows(np.arange(bins), lines, n_w), [terms]).selected
     statistic = np.einsum("fzz->fz", fit.scatter).real
     assert fit.dof == terms.degrees_of_freedom(n_w, E, n_z) == E * (n_w - 3) - 6
     assert statistic.mean() / fit.dof == pytest.approx(2, rel=0.02)
@@ -105,6 +105,6 @@ def test_poles_that_fit_mere_noise_are_not_taken() -> None:
     R = np.zeros((1, bins, 0), dtype=np.complex128)
     ladder = [WindowTerms(0, 2, poles, transient=True) for poles in (0, 2)]
     where = windows(np.arange(bins), np.arange(20, bins - 20, 4), ladder[1].width(6, 1, 1))
-    greedy, careful = (fit_ladder(Z, R, where, steps).chosen for steps in (ladder[1:], ladder))
+    greedy, careful = (fit_ladder(Z, R, where, steps).selected for steps in (ladder[1:], ladder))
     assert np.mean(greedy.scatter.real) / greedy.dof < 2 * 0.9
     assert np.mean(careful.scatter.real) / careful.dof == pytest.approx(2, rel=0.02)

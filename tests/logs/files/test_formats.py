@@ -18,10 +18,11 @@ from plants.refusals import refused
 from plants.ros_bag import LogArrays, write_bag
 from scipy.io import savemat
 
+from elastid.base import entry_points
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.logs.files import binary_formats, formats, reader_process, ros_bag
+from elastid.logs.files import binary_formats, reader_process, ros_bag
 from elastid.logs.files.formats import Format, contents, opened_log, read_channels
 from elastid.logs.files.log import ArrayLog, StoredArray
 
@@ -273,7 +274,7 @@ NO_FORMAT = 7
 def _register(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setitem(sys.modules, "elastid_doubles", sys.modules[__name__])
     point = EntryPoint("doubles", f"elastid_doubles:{name}", "elastid.readers")
-    monkeypatch.setattr(formats, "_points", lambda: (point,))
+    monkeypatch.setattr(entry_points, "points", lambda group: (point,))
 
 
 def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

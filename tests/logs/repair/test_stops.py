@@ -31,7 +31,7 @@ def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path: Path) ->
     """The third of six periods stops after 60 samples; the others are as they were logged."""
     whole = _log(6)
     record = record_of(tmp_path, _stopped(whole, 460, 600))
-    assert record.left_out == (2,)
+    assert record.discarded_periods == (2,)
     (note,) = (text for text in said(record.notes) if "as at a stop" in text)
     assert "repetitions 3 of 6" in note
     kept = np.r_[0:400, 600:1200]
@@ -73,7 +73,7 @@ def _with_friction(friction: float, count: int, L: int) -> np.ndarray:
 def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -> None:
     """Stopped in the fourth period, for up to most of the log."""
     record = record_of(tmp_path, _stopped(_log(periods), 700, periods * N))
-    assert (record.n_periods, record.left_out) == (3, ())
+    assert (record.n_periods, record.discarded_periods) == (3, ())
     assert noted(*record.notes) == ("records/corrected", "record home-r0-e0", [*range(4, periods + 1), periods])
 
 
@@ -82,7 +82,7 @@ def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: 
     """Rest during 0.7 of the first period is a start, no stop, and later periods show that the period is right."""
     log = {name: np.where(np.arange(periods * N) < 140, 0.0, x) for name, x in _log(periods).items()}
     record = record_of(tmp_path, log)
-    assert (record.n_periods, record.left_out) == (periods, ())
+    assert (record.n_periods, record.discarded_periods) == (periods, ())
     assert not any("stop" in text for text in said(record.notes))
 
 

@@ -26,7 +26,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.design.forecast import QUANTITIES, Forecast, LimitUse
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw
-from elastid.nonlinear.friction import Shape
+from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.report.content import parameter_rows
 from elastid.report.figures import fit, friction, friction_records, use
@@ -187,7 +187,7 @@ def law(levels: Any) -> Drawn:
     return friction.friction_curve(found), [panel, {"": (y - found.torque(levels.conditions)) / levels.std}]
 
 
-def taken_out(*shapes: Shape) -> Drawn:
+def taken_out(*shapes: BasisFunction) -> Drawn:
     """After a reversal out of sliding, or in sliding where no bristle is; both signs of the file's law; amplitudes."""
     of, n = taken_friction(), len(shapes)
     found = replace(of, shapes=shapes, coulomb_torque=of.coulomb_torque[:n], covariance=of.covariance[:n, :n])
@@ -218,8 +218,8 @@ CASES: dict[str, Callable[[], Drawn]] = {
     "fleet": fleet,
     "law": lambda: law(study.levels()),
     "conditions": lambda: law(drawn(published_levels(loads=(0.0, 1.0), temperatures=(33.0, 62.0, 80.0)), 1)),
-    "sign": partial(taken_out, Shape("motor 1", "sign")),
-    "oil": partial(taken_out, Shape("motor 1", "sign", 0.01)),
+    "sign": partial(taken_out, BasisFunction("motor 1", "sign")),
+    "oil": partial(taken_out, BasisFunction("motor 1", "sign", 0.01)),
     "bristle": partial(taken_out, *taken_friction().shapes),
     "motion": lambda: (friction_records.friction_motion(study.motion()), [{}, {}]),
     "map": lambda: (use.workspace_figure(arm_map()), [{}, {}]),

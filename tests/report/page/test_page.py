@@ -21,7 +21,7 @@ from plants.taken_friction import LEFT, taken_friction
 from elastid.base.display import number
 from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
-from elastid.nonlinear.friction import FrictionTakenOut
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.report.command_summary import Answer
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
@@ -121,17 +121,17 @@ def test_text_of_a_script_has_the_colour_of_the_scheme(name: str) -> None:
     assert 'fill: "#' not in (files("elastid.report.page") / name).read_text("utf-8")
 
 
-def page(friction: FrictionTakenOut | None) -> str:
+def page(friction: CompensatedFriction | None) -> str:
     return html(report_content(friction=friction), [])
 
 
-def page_of_responses(friction: FrictionTakenOut | None) -> str:
+def page_of_responses(friction: CompensatedFriction | None) -> str:
     modes = (without_modes(pair(2)[0], Note("modal/lines", "none")),)
     return html_of_responses(ResponsesContent("a", (pair(2)[0],), modes, "", {}, friction), [])
 
 
 @pytest.mark.parametrize("written", [page, page_of_responses])
-def test_the_section_has_the_numbers_of_the_file(written: Callable[[FrictionTakenOut | None], str]) -> None:
+def test_the_section_has_the_numbers_of_the_file(written: Callable[[CompensatedFriction | None], str]) -> None:
     """Level and interval, power left, torque before and after; why friction was left stands there once."""
     text = written(taken_friction())
     section = text[text.index('<h2 id="friction">') :]

@@ -1,4 +1,4 @@
-"""Motion between samples and spectra of shapes are those of the motor's motion; levels and curves of a result."""
+"""Motion between samples and spectra of shapes are those of the motor's motion; coefficients and curves of a result."""
 
 from dataclasses import replace
 from typing import Literal
@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from elastid.friction.stop_operator import Path, stop
-from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes, friction_rows, sliding_means, spectrum
+from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
+from elastid.nonlinear.friction_basis import BasisFunction, amplitudes, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.nonlinear.motion import Motion as KnownMotion
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
-SIGN = Shape("motor 1", "sign")
+SIGN = BasisFunction("motor 1", "sign")
 
 
 def swinging(line: int, amplitude: float, quantity: Motion = "position") -> Record:
@@ -26,7 +27,7 @@ def swinging(line: int, amplitude: float, quantity: Motion = "position") -> Reco
     return Record("c", configuration, 0, 0, RATE, N, ("motor 1",), ("motor 1",), (quantity,), 0 * y, y)
 
 
-def amplitudes_of(record: Record, shape: Shape, lines: list[int]) -> np.ndarray:
+def amplitudes_of(record: Record, shape: BasisFunction, lines: list[int]) -> np.ndarray:
     every = np.arange(record.n_samples // record.repeat_samples)
     return amplitudes(record, motion_of(record, "motor 1"), [shape], every, np.array(lines))[0]
 
@@ -58,13 +59,13 @@ def test_a_stribeck_shape_has_its_first_harmonic_whatever_the_sampling() -> None
     angle = 2 * np.pi * (np.arange(200_000) + 0.5) / 200_000
     velocity = -peak * np.sin(angle)
     expected = 2 * np.mean(np.sign(velocity) * np.exp(-((20 * velocity / peak) ** 2)) * np.exp(-1j * angle))
-    (found,) = amplitudes_of(swinging(33, 0.2), Shape("motor 1", "stribeck", peak / 20), [33])
+    (found,) = amplitudes_of(swinging(33, 0.2), BasisFunction("motor 1", "stribeck", peak / 20), [33])
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:
     """All of it near standstill, nothing at six times its velocity, and none of F_c."""
-    shape = Shape("motor 1", "stribeck", 0.01)
+    shape = BasisFunction("motor 1", "stribeck", 0.01)
     np.testing.assert_allclose(shape.sliding(np.array([1e-6, -1e-6, 0.06])), [1, -1, 0], atol=1e-7)
     assert shape.when_fast == 0
     np.testing.assert_array_equal(sliding_means(np.zeros((1, 4)), [(shape, 1.0)]), 0)
@@ -73,7 +74,7 @@ def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:
 def test_half_periods_are_repetitions_with_the_other_sign() -> None:
     """A half-wave record has the amplitudes of the same record in whole periods."""
     record = swinging(3, 0.2)
-    for shape in (SIGN, Shape("motor 1", "stop", 0.05)):
+    for shape in (SIGN, BasisFunction("motor 1", "stop", 0.05)):
         np.testing.assert_allclose(
             amplitudes_of(replace(record, half_wave=True), shape, [3, 9]), amplitudes_of(record, shape, [3, 9])
         )
@@ -84,22 +85,22 @@ def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:
     angle = 2 * np.pi * np.arange(200_000) / 100_000
     s = stop(Path.of(0.2 * np.cos(angle)), 0.1)[100_000:] / 0.1
     expected = np.mean(s * np.exp(-1j * angle[100_000:])) * 2
-    (found,) = amplitudes_of(swinging(3, 0.2), Shape("motor 1", "stop", 0.1), [3])
+    (found,) = amplitudes_of(swinging(3, 0.2), BasisFunction("motor 1", "stop", 0.1), [3])
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
     """Over twice the threshold of a stop operator."""
-    curve = Shape("motor 1", "stop", 0.1).reversal(np.array([0.0, 0.1, 0.2, 0.5]))
+    curve = BasisFunction("motor 1", "stop", 0.1).reversal(np.array([0.0, 0.1, 0.2, 0.5]))
     np.testing.assert_allclose(curve, [-1, 0, 1, 1])
     np.testing.assert_allclose(SIGN.reversal(np.array([0.0, 1e-9])), [-1, 1])
-    np.testing.assert_allclose(Shape("motor 1", "bristle", 0.1).reversal(np.array([0.0, 5.0])), [-1, 1])
+    np.testing.assert_allclose(BasisFunction("motor 1", "bristle", 0.1).reversal(np.array([0.0, 5.0])), [-1, 1])
 
 
 @pytest.mark.parametrize(("kind", "threshold"), [("sign", 1e-3), ("sign", 0.5), ("stribeck", 0.2)])
 def test_the_mean_over_a_cell_is_that_of_a_straight_velocity(kind: str, threshold: float) -> None:
     """It turns within a cell, is one-sided or constant, against ten thousand points of each cell."""
-    shape = Shape("motor 1", kind, threshold)  # type: ignore[arg-type]
+    shape = BasisFunction("motor 1", kind, threshold)  # type: ignore[arg-type]
     x = np.linspace(0, 1, 17)
     between = (np.arange(160_000) + 0.5) / 160_000
 
@@ -111,10 +112,14 @@ def test_the_mean_over_a_cell_is_that_of_a_straight_velocity(kind: str, threshol
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
-FRICTION = FrictionTakenOut(
+FRICTION = CompensatedFriction(
     places=("motor 1", "motor 2"),
     place_units=("N*m", "N*m"),
-    shapes=(Shape("motor 1", "sign"), Shape("motor 1", "stop", 0.1), Shape("motor 1", "stribeck", 0.1)),
+    shapes=(
+        BasisFunction("motor 1", "sign"),
+        BasisFunction("motor 1", "stop", 0.1),
+        BasisFunction("motor 1", "stribeck", 0.1),
+    ),
     coulomb_torque=np.array([2.0, 3.0, 7.0]),
     covariance=np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1.0]]),
     configurations=("a",),
@@ -126,16 +131,16 @@ FRICTION = FrictionTakenOut(
 
 
 def test_the_level_in_sliding_is_the_sum_of_signs_and_bristles_without_stribeck() -> None:
-    """With the correlation of the levels; 0 of a motor that nothing was taken out of."""
-    assert FRICTION.sliding_level("motor 1") == pytest.approx((5.0, np.sqrt(0.15)))
-    assert FRICTION.sliding_level("motor 2") == (0.0, 0.0)
-    assert FRICTION.taken_places() == ("motor 1",)
+    """With the correlation of the coefficients; 0 of a motor that nothing was taken out of."""
+    assert FRICTION.coulomb_friction("motor 1") == pytest.approx((5.0, np.sqrt(0.15)))
+    assert FRICTION.coulomb_friction("motor 2") == (0.0, 0.0)
+    assert FRICTION.compensated_motors() == ("motor 1",)
 
 
 def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide() -> None:
     """A stop of 3 Nm is half-way to sliding after a motion of its threshold; a spring of 10 Nm/rad has no bound."""
     short = replace(FRICTION, swings=(0.1, 0.1))
-    assert short.sliding_level("motor 1") == pytest.approx((5.0, np.hypot(np.sqrt(0.15), 1.5)))
+    assert short.coulomb_friction("motor 1") == pytest.approx((5.0, np.hypot(np.sqrt(0.15), 1.5)))
     assert short.swing_ratio("motor 1") == pytest.approx(1.0)
     (plain, _), (with_spring, _) = friction_rows(short), friction_rows(short, {"motor 1": 10.0})
     assert with_spring.std == pytest.approx(np.hypot(plain.std or 0.0, 6.0))
@@ -146,7 +151,7 @@ def test_damping_acts_on_the_rate_of_its_element(element: Literal["stop", "brist
     """Its lines are those of the element times j omega over the sampling rate."""
     record, lines = swinging(7, 0.2), [7, 21]
     of_element, of_damping = (
-        amplitudes_of(record, Shape("motor 1", kind, 0.05), lines)  # type: ignore[arg-type]
+        amplitudes_of(record, BasisFunction("motor 1", kind, 0.05), lines)  # type: ignore[arg-type]
         for kind in (element, f"{element} damping")
     )
     np.testing.assert_allclose(of_damping, 2j * np.pi * np.array(lines) / N * of_element, rtol=2e-2)

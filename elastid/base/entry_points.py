@@ -1,0 +1,35 @@
+"""Rows that other packages add to a list of elastid by an entry point."""
+
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import TypeVar
+
+from elastid.base.errors import StudyError
+
+Row = TypeVar("Row")
+
+
+@cache
+def points(group: str) -> tuple[EntryPoint, ...]:
+    """Return the entry points of a group; cached, since the look-up reads a file of every installed package."""
+    return tuple(entry_points(group=group))
+
+
+def registered(group: str, kind: type[Row]) -> tuple[Row, ...]:
+    """Return the rows of a group; StudyError for an entry point that cannot be loaded or is of another type."""
+    return tuple(_loaded(point, kind) for point in points(group))
+
+
+def _loaded(point: EntryPoint, kind: type[Row]) -> Row:
+    try:
+        row = point.load()
+        problem = f"is {type(row).__name__} and not {kind.__module__}.{kind.__qualname__}"
+    except Exception as error:
+        row, problem = None, f"cannot be loaded ({error})"
+    if isinstance(row, kind):
+        return row
+    raise StudyError(
+        "install/missing-package",
+        f"{point.name} ({point.value}) of {point.group} in another package {problem}; update that package, or "
+        "uninstall it",
+    )

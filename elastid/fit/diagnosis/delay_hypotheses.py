@@ -1,0 +1,162 @@
+r"""Delays and low passes of channels, which to first order are both a delay.
+
+.. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}
+
+They differ in gain and curvature. T follows by a search in one dimension, the parameters of the fit by one Gauss-Newton
+step at each T. A negative T is a delay that was compensated and does not exist.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import ElastidError
+from elastid.fit.diagnosis.hypothesis import Evidence, Scores
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.diagnosis.refit import (
+    AS_MEASURED,
+    Evaluated,
+    Misreading,
+    evaluate,
+    logarithmic,
+    predict,
+    settle,
+    squares,
+    thinned,
+)
+from elastid.fit.parameter_selection import MAX_TIME
+from elastid.fit.problem.frf_residuals import ElasticFit
+from elastid.fit.result_rows import ModificationIndex
+from elastid.linear.linear_model import DELAY
+from elastid.robot import channel_name, low_pass_response
+
+Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
+
+
+def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """Return D (F,) of a signal that is T late."""
+    return np.asarray(np.exp(-2j * np.pi * freq_hz * T))
+
+
+def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """Return L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
+    return low_pass_response((2j * np.pi * freq_hz).astype(np.complex128), T)
+
+
+FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}
+
+
+class TimeDelay(NamedTuple):
+    """A form of time delay, `delay` or a low pass, the T in s that fits best, V with it, and the step of x."""
+
+    name: str
+    time: float
+    cost: float
+    step: FloatArray
+
+
+def as_delay(name: str) -> str:
+    """Return the first-order equivalent delay of a delay or filter; other names unchanged."""
+    form = next((form for form in FORMS if name.startswith(form)), name)
+    return f"delay{name.removeprefix(form)}" if form in FORMS else name
+
+
+def fit_delay_forms(
+    evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, near: str, channel: tuple[str, str], T_0: float
+) -> Iterator[TimeDelay]:
+    """Return the best T of each form near a delay of that name and size T_0.
+
+    channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow.
+    """
+    from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
+
+    limit = LIMITS.edge_phase / max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
+
+    def at(T: float, form: str) -> tuple[float, FloatArray]:
+        return predict(Misreading("", "time", partial(_delayed, FORMS[form], T, *channel)), evaluated, prior, free)
+
+    for form in FORMS:
+        low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
+        options = {"maxiter": LIMITS.iterations, "xatol": 1e-4 * max(abs(low), abs(high))}
+        least = minimize_scalar(lambda T, form=form: at(T, form)[0], bounds=(low, high), options=options)
+        yield TimeDelay(near.replace("delay", form, 1), float(least.x), *at(float(least.x), form))
+
+
+def _delayed(
+    factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray
+) -> ComplexArray:
+    model = evaluated.part.kernel.model
+    H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
+    if not role:
+        return H * values
+    # A torque that is logged late divides its column.
+    named = np.array([name == place for name in (model.outputs if role == "y" else model.driven)])
+    return np.where(named[:, None] if role == "y" else named, 1 / H if role == "u" else H, 1.0) * values
+
+
+def common_delay(fit: ElasticFit, x: FloatArray) -> float:
+    """Return the delay in s of all motions relative to the torques at which V is least, with x (n_x,) fixed.
+
+    A global search: V is periodic in the delay at each line, and a solver finds the nearest minimum only.  Logarithmic
+    criterion; steps of an eighth of the shortest period, up to half the inverse of the distance of two lines.
+    """
+    few = thinned(fit, LIMITS.residuals)
+    evaluated = evaluate(replace(few, parts=tuple(map(logarithmic, few.parts))), x)
+    step = 0.125 / max(e.part.kernel.freq_hz[-1] for e in evaluated)
+    far = min(MAX_TIME[1], *(0.5 / float(np.diff(e.part.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
+    delays = step * np.array(sorted(range(-int(far / step), int(far / step) + 1), key=abs))
+    costs = [sum(squares([replace(e, G=_delayed(delay, T, "", "", e, e.G)) for e in evaluated])) for T in delays]
+    return float(delays[np.argmin(costs)])
+
+
+def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """Return the indices with the forms (delay, filter) of significant delays and of `common_delay`."""
+    optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
+    if not optimum.fit.n_residuals:
+        return indices
+    fit, x, free = thinned(optimum.fit), optimum.end.x, ~result.at_bound
+    evaluated, prior, share = evaluate(fit, x), fit.prior_slopes, fit.n_residuals / optimum.fit.n_residuals
+    cost, noise = min(predict(AS_MEASURED, evaluated, prior, free)[0], scores.cost * share), scores.noise * share
+    models = [e.part.kernel.model for e in evaluated]
+    # A delay of all references delays all motions, one of the torques is within the loop.
+    common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
+    channels = {common: ("", "")} | {
+        channel_name(DELAY, role, place): (role, place)
+        for model in models
+        for role, places in (("y", model.outputs), (model.input_role, model.driven))
+        for place in places
+    }
+    delayed = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.min_stated_fraction]
+    delayed = delayed[: LIMITS.followed]
+    others = [index for index in indices if index not in delayed]
+    points = {row.name: (evaluated, x, free) for row in delayed}
+    with suppress(ElastidError):  # no equilibrium there
+        start, every = assembly.parameters.x, free | True
+        file = thinned(assembly.at(start, assembly.spec.criterion))
+        if common not in result.parameters.free_names and (T := common_delay(file, start)):
+            start = settle(Misreading("", "time", partial(_delayed, delay, T, "", "")), file, start, every)[1]
+            points[common] = evaluate(file, start), start, every
+            row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
+            delayed, others = (
+                [row, *(r for r in delayed if r.name != common)],
+                [r for r in others if r.name != common],
+            )
+    for row in delayed:
+        at, near, may_follow = points[row.name]
+        best = [*fit_delay_forms(at, prior, may_follow, row.name, channels[row.name], float(row.steps[0]))]
+        least = min(form.cost for form in best)
+        tolerance = LIMITS.variances * scores.level + LIMITS.form_fraction * max(least - noise, 0.0)
+        equal = [form for form in sorted(best, key=lambda form: form.cost) if form.cost < least + tolerance]
+        for form in equal:  # those that cannot be distinguished
+            explained = (cost - form.cost) / max(cost - noise, 1e-300)
+            of_form = replace(row, name=form.name, members=(form.name,), values=row.values * (form.name == row.name))
+            of_form = replace(of_form, steps=np.array([form.time]), effects=near + form.step - result.x)
+            drop = explained * scores.excess / scores.lines
+            alike = (*(other.name for other in equal if other is not form), *row.alike)
+            others.append(replace(of_form, drop=drop, explained_fraction=explained, alike=alike))
+    return others

@@ -1,0 +1,155 @@
+"""Notes on an estimate: bounds, identifiability, correlations, starts, and configurations that differ."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.display import capital, percent
+from elastid.base.errors import Note
+from elastid.base.names import posture_of
+from elastid.fit.diagnosis.hypothesis import Evidence
+from elastid.fit.diagnosis.limits import LIMITS
+from elastid.fit.residual_test import max_cost_ratio
+from elastid.fit.result import Result, correlated, covariance_by_noise
+from elastid.parameters import Parameters
+
+NEAR_BOUND = 1e-4  # share of a range within which x is at its bound
+
+
+def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
+    """Return True for each free parameter (n_x,) that ended at a bound."""
+    lower, upper = parameters.x_bounds
+    reach = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    return (x - lower < reach) | (upper - x < reach)
+
+
+def bound_notes(result: Result) -> Iterator[Note]:
+    """Return notes on parameters that ended at a bound."""
+    for i in np.flatnonzero(result.at_bound):
+        parameter, x = result.parameters.free[i], float(result.x[i])
+        low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
+        side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
+        advice = (
+            "This is far outside its tolerance: check its nominal value in the robot model"
+            if parameter.is_nuisance
+            else "Widen the bound; if the estimate then ends at the new bound, the data only show that it is small or "
+            "large, or the model lacks an effect"
+        )
+        text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}. {advice}"
+        yield Note("fit/at-bound", text)
+
+
+def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
+    """Return warnings about bounds, undetermined and weakly determined parameters, correlations, and the hit rate."""
+    result = evidence.result
+    return (*bound_notes(result), *_determination(result, evidence.uncertainty.unreached), *_search(result))
+
+
+def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
+    """Return a note on each configuration with far larger residuals than the others, if no cause explains them.
+
+    All amplitudes of a posture are one configuration here: gears that are not linear need no second robot.
+    """
+    result = evidence.result
+    # What a cause leaves may be chance where V is little above the noise.
+    left, by_chance = result.cost - evidence.best.drop, max_cost_ratio(result.cost_dof) * result.cost_expected
+    best = evidence.best
+    is_explained = best.explained_fraction >= LIMITS.sufficient_fraction or (best.drop and left < by_chance)
+    if is_explained or result.inflation_factor <= 1:
+        return ()
+    sums: dict[str, tuple[float, int]] = {}
+    for part, cost in zip(evidence.optimum.fit.parts, evidence.uncertainty.costs.tolist(), strict=True):
+        if part.n_residuals:
+            name = posture_of(part.configuration)
+            V, count = sums.get(name, (0.0, 0))
+            sums[name] = V + cost, count + part.n_residuals
+    level = np.sqrt([V / count for V, count in sums.values()])
+    others = "the residuals of the other configurations"
+    checks = "Check that robot, load and angles are as stated, or exclude its records"
+    return tuple(
+        Note("fit/inconsistent-responses", f"residuals {ratio:.0f} times {others}. {checks}", f"configuration {name}")
+        for name, ratio in zip(sums, level / float(np.median(level)), strict=True)
+        if len(sums) > 2 and ratio > LIMITS.residual_ratio
+    )
+
+
+def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
+    r"""Return a note where all stiffnesses suggest frequencies in rad/s instead of Hz, the other way round, or degrees.
+
+    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
+    """
+    result = evidence.result
+    known = result.std_of_x < LIMITS.stiffness_std
+    stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
+    # Viscous friction that the file holds is off by the same reading, and no other cause of it.
+    is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
+    if not stiff or (evidence.best.explained_fraction > LIMITS.sufficient_fraction and not is_friction):
+        return ()
+    change = result.x[stiff] - result.parameters.x[stiff]
+    typical = float(np.median(change))
+    if np.any(np.abs(change - math.copysign(2 * math.log(2 * math.pi), typical)) > math.log(LIMITS.factor_spread)):
+        return ()
+    unit, taken = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
+    text = (
+        f"all estimates are {math.exp(typical):.3g} times their start, which no residual shows. Check whether the "
+        f"frequencies are in {unit} instead of {taken} (39 times), the positions in degrees (57 times), or the torques "
+        "on the other side of the gear (its ratio)"
+    )
+    return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
+
+
+def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
+    names, values = result.parameters.free_names, result.singular_values
+    if unreached.any():
+        yield Note(
+            "fit/not-identifiable",
+            f"{listed(names, unreached)}: only a combination of them is identifiable (smallest singular value "
+            f"{values[-1]:.1e}, largest {values[0]:.1e}). Fix or tie one of them",
+        )
+    wanted = result.parameters.of_interest
+    for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
+        if is_weak(result, parameter.name):
+            limit = percent(LIMITS.stiffness_std)
+            text = f"weakly identifiable (std above {limit} of the estimate). Do not use the estimate"
+            yield Note("fit/weakly-identifiable", text, parameter.name)
+    # A file that is off moves all alike.
+    yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
+
+
+def is_weak(result: Result, name: str) -> bool:
+    """Return True if the std of a logarithmic parameter exceeds the limit of a weakly identifiable one."""
+    return not result.std[name] <= LIMITS.stiffness_std * result.values[name]
+
+
+def _search(result: Result) -> Iterator[Note]:
+    starts = result.starts
+    if lost := [start.message for start in starts if not math.isfinite(start.cost)]:
+        yield Note("fit/starts", f"{len(lost)} of {len(starts)} starts failed, the first with: {lost[0]}")
+    if result.n_converged_starts == 1 < len(starts) - len(lost):
+        yield Note(
+            "fit/starts",
+            f"only 1 of {len(starts)} starts reached the best optimum; the residuals of the next are "
+            f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large. To look for a better "
+            "optimum, raise fit.starts or lower fit.start_factor",
+        )
+
+
+def contradictions(result: Result) -> tuple[Note, ...]:
+    """Return warnings where load tests, or responses at the tool, contradict the responses of the motors."""
+    sources = ("fit/loads", "static load tests", result.static), ("fit/tool", "responses at the tool", result.tool)
+    return tuple(
+        Note(
+            code,
+            f"{source} contradict the responses of the motors ({found.sentence}). {capital(found.cause)}. "
+            "The estimates are from the motors alone",
+        )
+        for code, source, found in sources
+        if found is not None and found.disagrees
+    )
+
+
+def listed(names: tuple[str, ...], chosen: BoolArray) -> str:
+    """Return names that are chosen, as a list in a sentence."""
+    return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)

@@ -1,0 +1,180 @@
+r"""Extended model: the fixed numbers of a fit as parameters of its equations, and the derivatives of the response.
+
+Apart from the numbers of the robot, its geometry and the gains of its channels these are:
+
+- angle_2@c1: an offset of the angle at which axis 2 stood in configuration c1; zero_2 is one in all of them.
+- torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
+- base_x: the compliance of the base about x of the first body before it turns.
+
+A rigid coordinate is a stiff spring: dK = -k^2 dc (...).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.errors import ElastidError
+from elastid.fit.diagnosis.refit import Evaluated
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.problem.frf_residuals import Part, at_measured_places, each_at_home, places_of
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.linear.linearise import Linearisation
+from elastid.linear.presliding import element_names
+from elastid.linear.response.derivatives import Columns
+from elastid.linear.response.kernel import Kernel
+from elastid.parameters import Parameters
+from elastid.robot import Body, Joint, Robot, Spring, channel_name
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedModel:
+    """linearisation: robot with geometry, gains and stiff springs as parameters.
+
+    rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
+    loads: the torque at rest of each driven joint, N m, by configuration.
+    """
+
+    linearisation: Linearisation
+    rigid: dict[str, str]
+    loads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, assembly: Assembly, fitted: LinearModel) -> ExtendedModel:
+        """Return the extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
+        robot = assembly.linearisation.model.robot
+        roles = ("u",) if fitted.controller is None else ("kp", "kd")
+        channels = [channel_name("gain", role, place) for role in roles for place in robot.motor_locations]
+        outputs = {place for response in assembly.responses for place in response.outputs}
+        channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
+        channels += [name for name in assembly.parameters.names if name in set(robot.channel_numbers) - set(channels)]
+        for flexible, rigid in (_with_torsions(robot), (robot, {})):
+            with suppress(ElastidError, ValueError):
+                plain = Linearisation.of_robot(flexible, assembly.model, (*robot.geometry, *channels))
+                extended = cls(replace(plain, presliding=assembly.linearisation.presliding), rigid)
+                theta = extended.theta(assembly.parameters, assembly.parameters.x, fitted.configuration.name)
+                extended.linearisation.at(fitted.configuration, theta[:-1], places_of(fitted), fitted.quantity)
+                return replace(extended, loads=_loads(assembly))
+        free_names = (*assembly.parameters.names, *channels)
+        return cls(Linearisation.of_robot(robot, assembly.model, free_names), {}, _loads(assembly))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of theta: parameters of the equations, and the delay."""
+        return (*self.linearisation.parameters, DELAY)
+
+    def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
+        """Return the numbers (n,) in SI where x (n_x,) is the estimate."""
+        model = self.linearisation.model
+        estimates = named(fitted.names, fitted.expand(x, configuration))
+        nominal = named(model.parameters, model.theta)
+        return np.array([estimates.get(name, nominal.get(name, 0.0)) for name in self.parameters])
+
+    def at(self, fitted: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
+        """Return the linear model of a configuration with slopes to all of `parameters`, and theta (n,).
+
+        measured: its model in the fit, whose inputs and outputs are those measured.
+        """
+        theta = self.theta(fitted, x, measured.configuration.name)
+        model = self.linearisation.at(measured.configuration, theta[:-1], places_of(measured), measured.quantity)
+        model = at_measured_places(model, measured)
+        slopes = dict(model.slopes)
+        for name in self.rigid:
+            k = model.number(theta, name)
+            stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCTB"}
+            slopes[name] = Slope(**{letter: None if part is None else -(k**2) * part for letter, part in stiff.items()})
+        return replace(model, slopes=slopes), theta
+
+
+def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
+    model, configurations = assembly.linearisation.model, [G.configuration for G in assembly.responses]
+    at_rest = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
+    points, joints = each_at_home(at_rest, configurations, assembly.home), model.robot.driven_names
+    return {point.configuration.name: named(joints, point.u) for point in points}
+
+
+def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
+    """The robot with stiff springs in rigid gears and about the free axes of bodies outside loops; their parameters."""
+    springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None]
+    stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad; a spring in N/m counts at a lever of 1 m
+    within = {robot.joints[i].name for i in robot.joints_in_loops}
+    owners, names, bodies = {body.name for body in robot.bodies}, dict[str, str](), list[Body]()
+    for body in robot.bodies:
+        joints, axes = list(body.joints), [joint.axis for joint in body.joints]
+        is_outside = not any(joint.name in within for joint in body.joints)
+        for i, joint in enumerate(body.joints if is_outside else ()):
+            if joint.motor is not None and not joint.is_flexible and not joint.slides:
+                names[f"k_{joint.name}"] = f"gear_{joint.name}"
+                joints[i] = replace(joint, spring=stiff)
+        is_root = bool(axes) and body.parent not in owners and "k_base" not in {name[:6] for name in names}
+        for axis in "xyz" if is_outside else "":
+            if axis in axes or tuple(np.eye(3)["xyz".index(axis)].tolist()) in axes:
+                continue
+            name = f"base_{axis}" if is_root else f"{body.name}_{axis}"
+            # What the robot stands on is in series before its first joint, wherever that is turned.
+            joints.insert(0 if is_root else len(joints), Joint(name, axis, stiff))  # type: ignore[arg-type]
+            names[f"k_{name}"] = name if is_root else f"torsion_{name}"
+        bodies.append(replace(body, joints=tuple(joints)))
+    return replace(robot, bodies=tuple(bodies)), names
+
+
+@dataclass(frozen=True, eq=False)
+class ModelResponse:
+    """G (F, n_y, n_u) of the model in one configuration, as the `columns` of a hypothesis get it.
+
+    slopes: dG by name of the parameters of `model`.  theta (n,): their values, SI.  loads: of `ExtendedModel`.
+    """
+
+    robot: Robot
+    model: LinearModel
+    theta: FloatArray
+    freq_hz: FloatArray
+    G: ComplexArray
+    slopes: Mapping[str, ComplexArray]
+    loads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def value(self, name: str) -> float:
+        """Return the value of a parameter of the equations; 0 if absent."""
+        return float(self.theta[self.model.parameters.index(name)]) if name in self.model.parameters else 0.0
+
+
+def evaluate_extended(
+    extended: ExtendedModel,
+    fitted: Parameters,
+    x: FloatArray,
+    columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]],
+    part: Part,
+) -> Evaluated:
+    """Return one configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
+    model, theta = extended.at(fitted, part.kernel.model, x)
+    known = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
+    kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
+    G, dG = Columns(kernel).evaluate(theta)
+    by_name = dict(zip(kernel.wanted, dG, strict=True))
+    chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)
+    free = np.zeros((chain.shape[1], *G.shape), complex)
+    # An entry of an inertia moves with all others by their common factor, and may be off alone, too.
+    tied = {p.name for p in fitted if p.tie is not None and fitted[p.tie.to].is_nuisance}
+    for name, row in zip(fitted.names, chain, strict=True):
+        if name in by_name and np.any(row):
+            if name not in tied:
+                del numbers[name]
+            for k in np.flatnonzero(row):
+                free[k] += row[k] * by_name[name]
+    for name in element_names(extended.linearisation.presliding):
+        numbers.pop(name, None)
+    for name in extended.rigid:  # springs that the robot does not have are free of friction
+        numbers.pop(name.replace("k_", "d_", 1), None)
+        numbers.pop(name.replace("k_", "f_", 1), None)
+    response = ModelResponse(
+        extended.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name, extended.loads
+    )
+    for further in columns:
+        numbers |= further(response)
+    return Evaluated(part, part.mixing, G, free, numbers)

@@ -1,0 +1,113 @@
+r"""A load that the robot model lacks: the point mass at a body that lowers V most.
+
+.. math:: \delta m = \mu, \quad \delta c = \frac{\mu}{m} \rho, \quad
+          \delta I = \mu\, (\rho^T \rho\, 1 - \rho \rho^T), \quad
+          (\mu, \rho) = \arg\min\; 2 g^T \delta + \delta^T S\, \delta + \text{priors}
+
+rho: from the centre of mass of the body to the load; g, S: of the score test.  The inertia about the origin of the body
+then changes as a point mass changes it, of any size: M is affine in m, m c and this inertia.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest
+from elastid.robot.body import TENSOR_LETTERS
+
+MASS_KG, DISTANCE_M = 5.0, 0.3  # usual ones of a load from a body's centre
+
+LEAST = 1e-3  # of the body's mass: nobody forgets a smaller load, and other causes look like one
+
+STARTS = [(3.0, DISTANCE_M * axis) for axis in (*np.eye(3), np.array([-1.0, 0.0, 0.0]))]
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Load with steps (n_m,) of its members (ln p if log), decrease of V, and information (4, 4) on mass and place."""
+
+    mass: float
+    place: FloatArray
+    steps: FloatArray
+    drop: float
+    information: FloatArray
+
+
+def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float) -> Load | None:
+    """Return the best load of a body within the priors; None if V decreases by less than `least` or it has no mass."""
+    places, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
+    S, g = test.S[np.ix_(places, places)], test.g[places]
+    mass = next((n.value for n in numbers if n.name.startswith("m_")), 0.0)
+    reached = np.diag(S) > 0
+    if not (mass > 0 and test.known[places].any() and reached.any()):
+        return None
+    scale = np.sqrt(np.where(reached, np.diag(S), math.inf))
+    power, turn = np.linalg.eigh(S / np.outer(scale, scale))
+    used = power > 1e-9 * power[-1]
+    root = np.sqrt(power[used])
+    L = (root * turn[:, used]).T * np.where(reached, scale, 0.0)
+    target = (turn[:, used].T @ (g / scale)) / root
+    if float(target @ target) < least:
+        return None
+    from scipy.optimize import least_squares  # slow to load, and seldom needed
+
+    priors = math.sqrt(level) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]])
+
+    A = _of_moments(numbers)
+    LA = L @ A
+
+    def residual(p: FloatArray) -> FloatArray:
+        return np.concatenate([LA @ _moments(p) + target, priors * p])
+
+    bounds, scales = ([-0.9 * mass, -3, -3, -3], [np.inf, 3, 3, 3]), [1.0, 0.1, 0.1, 0.1]
+    ends = [least_squares(residual, [mu, *rho], bounds=bounds, x_scale=scales) for mu, rho in STARTS]
+    best = min(ends, key=lambda end: float(end.cost))
+    p, J = best.x, best.jac[: len(target)]
+    if abs(p[0]) < LEAST * mass:
+        return None
+    change = A @ _moments(p)
+    drop = float(-change @ (2 * g + S @ change))
+    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ J)
+
+
+def _moments(p: FloatArray) -> FloatArray:
+    """mu times 1, rho and its products in pairs (10,), of mu, rho (4,)."""
+    mu, x, y, z = p
+    return np.asarray(mu * np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]))
+
+
+def _of_moments(numbers: list[FixedNumber]) -> FloatArray:
+    """delta (n_m, 10), relative where log, by the moments of a load."""
+    mass = numbers[0].value
+    J: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
+    J["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
+    for i, axis in enumerate("xyz"):
+        J[f"I{axis}{axis}"] = {4 + j: 1.0 for j in range(3) if j != i}
+    for k, pair in enumerate(TENSOR_LETTERS[3:], start=7):
+        J[f"I{pair}"] = J[f"I{pair[::-1]}"] = {k: -1.0}
+    A = np.zeros((len(numbers), 10))
+    for row, number in zip(A, numbers, strict=True):
+        for place, factor in J.get(_key(number.name), {}).items():
+            row[place] = factor / number.value if number.log else factor
+    return A
+
+
+def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
+    """Return the changes of mass, common centre and inertia, as ln p if log."""
+    mass = numbers[0].value
+    changes, both = _of_moments(numbers) @ _moments(p), mass / (mass + p[0])
+    inertial = np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)
+    changes = changes * inertial
+    log = np.array([n.log for n in numbers])
+    return np.where(log, np.log1p(np.where(log, np.maximum(changes, -0.99), 0.0)), changes)
+
+
+def _key(name: str) -> str:
+    """m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore."""
+    parts = name.partition("@")[0].split("_")
+    is_entry = len(parts) > 2 and parts[-1] in {"x", "y", "z", *(a + b for a in "xyz" for b in "xyz")}
+    return parts[0] + parts[-1] if is_entry else parts[0]

@@ -1,0 +1,168 @@
+"""Refits of a changed model: V and x after one Gauss-Newton step, or at an optimum of a few steps.
+
+A misreading changes the responses of the model, data and weights stay: V of every misreading after one Gauss-Newton
+step follows from one evaluation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.execution import HERE
+from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
+from elastid.fit.solve.solvers import ROUGH, trust_region
+from elastid.linear.response.derivatives import Columns
+from elastid.parameters import Parameters
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """One configuration at x: G (F, n_y, n_u) of the model and its derivatives, to x and by name to ln p or p.
+
+    mixing: `Part.mixing`, for all that is whitened.
+    """
+
+    part: Part
+    mixing: ComplexArray | None
+    G: ComplexArray
+    free: ComplexArray
+    fixed: dict[str, ComplexArray] = field(default_factory=dict)
+
+    def whitened(self, slopes: ComplexArray) -> FloatArray:
+        """Return -dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
+        return as_real(-self.part.slopes(self.G, slopes, self.mixing).reshape(len(slopes), -1))
+
+    @property
+    def residual(self) -> FloatArray:
+        """r (N,)."""
+        return as_real(self.part.residual(self.G, self.mixing).ravel())
+
+
+Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
+
+STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
+
+STEPS = 12  # of the solver with a reading
+
+
+@dataclass(frozen=True, eq=False)
+class Misreading:
+    """A way to read the responses: name, in words, family, and the change of the model's response.
+
+    order: the configuration whose model each measured response is of, where postures are exchanged.
+    """
+
+    name: str
+    family: str
+    change: Change
+    order: tuple[int, ...] = ()
+
+
+AS_MEASURED = Misreading("as read", "", lambda _, values: values)
+
+# Configurations that a judgement of all together takes; of more, every so many.
+CONFIGURATIONS = 32
+
+
+def spread_out(count: int) -> slice:
+    """Return so many of a number of configurations, spread over all of them."""
+    return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
+
+
+def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
+    """Return the fit on every so many lines of each configuration, about so many real residuals in total.
+
+    Without static load tests, which say nothing about readings of the responses.
+    """
+    return replace(fit, parts=tuple(map(thinning(fit, residuals), fit.parts)), loads=None, home=HERE)
+
+
+def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
+    """Return the function from a part to every so many of its lines, about so many real residuals in total.
+
+    At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
+    """
+    every, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
+    return partial(_thin, every, least)
+
+
+def _thin(every: int, least: int, part: Part) -> Part:
+    lines = slice(None, None, min(every, max(1, len(part.measured) // least)))
+    kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
+    whitening = part.whitening and part.whitening.lines(lines)
+    return replace(
+        part, columns=Columns(kernel), measured=part.measured[lines], gain=part.gain[lines], whitening=whitening
+    )
+
+
+def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
+    """Return every configuration at x (n_x,), with derivatives to the free parameters alone."""
+    evaluated = []
+    for part in (part for part in fit.parts if part.n_residuals):
+        G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
+        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
+        evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
+    return evaluated
+
+
+def start_distance(parameters: Parameters, x: FloatArray) -> float:
+    """Return -2 ln of the prior density of the stiffnesses at x (n_x,), about their starting values in the study."""
+    asked = (i for i, p in enumerate(parameters.free) if not p.is_nuisance and p.log and p.stands_for.startswith("k_"))
+    return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in asked)
+
+
+def squares(evaluated: Sequence[Evaluated]) -> list[float]:
+    """Return V of each configuration."""
+    return [float(e.residual @ e.residual) for e in evaluated]
+
+
+def predict(
+    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+) -> tuple[float, FloatArray]:
+    """Return V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
+    V, b, A = _normal_equations(misreading, evaluated, prior, free)
+    near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
+    step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
+    return V + float(step @ (2 * b + A @ step)), step
+
+
+def _normal_equations(
+    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """V, J^T r (n_x,) and J^T J (n_x, n_x) of a reading, its priors about where it stands."""
+    V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
+    for i, measured in enumerate(evaluated):
+        model = evaluated[misreading.order[i]] if misreading.order else measured
+        changed = replace(measured, G=misreading.change(measured, model.G))
+        r, J = changed.residual, -changed.whitened(misreading.change(measured, model.free)) * free[:, None]
+        V, b, A = V + float(r @ r), b + J @ r, A + J @ J.T
+    return V, b, A
+
+
+def settle(misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray) -> tuple[float, FloatArray]:
+    """Return V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
+
+    def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
+        V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.prior_slopes, free)
+        return Evaluation(V, 2 * b, 2 * A)
+
+    V = math.inf
+    for problem in (replace(fit, parts=tuple(map(logarithmic, fit.parts))), fit):
+        at = partial(evaluation, problem)
+        end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, STEPS, ~free)
+        V, x = end.evaluation.cost, end.x
+    return V, x
+
+
+def logarithmic(part: Part) -> Part:
+    """Return the part with the logarithmic criterion, element by element, no line with a weight above 10."""
+    gain = np.minimum(part.gain * np.abs(part.measured), 10.0)
+    return replace(part, criterion="log", gain=gain, whitening=None)

@@ -1,0 +1,126 @@
+r"""Derivatives of the response to numbers that need no model of their own: the `columns` of hypotheses.
+
+.. math:: \text{delay of an output or input}: \; -j \omega G \text{ in its row or column}
+
+.. math:: \text{ratio of motor } i: \quad \dot S G + G \dot S^T
+          + 2 \Big( J_m \frac{\partial G}{\partial J_m} + f_m \frac{\partial G}{\partial f_m} + \ldots \Big),
+          \qquad \dot S = E^{-1} e_i e_i^T E
+
+since torque and angle were referred to the link side by the wrong ratio.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.fit.diagnosis.extended_model import ModelResponse
+from elastid.linear.linear_model import DELAY
+from elastid.robot import Body, Robot, channel_name
+
+# Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
+LOAD_RATIO = 0.97
+
+NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
+
+
+def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
+    """Return derivatives to the delay of each output and input in s; a single one is the delay of all."""
+    s, model, columns = 2j * np.pi * response.freq_hz[:, None, None], response.model, dict[str, ComplexArray]()
+    for role, places, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
+        for i, place in enumerate(places if len(places) > 1 else ()):
+            mask = np.zeros((1, len(model.outputs), len(model.inputs)))
+            mask[(slice(None),) * axis + (i,)] = 1.0
+            columns[channel_name("delay", role, place)] = (s if role == "u" else -s) * mask * response.G
+    return columns if model.controller is None else columns | {channel_name("delay", "r"): -s * response.G}
+
+
+def gear_ratios(response: ModelResponse) -> dict[str, ComplexArray]:
+    """Return derivatives to the logarithm of each gear ratio."""
+    robot, model, G, slopes = response.robot, response.model, response.G, response.slopes
+    values = named(model.parameters, response.theta)
+    inverse, columns = np.linalg.inv(robot.mixing), {}
+    for i, joint in enumerate(robot.driven):
+        turn = np.outer(inverse[:, i], robot.mixing[i])
+        left, right = (_between(turn, robot, places) for places in (model.outputs, model.inputs))
+        scaled = [f"{letters}_{joint.name}" for letters in ("Jm", "fm", "km", "dm")]
+        moved = sum((2 * values[name] * slopes[name] for name in scaled if name in slopes), np.zeros_like(G))
+        columns[f"ratio_{joint.name}"] = left @ G + G @ right.T + moved
+    return columns
+
+
+def posture_angles(response: ModelResponse) -> dict[str, ComplexArray]:
+    """Return derivatives to the angle of each axis in this configuration alone, rad."""
+    name = response.model.configuration.name
+    zeros = {joint.name: f"zero_{joint.name}" for joint in response.robot.driven}
+    return {f"angle_{joint}@{name}": response.slopes[zero] for joint, zero in zeros.items() if zero in response.slopes}
+
+
+def of_one_posture(response: ModelResponse) -> dict[str, ComplexArray]:
+    """Return derivatives with respect to values of this configuration only.
+
+    delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; spring_1@c1: ln k_1;
+    m_fore@c1 ...: the numbers of the last body, which carries a load.  None of a single configuration.
+    """
+    name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
+    if len(response.loads) < 2:
+        return {}
+    columns = {f"{DELAY}@{name}": -2j * np.pi * response.freq_hz[:, None, None] * response.G}
+    columns[f"torques@{name}"] = -response.G
+    for joint in robot.driven:
+        if (spring := f"k_{joint.name}") in response.slopes:
+            columns[f"spring_{joint.name}@{name}"] = response.value(spring) * response.slopes[spring]
+    carried = {number: response.slopes[number] for number in inertial(last) if number in response.slopes}
+    return columns | {f"{number}@{name}": column for number, column in carried.items()}
+
+
+def inertial(body: Body) -> list[str]:
+    """Return names of the mass, the centre of mass and the inertia of a body."""
+    entries = (f"I_{body.name}{suffix}" for suffix in body.inertia_entries)
+    return [f"m_{body.name}", *(f"c_{body.name}_{axis}" for axis in "xyz"), *entries]
+
+
+def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
+    r"""Return derivatives to the change of each gear's stiffness with the torque tau that it carries.
+
+    load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
+
+    .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
+    """
+    columns = {}
+    for joint in response.robot.driven_names:
+        loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
+        most, spring = max(loads.values(), default=0.0), f"k_{joint}"
+        if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
+            load, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
+            slope = response.value(spring) * response.slopes[spring]
+            columns[f"load_{joint}"] = (load / most) ** 2 * slope
+            columns[f"play_{joint}"] = -((least / max(load, least)) ** 4) * slope
+    return columns
+
+
+def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
+    """Return derivatives to turns of motor i, link side, per turn of joint j, for joints without a gear coupling."""
+    robot, model, G, s = response.robot, response.model, response.G, 2j * np.pi * response.freq_hz[:, None, None]
+    driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
+    places = model.outputs
+    if model.inputs != places or model.quantity != "acceleration" or not set(places) <= set(robot.motor_locations):
+        return {}
+    rotors = [(response.value(f"Jm_{j.name}"), response.value(f"fm_{j.name}")) for j in driven]
+    squared = [abs(j.motor.ratio) ** 2 if j.motor is not None else 0.0 for j in driven]
+    for i, j in permutations(range(len(driven)), 2):
+        turn = inverse[:, [i]] * np.eye(len(driven))[j]
+        rows, columns_of = (_between(turn, robot, p) for p in (places, places))
+        rotor = squared[i] * (rotors[i][0] + rotors[i][1] / s)
+        pair = np.outer(robot.mixing[i], np.eye(len(driven))[j])
+        moved = _between(pair + pair.T, robot, places)
+        columns[f"coupling_{driven[i].name}_{driven[j].name}"] = rows @ G + G @ columns_of.T - rotor * (G @ moved @ G)
+    return columns
+
+
+def _between(turn: FloatArray, robot: Robot, places: tuple[str, ...]) -> FloatArray:
+    """The entries of a matrix over motors (n_u, n_u) between places, zero for other places."""
+    index = [robot.motor_locations.index(place) if place in robot.motor_locations else -1 for place in places]
+    return np.array([[turn[i, j] if min(i, j) >= 0 else 0.0 for j in index] for i in index])

@@ -1,0 +1,75 @@
+r"""Ports of a linear model: forces and torques at frames as inputs, with motors locked, free or controlled.
+
+.. math:: B = J^T, \qquad \text{locked: } q = N y, \; B_m^T N = 0, \qquad
+          \text{controlled: } K + B_m (k_p + k_i k_d) B_m^T, \; D + B_m k_d B_m^T, \; \Delta = B_m k_i k_p B_m^T
+
+J: velocity of the origin of a frame, or its angular velocity, so that a force at a place works on its motion.  B_m: of
+the motors.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
+from elastid.model.loop_closure import null_space
+from elastid.record import JointLoop, Motors
+from elastid.robot.robot import split_place
+
+
+def moved_by(place: str) -> str:
+    """Return the motion on which a force or torque works."""
+    kind, name, axis = split_place(place)
+    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
+
+
+def locked_motor_motions(B: FloatArray) -> FloatArray:
+    """Return N (n, m), the motions with locked motors B^T q = 0; columns of the unit matrix if possible."""
+    still = ~np.any(B, axis=1)
+    if np.linalg.matrix_rank(B) == np.count_nonzero(~still):
+        return np.eye(len(B))[:, still]
+    return null_space(B.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Ports:
+    """Forces and motions as sums of the places of a linear model.
+
+    act (n_u, n_p + n_m): forces at its outputs, then torques of its motors.  read (n_y, n_p): of its outputs.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    act: FloatArray
+    read: FloatArray
+
+    @classmethod
+    def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> "Ports":
+        """Return forces on motions that are among the outputs of a model, which are read as they are."""
+        n, rows = len(model.outputs), [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
+        return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))
+
+
+def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop | None) -> LinearModel:
+    """Return the model between ports; no chain of drives is in it."""
+    K, D, integral = model.K, model.D, None
+    if motors == "controlled" and loop is not None:
+        gains = loop.kp + loop.ki * loop.kd, loop.kd, loop.ki * loop.kp
+        stiffness, damping, drift = ((model.B * gain) @ model.B.T for gain in gains)
+        K, D, integral = K + stiffness, D + damping, drift if np.any(drift) else None
+    N = locked_motor_motions(model.B) if motors == "locked" else np.eye(model.n)
+    slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
+    M, D, K = (projected(N, A) for A in (model.M, D, K))
+    B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.tilt @ N
+    return replace(
+        model, M=M, D=D, K=K, B=B, C=C, T=T, Z=np.asarray(model.Z) @ N, slopes=slopes,
+        inputs=ports.inputs, outputs=ports.outputs, chain=(), motors=motors, loop=loop, integral=integral,
+    )  # fmt: skip
+
+
+def _on(slope: Slope, N: FloatArray, ports: Ports) -> Slope:
+    M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
+    C, T = (None if part is None else ports.read @ part @ N for part in (slope.C, slope.T))
+    B = None if slope.C is None else N.T @ slope.C.T @ ports.act[:, : len(slope.C)].T
+    return Slope(M, D, K, C, T, B if B is not None and np.any(B) else None)

@@ -1,0 +1,139 @@
+"""CompensatedFriction: the friction torques that were subtracted from the records of a measurement, and their rows."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.errors import Note
+from elastid.base.statistics import QUANTILE_95
+from elastid.nonlinear.friction_basis import BasisFunction, motion_with_friction
+from elastid.nonlinear.motion import Motion
+from elastid.record import Record
+
+
+@frozen_value
+class CompensatedFriction:
+    """Coefficients f_i of the friction basis functions, torque = -sum f_i phi_i, compensated in the records.
+
+    places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
+    shapes (n_f,): each with its motor; motors without shapes are not compensated.  coulomb_torque (n_f,): Nm (N), link
+    side.  covariance (n_f, n_f): of the coefficients by noise, by what no shape has and by their difference between
+    configurations; standard deviations are those of a normal distribution.
+    configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
+    median of the lines, with friction in it and without: nonlinear distortion and noise.  residual_power_ratio (n_m,):
+    residual over initial power in realisations that the coefficients were not fitted to, 1 without compensation.
+    accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
+    swings (n_m,): median motion between two reversals, rad (m), link side.
+    notes: what was compensated at which motor, or why nothing was.
+    """
+
+    places: tuple[str, ...]
+    place_units: tuple[str, ...]
+    shapes: tuple[BasisFunction, ...]
+    coulomb_torque: FloatArray = labelled("torque of each basis function, link side", "N*m", "shape")
+    covariance: FloatArray = labelled("covariance of the coefficients", "", "shape shape")
+    configurations: tuple[str, ...]
+    before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")
+    after: FloatArray = labelled("the same with friction compensated", "N*m", "configurations places")
+    residual_power_ratio: FloatArray = labelled("share of its power left in other realisations", "", "places")
+    accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
+    notes: tuple[Note, ...] = field(default=())
+    swings: tuple[float, ...] = labelled("median motion between two reversals, link side", "rad", "places", default=())
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (n_f,) of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def compensated_basis(self, place: str) -> tuple[tuple[BasisFunction, float], ...]:
+        """Return the basis functions compensated in a motor's torque, each with its coefficient."""
+        pairs = zip(self.shapes, self.coulomb_torque.tolist(), strict=True)
+        return tuple((shape, f) for shape, f in pairs if shape.place == place and f > 0)
+
+    def compensated_motors(self) -> tuple[str, ...]:
+        """Return motors with compensated friction."""
+        return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
+
+    def coulomb_friction(self, place: str) -> tuple[float, float]:
+        """Return F_c in Nm (N) of fast steady sliding at a motor, the sum of its coefficients, and its std.
+
+        Elements that do not slide between two reversals have a torque in sliding that the data do not show: what is
+        left of it to sliding is another standard deviation.
+        """
+        row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
+        swing = np.array([self.swing(place)])
+        left = np.array([(1 - float(shape.reversal(swing)[0])) / 2 for shape in self.shapes])
+        std = math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+        return float(row @ self.coulomb_torque), math.hypot(std, float((row * left) @ self.coulomb_torque))
+
+    def swing(self, place: str) -> float:
+        """Return median motion of a motor between two reversals, rad (m), link side; infinite where it is not known."""
+        return dict(zip(self.places, self.swings, strict=False)).get(place, math.inf)
+
+    def swing_ratio(self, place: str) -> float:
+        """Return the motion of a motor between two reversals over its presliding distance, F_c over stiffness."""
+        basis = [(shape, f) for shape, f in self.compensated_basis(place) if shape.kind in ("stop", "bristle")]
+        stiffness = sum(f / shape.threshold for shape, f in basis)
+        return self.swing(place) * stiffness / sum(f for _, f in basis) if basis else math.inf
+
+    def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its std.
+
+        From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
+        """
+        return self._curve(place, [shape.reversal(distance) for shape in self.shapes])
+
+    def sliding(self, place: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the torque (n,) in steady sliding at `velocity` (n,), and its std; link side, rad/s and Nm."""
+        return self._curve(place, [shape.sliding(velocity) for shape in self.shapes])
+
+    def motion(self, record: Record, place: str) -> Motion:
+        """Return the motion of a motor under its friction."""
+        return motion_with_friction(
+            record, place, self.compensated_basis(place), float(self.accelerance[self.places.index(place)])
+        )
+
+    def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        of_place = np.array([shape.place == place for shape in self.shapes])
+        rows = np.stack(values, axis=1) * of_place
+        variance = np.einsum("ni,ij,nj->n", rows, self.covariance, rows)
+        return rows @ self.coulomb_torque, np.sqrt(np.maximum(variance, 0.0))
+
+
+@dataclass(frozen=True)
+class FrictionRow:
+    """Coulomb friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None without compensation.
+
+    residual_power_ratio: of the unexplained torque, in realisations that the coefficients were not fitted to.
+    """
+
+    place: str
+    unit: str
+    residual_power_ratio: float
+    coulomb_torque: float | None = None
+    std: float | None = None
+    interval: tuple[float, float] | None = None
+
+
+# Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring (GMS).
+UNSEEN = 6.0
+
+
+def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
+    """Return one row for each motor that was looked at, in their order.
+
+    springs: stiffness of the presliding friction that a fit has found at motors.
+    """
+    rows, compensated = [], friction.compensated_motors()
+    for place, unit, kept in zip(
+        friction.places, friction.place_units, friction.residual_power_ratio.tolist(), strict=True
+    ):
+        F_c, std = friction.coulomb_friction(place)
+        if springs.get(place, 0.0) > 0 and friction.swings:
+            std = math.hypot(std, UNSEEN * springs[place] * friction.swing(place))
+        interval = (max(F_c - QUANTILE_95 * std, 0.0), F_c + QUANTILE_95 * std)
+        rows.append(FrictionRow(place, unit, kept, *((F_c, std, interval) if place in compensated else ())))
+    return tuple(rows)

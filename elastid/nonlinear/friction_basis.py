@@ -1,0 +1,210 @@
+r"""Friction basis functions phi of a motor's angle and velocity, each 1 in steady sliding, and their torque.
+
+.. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D
+
+.. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}, \qquad damping: \phi = T \dot s / D
+
+Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
+gradually, as oil or noise in the velocity make it. The coefficient of a stribeck shape is F_s - F_c, the torque by
+which slow motion has more friction than fast motion: 0 there. So has damping, which acts on the rate of a stop or a
+bristle, as LuGre's sigma_1 = coefficient T / D does; T is a sample.
+
+The motion follows from a motor's angle and torque. Above the excited lines a motor moves as an inertia,
+
+.. math:: q_a = \frac{a}{s^2} \Big(H u - \sum_i f_i \phi_i\Big), \qquad a = -\omega^2 G \text{ at high frequencies}
+
+with phi_i along the motion of the round before. Noise of the angle is a velocity that grows with frequency and hides
+where a motor turns back; what of a line of the angle is noise, 1 - w of its power (`motion.signal_fraction`), is taken
+from the torque there, q = w y + (1 - w) q_a. (3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k
+known three times as well.) Reversals between the samples are late by some 2 % of a sample, which the responses' errors
+have.
+
+The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples. A
+torque that is logged later than the motion by tau has its friction by tau later, too:
+
+.. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1} e^{-s \tau}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.fft import irfft, rfft
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
+from elastid.excitation.grids import line_frequencies
+from elastid.friction.stop_operator import Path, bristle, stop
+from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
+from elastid.record import Record
+
+Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop damping", "bristle damping"]
+
+
+@dataclass(frozen=True)
+class BasisFunction:
+    """A shape at a motor, by its place; threshold D: rad/s of sign and stribeck, else rad (m/s, m) on the link side.
+
+    delay_s: by which its torque is logged later than its motion, the same of all shapes.
+    """
+
+    place: str
+    kind: Kind
+    threshold: float = labelled("distance over which a bristle bends, link side", "rad", default=0.0)
+    delay_s: float = labelled("by which the torque is logged later than the motion", "s", default=0.0)
+
+    @property
+    def when_fast(self) -> float:
+        """The shape in fast steady sliding: 1 if its coefficient is a part of F_c, else 0."""
+        return float(self.kind != "stribeck" and not self.is_damping)
+
+    @property
+    def is_damping(self) -> bool:
+        """True if it is the rate of a stop or a bristle."""
+        return self.kind in ("stop damping", "bristle damping")
+
+    @property
+    def is_memoryless(self) -> bool:
+        """True if it depends on the velocity alone."""
+        return self.kind in ("sign", "stribeck")
+
+    def reversal(self, distance: FloatArray) -> FloatArray:
+        """Return the shape (n,) at `distance` (n,) after a reversal out of fast steady sliding: from -1 to 1."""
+        if not self.when_fast:
+            return np.zeros(len(distance))
+        if self.kind == "sign":
+            return np.where(distance > 0, 1.0, -1.0)
+        x = distance / self.threshold
+        return np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x)
+
+    def sliding(self, velocity: FloatArray) -> FloatArray:
+        """Return the shape (n,) in steady sliding at `velocity` (n,)."""
+        if self.kind == "stribeck":
+            return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
+        if self.is_damping:
+            return np.zeros(len(velocity))
+        gradual = self.kind == "sign" and self.threshold > 0
+        return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
+
+    def integral(self, speed: FloatArray) -> FloatArray:
+        """Return the integral (n,) over velocity of a sign or Stribeck curve in steady sliding, up to speeds (n,)."""
+        if self.kind == "stribeck":
+            from scipy.special import erf
+
+            return np.asarray(self.threshold * np.sqrt(np.pi) / 2 * erf(speed / self.threshold))
+        gradual = self.threshold * np.log1p(np.exp(speed * (-2 / self.threshold))) if self.threshold > 0 else 0.0
+        return speed + gradual
+
+
+WeightedBasis: TypeAlias = Sequence[tuple[BasisFunction, float]]
+
+
+def amplitudes(
+    record: Record, motion: Motion, shapes: Sequence[BasisFunction], repetitions: IntArray, lines: IntArray
+) -> ComplexArray:
+    """Return amplitudes (n_f, F) of the basis functions of a motor at lines (F,), means over repetitions."""
+    path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
+    of_shapes = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
+    dft, N = rfft([_mean_period(record, means, repetitions) for means in of_shapes]), record.period_samples
+    delay = np.exp(-2j * np.pi * record.rate_hz / N * np.outer([shape.delay_s for shape in shapes], lines))
+    return dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay
+
+
+@lru_cache(maxsize=16)
+def _between_cells(n: int, lines: int) -> ComplexArray:
+    r"""Factors (lines,) from the DFT of means in cells of n samples to the transform of the torque that has them.
+
+    .. math:: \frac{1}{N_c}\, \frac{e^{-j \omega T_c / 2}}{\mathrm{sinc}(\omega T_c / 2)}
+    """
+    cell = np.arange(lines) / (n * CELLS)
+    return frozen(np.exp(-1j * np.pi * cell) / (CELLS * np.sinc(cell)), np.complex128)
+
+
+def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatArray:
+    """The mean period (m,) of some repetitions of a signal (n m,)."""
+    weights = np.zeros(whole_samples(record) // record.repeat_samples)
+    weights[repetitions] = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0) / len(repetitions)
+    mean = weights @ x.reshape(len(weights), -1)
+    return np.concatenate([mean, -mean]) if record.half_wave else np.asarray(mean)
+
+
+def friction_means(record: Record, motion: Motion, basis: WeightedBasis, path: Path | None = None) -> FloatArray:
+    """Return a motor's friction (n cells,) in the cells of the samples of whole periods: shapes, their coefficients.
+
+    path: `path_of` the motion, if known.
+    """
+    memoryless = [(shape, f) for shape, f in basis if shape.is_memoryless]
+    steady = np.copysign(sum(f for shape, f in memoryless if shape.kind == "sign"), motion.by_sample[0])
+    means = np.repeat(steady, CELLS)
+    if memoryless:
+        # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
+        slow = motion.slowest <= 5 * max(shape.threshold for shape, _ in memoryless)
+        means.reshape(-1, CELLS)[slow] = sliding_means(motion.by_sample[:, slow].T, memoryless)
+    for shape, f in basis:
+        if not shape.is_memoryless:
+            path = path or path_of(record, motion)
+            operator = stop if shape.kind.startswith("stop") else bristle
+            s = operator(path, shape.threshold) * (f / shape.threshold / 2)
+            means += 2 * CELLS * np.diff(s) if shape.is_damping else s[:-1] + s[1:]
+    return means
+
+
+def spectrum(means: ComplexArray, n: int) -> ComplexArray:
+    """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by the DFT of its means in their cells."""
+    return means[: n // 2 + 1] * _between_cells(n, n // 2 + 1)
+
+
+def sliding_means(velocity: FloatArray, basis: WeightedBasis) -> FloatArray:
+    r"""Return means (m, cells) of memoryless friction g in cells of m samples; v (m, cells + 1) is linear in a cell.
+
+    .. math:: \bar g = \Delta I / \Delta v, \qquad I(v) = \int_0^v g
+    """
+    velocity = np.ascontiguousarray(velocity.T)
+    step, before = np.diff(velocity, axis=0), velocity[:-1]
+    constant = np.abs(step) <= 2e-6 * np.abs(before)
+    step[constant] = 1.0
+    means = np.zeros(step.shape)
+    for shape, f in basis:
+        means += f * np.diff(shape.integral(np.abs(velocity)), axis=0) / step
+    means[constant] = sum(f * shape.sliding(before[constant]) for shape, f in basis)
+    return means.T
+
+
+def path_of(record: Record, motion: Motion) -> Path:
+    """Return the way of a bristle whose state at the start is not known: the first period is run over twice."""
+    before = motion.angle[: record.period_samples * CELLS]
+    return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
+
+
+def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: float) -> Motion:
+    """Return the motion of a motor under friction that was found; a: its acceleration per torque, 0 where unknown."""
+    if a == 0:
+        return motion_of(record, place)
+    n, channel = whole_samples(record), record.inputs.index(place)
+    s = laplace(n // 2 + 1, n, record.rate_hz)
+    by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s != 0)
+    torque = hold_of(record)[:, channel] * np.exp(s * _delay(basis)) * rfft(record.u[:n, channel])
+    return motion_of(
+        record, place, lambda motion: by_inertia * (torque - spectrum(rfft(friction_means(record, motion, basis)), n))
+    )
+
+
+def _delay(basis: WeightedBasis) -> float:
+    return basis[0][0].delay_s if basis else 0.0
+
+
+def zoh_samples(record: Record, place: str, motion: Motion, basis: WeightedBasis) -> FloatArray:
+    """Return a motor's friction (n,) along a motion as a torque that is held as u is."""
+    n = whole_samples(record)
+    low = spectrum(rfft(friction_means(record, motion, basis)), n)
+    low *= np.exp(-_delay(basis) * laplace(len(low), n, record.rate_hz))
+    H = hold_of(record)[:, record.inputs.index(place)]
+    # Near a zero of the hold the torque's samples do not determine the torque.
+    return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
+
+
+def hold_of(record: Record) -> ComplexArray:
+    """Return H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
+    n = whole_samples(record)
+    return record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))

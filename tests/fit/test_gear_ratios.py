@@ -1,0 +1,56 @@
+"""Variance of gear ratios that differ between angles, from residuals that are linear in their errors."""
+
+import numpy as np
+import pytest
+from fit.test_covariance import evidence_of
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
+from elastid.fit.robust_covariance import LineSums, RatioSums
+
+Q, N, HALF = 40, 30, np.diag([2.0, 0.1])
+
+
+def scatter(std: float, is_excess: bool = True, noise: float = 1.0) -> tuple[RatioScatter, FloatArray]:
+    """Scatter of a gear at Q angles whose ratios have so many tolerances, and dx (Q, 2) by one tolerance at each."""
+    rng = np.random.default_rng(3)
+    J = np.linalg.qr(rng.standard_normal((Q * N, 2)))[0]
+    V = 3 * rng.standard_normal((Q, N)) + np.reshape(J @ [20.0, 40.0], (Q, N))
+    r = (V * std * rng.standard_normal((Q, 1))).ravel() + noise * rng.standard_normal(Q * N)
+    r = r - J @ (J.T @ r)
+    rows, residuals, parts = np.reshape(J, (Q, N, 2)), np.reshape(r, (Q, N)), list[LineSums]()
+    for q in range(Q):
+        ratios = RatioSums((("motor 1", 0.1 * q),), V[[q]] @ rows[q], V[[q]] @ V[[q]].T, V[[q]] @ residuals[q])
+        parts.append(LineSums(**vars(evidence_of(rows[q], residuals[q])) | {"ratios": ratios}))
+    pull = np.array([part.ratios.pull[0] for part in parts])
+    return scatter_of_ratios(parts, HALF, float(r @ r), N * Q - 2.0, 1.0, is_excess), pull @ HALF
+
+
+@pytest.mark.parametrize("std", [0.5, 3.0])
+def test_ratio_std_is_recovered_and_propagated(std: float) -> None:
+    """The std over 40 angles to 20 %, and the covariance of x by it: sum of s^2 dx dx^T."""
+    found, dx = scatter(std)
+    assert found.std["motor 1"] == pytest.approx(std, rel=0.2)
+    assert found.explains
+    np.testing.assert_allclose(found.covariance, found.std["motor 1"] ** 2 * dx.T @ dx)
+
+
+def test_ratios_without_excess_explain_nothing() -> None:
+    """Residuals of noise alone: the std is small, and no excess is explained."""
+    found, _ = scatter(0.0, is_excess=False)
+    assert found.std["motor 1"] < 0.2
+    assert not found.explains
+
+
+def test_another_error_is_not_explained_by_ratios() -> None:
+    """White residuals of twice the noise: ratios explain none of the excess and count with their tolerance."""
+    found, dx = scatter(0.0, noise=2.0)
+    assert not found.explains
+    np.testing.assert_allclose(found.covariance, dx.T @ dx)
+
+
+def test_implausible_ratios_count_with_their_tolerance() -> None:
+    """Of 20 tolerances another error is the cause: the std is one tolerance."""
+    found, dx = scatter(20.0)
+    assert not found.explains
+    np.testing.assert_allclose(found.covariance, dx.T @ dx)
