@@ -24,6 +24,9 @@ PydanticError: TypeAlias = Mapping[str, Any]
 _OF_KEY = "[key]"
 
 
+NO_LOG = "no such file"
+
+
 @dataclass(frozen=True)
 class Problem:
     """One error: the key path, a sentence, and True if the key (not its value) is at fault.
@@ -35,6 +38,11 @@ class Problem:
     message: str
     at_key: bool = False
     is_weak: bool = False
+
+    @property
+    def is_missing_log(self) -> bool:
+        """True if the problem is a log that does not exist."""
+        return self.message.startswith(NO_LOG)
 
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:

@@ -27,6 +27,7 @@ from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
 from elastid.targets.numbers import c_row
+from elastid.targets.target import Target
 from elastid.use.trajectory_optimisation import SLIDING
 
 
@@ -129,14 +130,14 @@ def compensation(robot: Robot) -> ca.Function:
     return dense("friction", [v], [ca.vertcat(*torques)])
 
 
-def write_compensation(folder: Path, robot: Robot, name: str, known: Iterable[str]) -> tuple[Path, ...]:
+def write_compensation(folder: Path, robot: Robot, title: str, known: Iterable[str]) -> tuple[Path, ...]:
     """Write friction.c and friction.h with `friction_torque(v, u)`, and friction.csv with torque over velocity.
 
     known: lines on the intervals of the numbers.
     """
     function, m = compensation(robot), len(robot.driven)
     entries = ", ".join(f"[{i}] motor {joint.name}" for i, joint in enumerate(robot.driven))
-    lines = [f"{name}: friction_torque, the torque u of the motors' friction at velocities v, link side, SI.", entries]
+    lines = [f"{title}: friction_torque, the torque u of the motors' friction at velocities v, link side, SI.", entries]
     comment = c_comment([*lines, *known])
     equations = c_sources("equations", [function])["equations.c"]
     call = f"""
@@ -169,3 +170,9 @@ def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, flo
     u = function.map(v.shape[1])(v).full()
     for joint, speeds, torques in zip(robot.driven, v.tolist(), u.tolist(), strict=True):
         yield from ((joint.name, speed, torque) for speed, torque in zip(speeds, torques, strict=True))
+
+
+TARGETS = (
+    Target("observer", ("observers",), "filter of the friction of each joint, in C", write_observers),
+    Target("compensation", ("robot", "title", "known"), "motor friction over velocity, in C", write_compensation),
+)
