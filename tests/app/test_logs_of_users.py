@@ -17,7 +17,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import identify_friction
-from elastid.logs.files.formats import read_channels
+from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.study import load_with_logs
 
@@ -80,6 +80,23 @@ def write(path: Path, log: Log) -> None:
         columns = np.column_stack([columns, columns[:, 0] if log.head.endswith("t") else 0.5 * columns[:, 2]])
     rows = [log.sep.join((log.digits % x).replace(".", log.decimal) for x in row) for row in columns.tolist()]
     path.write_bytes(f"{log.head}\n{chr(10).join(rows)}\n{log.end}".encode(log.code))
+
+
+@pytest.mark.parametrize("mark", [b"PK\3\4", b"\x28\xb5\x2f\xfd"])
+def test_archives_are_refused(mark: bytes, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes(mark + bytes(100))
+    with refused("files/damaged"):
+        texts_from_logs(tmp_path, [tmp_path / "log.csv"])
+
+
+@pytest.mark.parametrize(
+    ("heading", "code"),
+    [("トルク[Nm]", "cp932"), ("力矩[Nm]", "gb2312"), ("Größe läge ÄÖ °C", "cp1252"), ("couple é à", "cp1252")],
+)
+def test_headings_in_old_codes_of_letters_are_decoded(heading: str, code: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"t,{heading},x\n0,1,2\n1,2,3\n", encoding=code)
+    with opened_log(tmp_path / "log.csv", TextFormatSpec()) as log:
+        assert heading in log.headings
 
 
 @pytest.mark.parametrize("name", LOGS)

@@ -259,6 +259,9 @@ def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
     return replace(numbers, n=n) if isinstance(numbers, FileLines) else numbers[:n]
 
 
+_ARCHIVES = {b"PK\3\4": "a zip archive", b"\x28\xb5\x2f\xfd": "a file compressed by zstd", b"7z": "a 7z archive"}
+
+
 def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[str]]:
     """Lines of a text, and these with points as decimals, of a large one those that are asked for.
 
@@ -266,6 +269,8 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
     """
     is_large = path.stat().st_size > LARGE_BYTES
     raw = _raw(path, _HEAD_BYTES if is_large else -1)
+    if archive := next((name for mark, name in _ARCHIVES.items() if raw.startswith(mark)), ""):
+        raise DataError("files/damaged", f"{archive} is not read. Unpack it, and give the path of the log", path)
     if b"\0" in raw[:4096] and not _wide_encoding(raw):
         raise DataError(
             "files/damaged",
@@ -366,13 +371,23 @@ def _decoded(raw: bytes) -> str:
     return raw.decode(_encoding(raw), errors="replace").removeprefix("\ufeff")
 
 
+# Japanese with a kana, and Chinese of common signs alone: pairs of bytes that hardly occur in European languages.
+_ASIAN = {
+    "cp932": re.compile(
+        rb"(?=[\0-\x7f]*+(?:[\x81-\x9f\xe0-\xea][@-\xfc][\0-\x7f]*+)*?(?:\x82[\x9f-\xf1]|\x83[@-\x96]))"
+        rb"(?:[\0-\x7f]|[\x81-\x9f\xe0-\xea][@-\xfc])*+"
+    ),
+    "gb2312": re.compile(rb"(?:[\0-\x7f]|[\xa1-\xa3\xb0-\xd7][\xa1-\xfe])*+"),
+}
+
+
 def _encoding(raw: bytes) -> str:
     if wide := _wide_encoding(raw):
         return wide
     try:
         raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return "cp1252"
+        return next((code for code, pattern in _ASIAN.items() if pattern.fullmatch(raw)), "cp1252")
     return "utf-8-sig"
 
 
