@@ -187,7 +187,7 @@ class _Problem:
 
         kp, kd, velocity, carried, late = (
             np.concatenate([getattr(log, name) for log in logs])
-            for name in ("kp", "kd", "velocity", "carried", "late_inertia")
+            for name in ("kp", "kd", "velocity", "coupled_inertia", "late_inertia")
         )
         position = np.concatenate([log.position[0] for log in logs])
         rate_hz = logs[0].rate_hz

@@ -35,7 +35,7 @@ class Modes:
     freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation (n_u,
     n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
     at_hz (F,), synthesis (F, n_y, n_u): of the model; relative_std (F,): standard deviation of G over |G|, both RMS
-    over elements.  indicators (F, n): CMIF.  diagram: of stabilisation.  covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
+    over elements. indicators (F, n): CMIF. diagram: of stabilisation. covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
     """
 
     configuration: str
