@@ -149,7 +149,7 @@ def _coefficient_errors(
     planned_lines: IntArray | None,
     E: FloatArray | None,
 ) -> ComplexArray:
-    """delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
+    """Return delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
     reversals.
     """
     places, n_u = friction.places, len(friction.places)

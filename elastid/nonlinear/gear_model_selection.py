@@ -52,7 +52,7 @@ _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then f
 
 
 def candidate_groups(data: GearData, estimate: GearEstimate, orders: Sequence[float]) -> list[Group]:
-    """Return groups for every joint, on the scales of its own motion.
+    """Return the candidate groups of every joint, on the scales of its own motion.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
     """
@@ -96,7 +96,7 @@ def choose_effects(
     x: FloatArray,
     orders: Sequence[float],
 ) -> GearEstimate:
-    """Return parameters and magnitudes with the effects that pay; x (n_x,): the optimum of a fit without any.
+    """Select the effects by cross-validation and estimate them; x (n_x,): the optimum of a fit without any effect.
 
     orders: of errors and ripples, in turns of the motor.
 
@@ -298,12 +298,12 @@ def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], chos
 
 
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
-    """Return number, joint and order of an effect, which its basis functions share."""
+    """Return the number, joint and order of an effect, which its basis functions share."""
     return effect.row.number, effect.joint, effect.order
 
 
 def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[float]) -> dict[Group, float]:
-    """Return how large each candidate group could be, none of whose family is among the effects that were found.
+    """Return the upper bound of each candidate group whose family has no effect in the model.
 
     data: as the effects were found in.
     """
