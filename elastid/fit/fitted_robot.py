@@ -127,7 +127,7 @@ def models_by_group(
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
-    """Return the parameters of a configuration, without those of other groups or replaced by its group."""
+    """Return the parameters of a configuration, without other groups' parameters and replaced ones."""
     local = result.parameters.configuration_of_stand_in(configuration)
     local_names = [p.stands_for for p in result.parameters if local in p.only]
     return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in local_names))

@@ -251,7 +251,7 @@ class NoRestError(FitError):
 
 
 def is_friction_compensated(response: Response) -> bool:
-    """Return True if friction was compensated, so that the systematic errors include those of its coefficients."""
+    """Return True if friction was compensated, so that the coefficients have systematic errors."""
     return response.bias is not None and len(response.bias) - response.image_errors > SYSTEMATIC_ERRORS
 
 

@@ -41,7 +41,7 @@ from elastid.robot.tolerances import RATIO
 TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
 
 
-def estimate_compensated_response(
+def estimate_net_response(
     records: Sequence[Record],
     friction: CompensatedFriction | None,
     spec: EstimatorSpec,

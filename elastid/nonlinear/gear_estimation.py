@@ -96,7 +96,7 @@ class GearData:
         every = zip(self.lines, drives, before, strict=True)
         return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in every]
 
-    def augmented_normal_equations(
+    def joint_normal_equations(
         self, known: GearEstimate, further: Sequence[GearEffect]
     ) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
         """Return normal equations, and priors, of parameters, magnitudes and magnitudes of further effects about 0."""

@@ -261,7 +261,7 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
     """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
-    sums, prior = data.augmented_normal_equations(estimate, [effect for group in groups for effect in group])
+    sums, prior = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     ends = len(estimate.x) + len(estimate.magnitudes) + np.cumsum([0, *(len(group) for group in groups)])
 
     def added(chosen: list[int]) -> list[GearEffect]:
@@ -310,7 +310,7 @@ def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[fl
     families = {family_of(effect) for effect in estimate.effects}
     every = candidate_groups(data, estimate, tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
-    (A, b, _), of_priors = data.augmented_normal_equations(estimate, [effect for group in groups for effect in group])
+    (A, b, _), of_priors = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     A, b = A.sum(axis=0) + of_priors[0], b.sum(axis=0) + of_priors[1]
     bounds, n = dict[Group, float](), len(estimate.x) + len(estimate.magnitudes)
     first = n

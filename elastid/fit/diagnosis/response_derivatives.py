@@ -27,7 +27,7 @@ NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
 
 
 def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return the derivatives with respect to the delay (s) of each output and input; a single one is the delay of all."""
+    """Return the derivatives with respect to the delay (s) of each output and input, or to a single one of all."""
     s, model, columns = 2j * np.pi * response.freq_hz[:, None, None], response.model, dict[str, ComplexArray]()
     for role, places, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
         for i, place in enumerate(places if len(places) > 1 else ()):
@@ -102,7 +102,7 @@ def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return the derivatives with respect to turns of motor i per turn of joint j (link side), if no gear couples them."""
+    """Return the derivatives with respect to turns of motor i per turn of joint j, if no gear couples them."""
     robot, model, G, s = response.robot, response.model, response.G, 2j * np.pi * response.freq_hz[:, None, None]
     driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
     places = model.outputs

@@ -119,7 +119,7 @@ def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
 
 
 def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
-    r"""Return the images (F, n_y, n_u) of sampled references in sampled positions, both at rate f_l, `controller.log_hz`.
+    r"""Return the images (F, n_y, n_u) of sampled references in sampled positions, both at f_l, `controller.log_hz`.
 
     .. math:: \sum_{m \ne 0} T(f + m f_l)
     """
