@@ -34,7 +34,7 @@ from elastid.parameters import Parameters
 from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.robot import Robot
-from elastid.store import friction_study, measured, results
+from elastid.store import friction_study, measured, plan, results
 from elastid.store.artefacts import kind_of, opened
 from elastid.store.measured import write_records, write_responses
 from elastid.store.results import write_fit
@@ -383,7 +383,7 @@ def save(path: Path | str, value: Result | Sequence[Response] | Iterable[Record]
 
 
 _READERS: dict[str, Callable[[Path | str], Any]] = {
-    "plan": measured.read_plan, "records": lambda path: tuple(measured.read_records(path)),
+    "plan": plan.read_plan, "records": lambda path: tuple(measured.read_records(path)),
     "frf": measured.read_responses, "modes": measured.read_modes, "fit": results.read_fit,
     "gears": results.read_gears, "validation": results.read_validation, "map": results.read_map,
     "tune": results.read_tune, "loops": results.read_loops, "friction plan": friction_study.read_friction_plan,

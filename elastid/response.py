@@ -32,6 +32,8 @@ from elastid.record import (
 )
 
 STEP_IMAGES = "records/step-images"  # code of a note on images of a sampled reference, information if subtracted
+# Of `Response.bias` by distortion: the second order, the turned part of it, and the own part of the first.
+SYSTEMATIC_ERRORS = 3
 UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion that no friction of motors explains
 
 

@@ -30,6 +30,7 @@ from elastid.app.options import (
     study_argument,
 )
 from elastid.app.stage_table import NAMES
+from elastid.app.target_table import MODULES
 from elastid.base.codes import renamed
 from elastid.base.errors import ElastidError
 from elastid.base.escape import printable
@@ -66,13 +67,6 @@ def run_command(arguments: Sequence[str]) -> int:
     except Exception as error:
         return interrupted(arguments) if pressed.is_set() else explained(error, arguments)
     return 0
-
-
-# The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
-_TARGETS = [
-    *("robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "samples", "observer"),
-    *("compensation", "actuators"),
-]
 
 
 # Groups of commands, in the order of the help.
@@ -364,22 +358,15 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
 
 @cli.command()
 @study_argument
-@click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="Target tool or format.")
+@click.option("--to", "target", metavar="TARGET", required=True, help=f"One of {', '.join(MODULES)}.")
 @click.option("--count", type=click.IntRange(1, 100_000), default=1000, show_default=True, help="Number of samples.")
 @stage_options
 def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model with its intervals for another tool into export/<target>/ of the run folder.
 
-    \b
-    robot         robot model with the identified parameters (elasticity or friction)
-    samples       --count posterior samples as robot models, MJCF and a table
-    compensation  motor friction over velocity, in C
-    observer      filter of a friction study, in C
-    actuators     joint numbers for MJCF, Isaac Lab, URDF, Gazebo, Drake and ROS 2, with their mapping
-    uff           measured responses of any study
-    others        fitted model of a study of elasticity
-
-    A study without a robot exports its measured responses to control, matlab, csv or uff.
+    `elastid explain export` lists the targets with their content. A study without a robot exports its measured
+    responses to control, matlab, csv or uff. Further targets come from installed packages, by entry points of the group
+    elastid.targets.
     """
     asked = run_of(study, options)
     from elastid.app.export import export as export_model
@@ -430,6 +417,7 @@ def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
     \b
     elastid explain fit.criterion            meaning, values, default, and when to change it
     elastid explain records/clock            meaning and remedy
+    elastid explain export                   targets of an export (one: export.csv)
     elastid explain causes                   causes of model errors, typical size and remedy
     elastid explain k_1                      meaning and side of the gear
     elastid explain k_1 study.yml            place in the robot model and nominal value

@@ -1,8 +1,10 @@
-"""`elastid explain`: a key, a code, a cause, or a parameter with its nominal value and its estimate in a run."""
+"""`elastid explain`: a key, a code, a cause, a target of an export, or a parameter, in a study or a run."""
 
 import re
 from pathlib import Path
 
+from elastid.app.target_table import explained as explained_targets
+from elastid.app.target_table import tags
 from elastid.base.display import capital
 from elastid.fit.diagnosis.hypotheses import explain_causes
 from elastid.nonlinear.basis_functions import SHEET
@@ -14,6 +16,8 @@ from elastid.study.reference import explain, explain_parameter
 
 def explained(asked: str, study: Path | None = None, folder: Path | None = None) -> str:
     """Explain a name, with its nominal value in a study and its estimate in the folder of a run."""
+    if asked == "export" or asked in [f"export.{tag}" for tag in tags()]:
+        return explained_targets(asked.removeprefix("export").removeprefix("."))
     if asked.partition(".")[0] == "causes":
         return explain_causes(asked.partition(".")[2])
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
@@ -28,7 +32,7 @@ def explained(asked: str, study: Path | None = None, folder: Path | None = None)
         rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(asked)) else "")
     if result is not None and gears.is_file():
         found = read_gears(gears)
-        rows += [f"Stage gears: {row.words}." for row in found.numbers if row.name == asked] if found else []
+        rows += [f"Stage gears: {row.sentence}." for row in found.numbers if row.name == asked] if found else []
     if folder is not None and friction.is_file():
         for row in filter(lambda row: row.name == asked, read_friction_result(friction).numbers):
             rows.append(f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}.")

@@ -77,7 +77,7 @@ def _check(fleet: Fleet, folder: Path) -> None:
         try:
             load(fleet.study, member.overrides)
         except StudyError as error:
-            wrong.append(f"{member.words}: {error}")
+            wrong.append(f"{member.label}: {error}")
     if wrong:
         raise StudyError("study/invalid", first_of(wrong))
     try:
@@ -103,7 +103,7 @@ def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
 
 
 def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
-    return [f"{outcome.words}: {outcome.message}" for outcome in outcomes]
+    return [f"{outcome.label}: {outcome.message}" for outcome in outcomes]
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
@@ -113,7 +113,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
     for attempt in range(2):
         todo = [member for member in fleet.members if member.name not in done]
         if todo and attempt:
-            console.warn(f"fleet: workers died at {', '.join(member.words for member in todo)}; second attempt")
+            console.warn(f"fleet: workers died at {', '.join(member.label for member in todo)}; second attempt")
         with console.progress(f"fleet of {len(fleet.members)}") as progress:
             for index, outcome in surviving(work, todo, jobs, progress):
                 if outcome is not None:

@@ -1,96 +1,28 @@
-"""The robot that a study has identified: its file, its true numbers, friction in the viscous ones, effects of gears."""
+"""The identified robot: its file, friction in the viscous coefficients, effects of gears."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.fitted_robot import remaining_tolerances, robots_by_group
 from elastid.fit.result import Result
-from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.gear_result import GearResult, with_effects
-from elastid.parameters import Parameters
-from elastid.report.content import WITH_COULOMB
-from elastid.robot import Friction, Robot, channel_name
+from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
+from elastid.store.files import write_text
 from elastid.study.robots import yaml_text
 from elastid.targets.numbers import lines_of
+from elastid.targets.target import Target
 
 if TYPE_CHECKING:
     from elastid.friction_study.result import FrictionResult
 
 
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
-VISCOUS = "viscous friction alone"
-SLOPE = "viscous friction at the speeds of the records, without Coulomb friction"
-NOT_SIGNIFICANT = "viscous friction. The Coulomb friction of the motor is not significant and was not compensated"
-OF_LOOP = "; an error of k_d of the controller adds to it"
-
-
-def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFriction | None) -> frozenset[str]:
-    """Names of viscous coefficients that contain dry friction, which looks viscous to a multisine.
-
-    A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
-    friction in the robot's file, and never of a motor that friction was taken out of.
-    """
-    rigid = {*robot.driven_names} - {joint.name for joint in robot.flexible}
-    rough = set(robot.motor_locations)
-    if is_simulated:
-        motors = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction]
-        rough = {f"motor {name}" for name in motors}
-        rough |= {f"joint {joint.name}" for joint in robot.joints if joint.friction is not None}
-    for place in () if friction is None else friction.compensated_motors():
-        joint = place.removeprefix("motor ")
-        rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})
-    sliding = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
-    return frozenset(
-        sliding | {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
-    )
-
-
-def contents(
-    robot: Robot,
-    is_simulated: bool,
-    friction: CompensatedFriction | None,
-    parameters: Parameters,
-    gears: GearResult | None = None,
-) -> dict[str, str]:
-    """Parameter name to the friction in it, for motors' viscous coefficients and others that contain dry friction.
-
-    In responses to references, viscous friction and an error of the controller's k_d are alike.
-    """
-    mixed = mixed_numbers(robot, is_simulated, friction)
-    of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
-    taken = () if friction is None else friction.compensated_motors()
-    tested = () if friction is None or not friction.configurations else friction.places
-    words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
-    words |= {name: NOT_SIGNIFICANT for place in tested if (name := place.replace("motor ", "fm_")) in mixed}
-    words |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
-    and_gain = OF_LOOP if channel_name(DELAY, "r") in parameters.names else ""
-    return {
-        parameter.name: words.get(parameter.stands_for, VISCOUS) + and_gain
-        for parameter in parameters.free
-        if parameter.stands_for in of_motors | mixed
-    }
-
-
-def truth(
-    robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: CompensatedFriction | None = None
-) -> dict[str, float] | None:
-    """Return the simulated robot's identifiable parameters by name, in SI; None for logs.
-
-    fitted: names of parameters in the study.  friction: taken out of the responses; viscous coefficients that contain
-    dry friction have no truth.
-    """
-    if simulated is None:
-        return None
-    mixed = mixed_numbers(robot, True, friction)
-    named = (*robot.geometry, *(name for name in robot.channel_numbers if name in fitted))
-    numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
-    return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}
 
 
 def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
@@ -133,7 +65,7 @@ def robot_of_fit(
     comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
     if gears is not None and not gears.refused:
         comments.append(f"{MOTOR_SIDE}, of `gear` on that of the link; friction and gears were found in the records:")
-        comments += [f"  {number.words}" for number in gears.numbers]
+        comments += [f"  {number.sentence}" for number in gears.numbers]
         return yaml_text(with_effects(robot, gears), (*comments, *known))
     laws = _taken_out(robot, friction)
     if laws:
@@ -182,3 +114,12 @@ def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) ->
     except ValueError:
         return law
     return completed
+
+
+def write_robot(folder: Path, robot_file: str) -> tuple[Path]:
+    """Write robot.yml."""
+    write_text(folder / "robot.yml", robot_file)
+    return (folder / "robot.yml",)
+
+
+TARGETS = (Target("robot", ("robot_file",), "robot model with the identified parameters", write_robot, True),)

@@ -53,7 +53,7 @@ from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
 from elastid.use.tune import MoveRobots, TunedMove, tune_move
 from elastid.validation.friction_simulation import predict_logs
-from elastid.validation.simulation import TwinFindings
+from elastid.validation.log_comparison import LogComparison
 from elastid.validation.spec import ValidationSpec
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -177,7 +177,7 @@ def write_table(path: Path, tuned: TunedMove) -> None:
     parts = ("position", "velocity", "torque")
     heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
     columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
-    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.planned, strict=True)
+    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.predicted_error, strict=True)
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 
@@ -299,7 +299,7 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
     return path
 
 
-def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+def _friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
     result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
     recorded = run.study.experiment.recorded
     robot, controller = run.study.as_robot(), None if recorded is None else recorded.controller
@@ -315,10 +315,10 @@ def _friction(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seque
             f"no joint can be predicted on these logs{why}",
             f"--with {path}",
         )
-    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.words
+    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.sentences
 
 
-def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Sequence[str]]:
+def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
     study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
     robot = study.as_robot()
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
@@ -334,6 +334,6 @@ def _elasticity(run: Run, path: Path) -> tuple[TwinFindings, dict[str, Any], Seq
     fitted = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     validated = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
-    judged, twin = judge(validated, responses.names, records, run.console, Execution(run.jobs))
-    content = validation_summary(study.name, judged, twin)
-    return twin, content, [words for words in (judged.verdict, *twin.words) if words]
+    judged, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
+    content = validation_summary(study.name, judged, log_comparison)
+    return log_comparison, content, [words for words in (judged.verdict, *log_comparison.sentences) if words]

@@ -100,7 +100,7 @@ class Work:
         remove_leftovers(self.parts)
         finished = Checkpoint(self.parts, key)
         if finished:
-            self.console.say(f"{self.stage}: resumed from {finished.words}")
+            self.console.say(f"{self.stage}: resumed from {finished.description}")
         return finished
 
 

@@ -24,8 +24,7 @@ from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.values import SCHEMA, json_value, write_json
 from elastid.validation.frf_error import Agreement, Validation
-from elastid.validation.simulation import NO_TWIN, TwinFindings
-from elastid.validation.torque_balance import BandBalance, TorqueBalance
+from elastid.validation.log_comparison import NO_COMPARISON, BandBalance, LogComparison, TorqueBalance
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.inverse_dynamics_regression import RigidBody
@@ -145,11 +144,13 @@ def summary(
     }
 
 
-def validation_summary(name: str, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
+def validation_summary(
+    name: str, validation: Validation, log_comparison: LogComparison = NO_COMPARISON
+) -> dict[str, Any]:
     """Return the content of validation.json: validation.h5 without curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  predictions: of responses at the
-    tool.  verdict: the same in words.  torque: shares of the parts of the model.  twin: errors of the model
+    tool.  verdict: the same in words.  torque: shares of the parts of the model.  log_comparison: errors of the model
     simulated along a record.
     """
     agreement = f"configuration is_validation {_ERRORS}"
@@ -158,7 +159,7 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
         "study": name,
         "verdict": validation.verdict,
         "configurations": [section(row, agreement) for row in validation.configurations],
-        **_twin(twin),
+        **_log_comparison(log_comparison),
         "predictions": [
             section(row, "configuration motors inside rms_log_db by is_fitted")
             | {"inputs": list(row.measured.inputs), "outputs": list(row.measured.outputs)}
@@ -168,11 +169,14 @@ def validation_summary(name: str, validation: Validation, twin: TwinFindings = N
 
 
 def friction_study_summary(
-    name: str, result: "FrictionResult", twin: TwinFindings = NO_TWIN, left_out: TwinFindings = NO_TWIN
+    name: str,
+    result: "FrictionResult",
+    log_comparison: LogComparison = NO_COMPARISON,
+    left_out: LogComparison = NO_COMPARISON,
 ) -> dict[str, Any]:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
-    torque: of motions, shares of the parts of the model.  twin: errors of the model simulated along them.
+    torque: of motions, shares of the parts of the model.  log_comparison: errors of the model simulated along them.
     left_out: the same of logs that were left out.  rigid_bodies: of joints that moved together.
     """
     every = (*result.notes, *notes_of(result.joints))
@@ -197,7 +201,7 @@ def friction_study_summary(
             if joint.motion is not None
         },
         "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
-        **_twin(twin),
+        **_log_comparison(log_comparison),
         "validation": predicted(left_out),
         "measured": {
             joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
@@ -208,9 +212,9 @@ def friction_study_summary(
     }
 
 
-def predicted(prediction: TwinFindings) -> dict[str, Any]:
-    """Torque and twin of logs under the numbers of others; not_predicted: reasons by joint."""
-    return {"not_predicted": dict(prediction.missing)} | _twin(prediction)
+def predicted(prediction: LogComparison) -> dict[str, Any]:
+    """Return torque and simulation of logs that were predicted; not_predicted: reasons by joint."""
+    return {"not_predicted": dict(prediction.missing)} | _log_comparison(prediction)
 
 
 def _rigid_body(body: "RigidBody") -> dict[str, Any]:
@@ -226,7 +230,7 @@ def _rigid_body(body: "RigidBody") -> dict[str, Any]:
 
 
 def failed_friction(name: str, message: str) -> dict[str, Any]:
-    """summary.json of a friction study that failed: the same keys but the twin, no numbers."""
+    """summary.json of a friction study that failed: the same keys without the log comparison, no numbers."""
     nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}
     nothing |= {"rigid_bodies": [], "validation": None}
     return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
@@ -247,7 +251,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
     ]
 
 
-def _twin(twin: TwinFindings) -> dict[str, Any]:
+def _log_comparison(log_comparison: LogComparison) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
     signal, left = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
     of_band = f"low_hz high_hz power {left}"
@@ -256,10 +260,11 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
             section(balance, "place log")
             | _shared(balance, balance, left)
             | {"bands": [_shared(balance, band, of_band) for band in balance.bands]}
-            for balance in twin.balances
+            for balance in log_comparison.balances
         ],
         "simulation": [
-            section(run, "log driven_by=drive tracking_bandwidth_hz seconds lost", signals=signal) for run in twin.runs
+            section(run, "log driven_by=drive tracking_bandwidth_hz seconds lost", signals=signal)
+            for run in log_comparison.runs
         ],
     }
 

@@ -7,6 +7,7 @@ c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes f
 """
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +15,13 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled, quotient
 from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
-from elastid.design.predicted_response import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
-from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import correlated, covariance_by_noise
 from elastid.parameters import Parameters
+
+if TYPE_CHECKING:
+    from elastid.design.predicted_response import ExpectedResponse
 
 # Limits of the notes about a plan. False-alarm rates: not measured, a forecast has no noise.
 DIRECTION_STD = 1.0  # of an undetermined direction, in ln p or parts of a linear parameter's range
@@ -88,7 +90,7 @@ class Forecast:
         return self.parameters[column], float(self.correlation[row, column])
 
 
-def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_compensated: bool = False) -> Forecast:
+def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensated: bool = False) -> Forecast:
     """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
     is_compensated: friction will be, of the torques.
@@ -98,6 +100,9 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_compensated
     free, freq_hz = parameters.of_interest, expected[0].response.freq_hz
     n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
     check_line_count(freq_hz, parameters)
+    from elastid.design.predicted_response import expected_fit  # a page reads the values alone
+    from elastid.fit.covariance import estimate_uncertainty
+
     fit = expected_fit(expected)
     if fit.n_residuals == 0:
         text = "no response exceeds its noise at any line. Raise excitation.torque_rms, or measure more periods"

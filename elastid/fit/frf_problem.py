@@ -35,7 +35,6 @@ from elastid.fit.problem.systematic_errors import errors_of, find_factors, next_
 from elastid.fit.problem.weights import Weights, weigh, with_model_error
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
-from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linear_model import is_load
 from elastid.linear.linearise import Linearisation
@@ -45,7 +44,7 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration
-from elastid.response import STEP_IMAGES, Response
+from elastid.response import STEP_IMAGES, SYSTEMATIC_ERRORS, Response
 from elastid.robot import Robot
 
 # Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count

@@ -172,7 +172,7 @@ class StaticAgreement(Agreement):
     readings: tuple[LoadReading, ...] = labelled(rows=True, default=())
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """The comparison in a sentence."""
         return self._compared(len(self.readings), "readings of load tests")
 
@@ -188,6 +188,6 @@ class ToolAgreement(Agreement):
     is_misread: bool = False
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """The comparison in a sentence."""
         return self._compared(len(self.responses), "responses at the tool")

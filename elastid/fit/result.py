@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_y
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.posture import Family, Posture, PredictionPorts, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
 from elastid.fit.result_rows import (
@@ -46,6 +45,9 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
+
+if TYPE_CHECKING:
+    from elastid.fit.posture import Family, Posture, PredictionPorts  # equations, which a page does without
 
 
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
@@ -439,7 +441,7 @@ class Result:
 
     def at(
         self,
-        posture: Posture,
+        posture: "Posture",
         inputs: Sequence[str] = (),
         outputs: Sequence[str] = (),
         *,
@@ -461,13 +463,17 @@ class Result:
         (world).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
         that the robot lacks, and where it finds no rest.
         """
+        from elastid.fit.posture import PredictionPorts, as_configuration
+
         ports = PredictionPorts(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
         where = posture if isinstance(posture, str) else getattr(posture, "name", "")
         family = self.family(ports, where)
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
-    def family(self, ports: PredictionPorts, where: str = "") -> Family:
+    def family(self, ports: "PredictionPorts", where: str = "") -> "Family":
         """Return the family of many postures. where: configuration whose group parameters apply."""
+        from elastid.fit.posture import Family
+
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.known_robot, spec, *known, ports, where, self.doubts)

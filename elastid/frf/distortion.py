@@ -38,7 +38,7 @@ from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import positive, power
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import MOTION_ORDER, Motion, Record
-from elastid.response import Levels
+from elastid.response import SYSTEMATIC_ERRORS, Levels
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,6 @@ def fast_total_error(
     return of_noise + of_distortion, sum(parts) ** 2 / spread if spread > 0 else float(dof)
 
 
-# The second order, the turned part of it, and the own part of the first.
-SYSTEMATIC_ERRORS = 3
 # Share of the second order that is turned by a quarter of a circle: its phase differs from the prediction by 0.3 to 0.4
 # rad in many realisations, in one direction.
 MAX_ROTATED_FRACTION = 0.35

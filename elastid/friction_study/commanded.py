@@ -49,9 +49,9 @@ class CommandedLog:
 
     command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains of the equivalent continuous controller;
     late_inertia (m,), kg m^2: of its late feedback (`acting_gains`).  velocity (m,): at the first sample.
-    carried (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
-    is_held: true if commands are held from sample to sample, false if they are linear between samples.
-    turns (m,): true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.
+    coupled_inertia (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
+    is_zoh: true if commands are held from sample to sample, false if they are linear between samples. has_gravity (m,):
+    true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.
     """
 
     name: str
@@ -62,11 +62,11 @@ class CommandedLog:
     kp: FloatArray
     kd: FloatArray
     velocity: FloatArray
-    turns: BoolArray
+    has_gravity: BoolArray
     load: FloatArray
-    carried: FloatArray
+    coupled_inertia: FloatArray
     late_inertia: FloatArray
-    is_held: bool = True
+    is_zoh: bool = True
 
 
 def acting_gains(
@@ -187,13 +187,13 @@ class _Problem:
 
         kp, kd, velocity, carried, late = (
             np.concatenate([getattr(log, name) for log in logs])
-            for name in ("kp", "kd", "velocity", "carried", "late_inertia")
+            for name in ("kp", "kd", "velocity", "coupled_inertia", "late_inertia")
         )
         position = np.concatenate([log.position[0] for log in logs])
         rate_hz = logs[0].rate_hz
         commanded = CommandedJoints(
             rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), carried + late,
-            logs[0].is_held,
+            logs[0].is_zoh,
         )  # fmt: skip
         highest = max(_upper_end(log) for log in logs)
         window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
@@ -221,7 +221,9 @@ class _Problem:
 
     def free(self) -> BoolArray:
         """Numbers (m, 6) that are unknown: gravity where it changes with the angle."""
-        turns = {joint: turn for log in self.logs for joint, turn in zip(log.joints, log.turns.tolist(), strict=True)}
+        turns = {
+            joint: turn for log in self.logs for joint, turn in zip(log.joints, log.has_gravity.tolist(), strict=True)
+        }
         return np.array([[not name.startswith("gravity") or turns[joint] for name in NUMBERS] for joint in self.joints])
 
 
@@ -369,17 +371,17 @@ def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
         late = np.arange(n) - delay_s * log.rate_hz - 0.5  # held for a sample
         for i, joint in enumerate(log.joints):
             torque = np.interp(late, np.arange(n), log.command[:, i]) - log.kp[i] * q[:, i] - log.kd[i] * v[:, i]
-            gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.turns[i] else []
+            gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.has_gravity[i] else []
             columns = [a[:, i], v[:, i], np.sign(v[:, i]), np.ones(n), *gravity]
             used = slice(width, n - width)
-            known = log.load[:, i] + (log.carried[i] + log.late_inertia[i]) * a[:, i]
+            known = log.load[:, i] + (log.coupled_inertia[i] + log.late_inertia[i]) * a[:, i]
             rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - known)[used]))
     numbers = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, joint in enumerate(problem.joints):
         X, y = (np.concatenate(parts) for parts in zip(*rows[joint], strict=True))
         beta = np.linalg.lstsq(X, y, rcond=1e-8)[0]
         numbers[i, : len(beta)] = beta
-    carried = np.array([problem.commanded.carried[problem.index.index(i)] for i in range(len(problem.joints))])
+    carried = np.array([problem.commanded.coupled_inertia[problem.index.index(i)] for i in range(len(problem.joints))])
     numbers[:, 0] = np.maximum(numbers[:, 0], scales[:, 0] / 20 - np.where(carried > 0, 0.5, 1.0) * carried)
     numbers[:, 1:3] = np.maximum(numbers[:, 1:3], 0.0)
     return numbers

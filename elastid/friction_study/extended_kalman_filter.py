@@ -80,7 +80,7 @@ class FollowedJoint:
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
     @property
-    def held(self) -> tuple[str, ...]:
+    def consider_parameters(self) -> tuple[str, ...]:
         """The numbers that the filter holds, with a tolerance, in order."""
         is_there = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
         is_there["stiffness"] = self.stiffness > 0
@@ -93,8 +93,10 @@ class FollowedJoint:
         """
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
-        c = ca.SX.sym("c", len(self.held))
-        factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {name: 1 + c[i] for i, name in enumerate(self.held)}
+        c = ca.SX.sym("c", len(self.consider_parameters))
+        factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {
+            name: 1 + c[i] for i, name in enumerate(self.consider_parameters)
+        }
         state = dict(zip(names, ca.vertsplit(x), strict=True))
         n_q = 2 if self.stiffness > 0 else 1
         coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
@@ -154,14 +156,14 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
     u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
     """
-    n, m = len(joint.states), len(joint.held)
+    n, m = len(joint.states), len(joint.consider_parameters)
     x, P, c = ca.SX.sym("x", n), ca.SX.sym("P", n, n + m), ca.SX.sym("c", m)
     u, g, y = ca.SX.sym("u"), ca.SX.sym("g"), ca.SX.sym("y")
     noise = ca.SX.sym("noise", 4 + len(joint.followed))
     moved = joint.step(rate_hz)(x, c, u, g)
     predicted, by_held = ca.substitute([moved, ca.jacobian(moved, c)], [c], [ca.SX.zeros(m)])
     F = ca.jacobian(predicted, x)
-    std = ca.DM([joint.tolerances[name] for name in joint.held])
+    std = ca.DM([joint.tolerances[name] for name in joint.consider_parameters])
     carried, added = F @ P[:, n:], by_held @ ca.diag(std)
     cross, mixed = carried + added, carried @ added.T
     spread = F @ P[:, :n] @ F.T + mixed + mixed.T + added @ added.T
@@ -213,7 +215,7 @@ class JointSamples:
         return np.pad(span >= 2 * reach * MOVING * count, reach)
 
 
-@frozen_value
+@dataclass(frozen=True)
 class Track:
     """Followed numbers x (n, p) over n samples, their std (n, p), and variance (n, p) without errors of held ones.
 
@@ -270,7 +272,7 @@ def first_estimate(
         start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
     x = np.array([start.get(name, 0.0) for name in names])
-    return x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.held))[: len(names)]
+    return x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.consider_parameters))[: len(names)]
 
 
 FIRST_SAMPLES = 5  # over which the velocity at the start of a motion is averaged
@@ -294,33 +296,39 @@ class KalmanFilter:
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
         drift, own = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
         given = np.tile(noise.vector(joint, self.rate_hz), (_BLOCK, 1))
-        parts, times, (x, P) = list[tuple[FloatArray, ...]](), np.zeros(1), first_estimate(joint, 0.0)
+        lengths, start, (x, P) = [len(motion.angle) for motion in motions], 0, first_estimate(joint, 0.0)
         shapes = [(_BLOCK, n_x), (_BLOCK, P.shape[1], n_x), (_BLOCK,), (_BLOCK,)]
-        for motion in motions:
+        numbers, time_s = np.empty((3, sum(lengths), p)), np.zeros(sum(lengths) + 1)
+        innovations = np.empty((2, sum(lengths)))
+        for n, motion in zip(lengths, motions, strict=True):
             before, P_before = x, P
             first = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
             half, later = np.diff(first) * self.rate_hz / FIRST_SAMPLES
             x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
-            if parts:
+            if start:
                 x[own], P[own] = before[own], P_before[own]
                 P[own, : n_x - p] = 0.0
-                P[own, own] += np.diag(drift**2 * max(0.0, motion.start_s - times[-1]))
-            n = len(motion.angle)
-            signals = np.pad(np.stack([motion.torque, motion.load, motion.angle]), ((0, 0), (0, -n % _BLOCK)), "edge")
+                P[own, own] += np.diag(drift**2 * max(0.0, motion.start_s - time_s[start]))
             for begin in range(0, n, _BLOCK):
-                block = np.ascontiguousarray(signals[:, begin : begin + _BLOCK])
+                block = np.stack(
+                    [signal[begin : begin + _BLOCK] for signal in (motion.torque, motion.load, motion.angle)]
+                )
+                here = slice(start + begin, start + begin + block.shape[1])
+                block = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])), "edge")
                 every = evaluated(self._block, [x, P.T, *block, given], shapes)
                 states, spread, e, S = (output[: n - begin] for output in every)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, own]
                 held = np.sum(spread[:, n_x:, own] ** 2, axis=1)
-                parts.append((states[:, own].copy(), np.sqrt(variance), variance - held, e, S))
+                numbers[:, here] = states[:, own], np.sqrt(variance), variance - held
+                innovations[:, here] = e, S
                 x, P = states[-1], spread[-1].T.copy()
-            times = np.append(times, motion.start_s + np.arange(1, n + 1) / self.rate_hz)
+            time_s[start + 1 : start + n + 1] = motion.start_s + np.arange(1, n + 1) / self.rate_hz
+            start += n
         moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
         moves |= moves.mean() < 0.1
         covariance = P[own, own] - P[own, n_x:] @ P[own, n_x:].T
-        x, std, variance, e, S = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, times[1:], moves)
+        (x, std, variance), (e, S) = numbers, innovations
+        return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, time_s[1:], moves)
 
 
 def estimate_noise(

@@ -80,16 +80,16 @@ def _divergence(track: Track, first: int, nis: FloatArray) -> str:
 
 def _restless(track: Track, first: int) -> tuple[str, ...]:
     """Followed numbers that move within some seconds by more than their bands, and noise and drift, allow."""
-    restless = np.zeros(len(track.joint.followed), bool)
-    x, variance, time_s = track.x[first:], track.std[first:] ** 2, track.time_s[first:, None]
-    spread = track.variance[first:]
-    for lag_s in LAGS_S:
-        lag = max(1, min(round(lag_s * track.rate_hz), len(x) // 4))
-        square = (x[lag:] - x[:-lag]) ** 2
-        drifted = track.drift**2 * (time_s[lag:] - time_s[:-lag])
-        over_band = np.mean(square / (variance[lag:] + variance[:-lag]), axis=0)
-        over_noise = np.mean(square / (spread[lag:] + spread[:-lag] + drifted), axis=0)
-        restless |= (over_band > MAX_MOVEMENT[0]) & (over_noise > MAX_MOVEMENT[1])
+    restless, lags = np.zeros(len(track.joint.followed), bool), [round(lag_s * track.rate_hz) for lag_s in LAGS_S]
+    time_s, drift = track.time_s[first:], track.drift**2
+    for k in range(len(restless)):  # one at a time, as a log may be large
+        x, variance, spread = track.x[first:, k], track.std[first:, k] ** 2, track.variance[first:, k]
+        for lag in (max(1, min(lag, len(x) // 4)) for lag in lags):
+            square = (x[lag:] - x[:-lag]) ** 2
+            over_band = np.mean(square / (variance[lag:] + variance[:-lag]))
+            drifted = drift[k] * (time_s[lag:] - time_s[:-lag])
+            over_noise = np.mean(square / (spread[lag:] + spread[:-lag] + drifted))
+            restless[k] |= over_band > MAX_MOVEMENT[0] and over_noise > MAX_MOVEMENT[1]
     return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
 
 

@@ -52,7 +52,15 @@ from elastid.friction_study.least_squares import (
     shift_between,
     solve,
 )
-from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
+from elastid.friction_study.motion_signals import (
+    PIECE,
+    Motion,
+    MotionLog,
+    MotionSignals,
+    Plateau,
+    both_bands,
+    distinct_speeds,
+)
 from elastid.friction_study.regressor import (
     ANGLE,
     MotionTerms,
@@ -228,6 +236,7 @@ def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) 
         except DataError:
             slow = signals
         if not any(signal.used.all() for signal in slow):
+            del signals, slow  # before others are made
             return _regressed(motions, half_hz, widest_hz)
     chosen = chosen.widened(bias)
     if motions[0].spring is not None:
@@ -413,7 +422,6 @@ def torque_components(numbers: Regression, columns: Mapping[str, FloatArray]) ->
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
-_PIECE = 10_000  # samples whose columns are in memory at once
 # Numbers of a joint's frame in the order of the regressor's columns, with their units.
 _OF_FRAME = {"m": "kg"} | dict.fromkeys(("mcx", "mcy", "mcz"), "kg*m")
 _OF_FRAME |= dict.fromkeys(("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"), "kg*m^2")
@@ -490,7 +498,7 @@ def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
         raise DataError("friction/rigid-body", text, f"robot {robot.name}")
     names, dynamics = [joint.name for joint in robot.joints], inverse_dynamics(robot)
     theta = np.array([[value] for value, _ in robot.parameters().values()])
-    states = (_states(robot, log, slice(i, i + _PIECE)) for i in range(0, len(log.first.position), _PIECE))
+    states = (_states(robot, log, slice(i, i + PIECE)) for i in range(0, len(log.first.position), PIECE))
     tau = np.hstack([dynamics(*state, np.tile(theta, state.shape[2])).full() for state in states])
     rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
     return {joint: tau[names.index(joint)] + rotors[joint] * axis.acceleration for joint, axis in log.of_joints.items()}
@@ -586,18 +594,12 @@ class RigidColumns:
 
     def torques(self, log: MotionLog, numbers: FloatArray) -> FloatArray:
         """Torque (len(rows), n) of numbers (n_b,)."""
-        starts = range(0, len(log.first.position), _PIECE)
-        return np.concatenate([self.at(log, slice(i, i + _PIECE)) @ numbers for i in starts]).T
+        starts = range(0, len(log.first.position), PIECE)
+        return np.concatenate([self.at(log, slice(i, i + PIECE)) @ numbers for i in starts]).T
 
     def filtered(self, log: MotionLog) -> FloatArray:
         """Columns behind the filter of both sides, at the samples that are kept."""
-        used, reach = log.first.decimation, len(log.first.taps) + log.first.decimation.step
-        pieces, length = [], max(_PIECE // used.step, 1) * used.step
-        for start in range(used.start, used.stop, length):
-            stop, first = min(start + length, used.stop), max(0, start - reach)
-            here = replace(log.first, decimation=slice(start - first, stop - first, used.step))
-            pieces.append(here.filtered(self.at(log, slice(first, stop + reach))))
-        return np.concatenate(pieces)
+        return np.concatenate([part.filtered(self.at(log, here)) for part, here in log.first.pieces()])
 
 
 def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:

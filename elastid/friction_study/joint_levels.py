@@ -142,7 +142,7 @@ def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJo
     of_logs = [commanded_log(robot, log) for log in logs]
     fit, carried = (
         fit_commanded(of_logs),
-        {j: c for log in of_logs for j, c in zip(log.joints, log.carried, strict=True)},
+        {j: c for log in of_logs for j, c in zip(log.joints, log.coupled_inertia, strict=True)},
     )
     return {
         joint: replace(_with_motion(fit.of_joint(joint), measured.of(joint, "commands")), carried=float(carried[joint]))
@@ -223,9 +223,9 @@ def simulated_commands(
     """
     commanded, records = commanded_log(robot, log), list(log.values())
     moved = np.asarray(simulate_commanded(commanded, joints))
-    for _ in range(MAX_SWEEPS if np.any(commanded.carried) else 0):
+    for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
         before, (load, carried) = moved, rigid_loads(robot, records, moved)
-        moved = simulate_commanded(replace(commanded, load=load, carried=carried), joints)
+        moved = simulate_commanded(replace(commanded, load=load, coupled_inertia=carried), joints)
         if np.max(np.abs(moved - before)) < SWEEP_TOLERANCE * float(np.ptp(moved)):
             break
     return moved

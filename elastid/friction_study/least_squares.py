@@ -254,10 +254,10 @@ def _expected(
 ) -> tuple[FloatArray, FloatArray]:
     r"""Mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
 
-    of_errors (n, m, n_x): of each log, the parts that its errors have in those of the numbers.  explained: orthonormal
-    columns (n, m, r) of all numbers in some blocks, which the residuals lack, so that these are smaller than the
-    errors, above all where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's
-    cosines C of B terms,
+    of_errors (n, m, n_x): of each log, contributions of its errors to the errors of the numbers.  explained: blocks of
+    orthonormal columns (n, m, r) of all numbers, which the residuals lack, so that these are smaller than the errors,
+    above all where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of
+    B terms,
 
     .. math:: V = \frac{2}{B} \mathrm{tr}\, C D (I - Q Q^T) D C^T, \quad D = \mathrm{diag}(w), \quad Q Q^T: explained
     """

@@ -11,15 +11,15 @@ plateau, whose ends are where the line is left. Elsewhere, as in ways with sever
 velocity is steady.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import comb
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
-from scipy.ndimage import maximum_filter1d
+from scipy.interpolate import BSpline
+from scipy.ndimage import correlate1d, maximum_filter1d, spline_filter1d
 from scipy.signal import butter, cont2discrete, lfilter, resample_poly, sosfiltfilt, upfirdn
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
@@ -40,6 +40,7 @@ def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray,
     return position, velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 
 
+PIECE = 20_000  # samples whose columns are in memory at once
 # Thresholds of plateaus and their pairs, and of the judgement of passes.
 MAX_STEADY_CHANGE = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
 SHORTEST_S = 0.15
@@ -262,23 +263,21 @@ class MotionSignals:
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
         # The position where the torque acts: a command that is held acts half a sample later.
-        samples, acting = np.arange(len(motion.position)), motion.position
+        acting = motion.position
         if motion.torque_delay_s:
-            acting = np.asarray(make_interp_spline(samples, acting, k=5)(samples + motion.torque_delay_s * rate))
+            acting = spline_derivative(spline_filter1d(acting, 5), 0, motion.torque_delay_s * rate)
         position = np.asarray(sosfiltfilt(smooth, acting))
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
-        spline = make_interp_spline(samples / rate, position, k=5)
-        logged = make_interp_spline(samples / rate, acting, k=5)
-        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
+        spline, logged = spline_filter1d(position, 5), spline_filter1d(acting, 5)
+        derivatives = np.stack([spline_derivative(logged, order) * rate**order for order in (1, 2)])
         # A jump between two samples is sampled as its part within the band is.
         # Samples of jumps in a period of the passband.
         finer = max(1, int(np.ceil(100.0 * passband_hz / rate)))
-        instants = np.arange(finer * len(position)) / (finer * rate)
-        velocity = np.asarray(spline(instants, nu=1))
+        velocity = np.stack([spline_derivative(spline, 1, i / finer) * rate for i in range(finer)], axis=1).ravel()
         direction = resample_poly(np.sign(velocity), 1, finer, padtype="line")
         taps = b_spline_taps(rate, passband_hz)
         kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
-        acceleration = np.asarray(spline(samples / rate, nu=2))
+        acceleration = spline_derivative(spline, 2) * rate**2
         return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
 
     @cached_property
@@ -305,6 +304,22 @@ class MotionSignals:
         sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
         first = (before + h) // kept.step
         return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
+
+    def pieces(self) -> Iterator[tuple["MotionSignals", slice]]:
+        """Parts whose kept samples are together those of all, and their samples; ends within the filter are in both."""
+        step, n, log = self.decimation.step, len(self.position), self.motion
+        reach, size = len(self.taps) + step, max(1, PIECE // step) * step
+        for start in range(self.decimation.start, self.decimation.stop, size):
+            stop = min(start + size, self.decimation.stop)
+            here = slice(max(0, start - reach), min(n, stop + reach))
+            names = ("position", "torque", "temperature", "payload_torque")
+            cut = {name: None if (x := getattr(log, name)) is None else x[here] for name in names}
+            part = replace(
+                self, motion=replace(log, **cut), decimation=slice(start - here.start, stop - here.start, step),  # type: ignore[arg-type]
+                derivatives=self.derivatives[:, here],
+                **{name: getattr(self, name)[here] for name in ("position", "velocity", "acceleration", "direction")},
+            )  # fmt: skip
+            yield part, here
 
     @property
     def noise_powers(self) -> FloatArray:
@@ -362,6 +377,13 @@ class MotionSignals:
         """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
         inside = self.velocity[self.decimation.start : self.decimation.stop]
         return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
+
+
+def spline_derivative(coefficients: FloatArray, order: int, shift: float = 0.0) -> FloatArray:
+    """Derivative (n,) per sample^order of a quintic spline at its samples plus a shift of less than one sample."""
+    basis = BSpline.basis_element(np.arange(-3.0, 4.0), extrapolate=False)
+    weights = np.nan_to_num((basis.derivative(order) if order else basis)(shift - np.arange(-3, 4)))
+    return np.asarray(correlate1d(coefficients, weights, mode="mirror"))
 
 
 # Boxes whose convolution the taps are, and their width over a period of the passband for -3 dB at its end.

@@ -207,8 +207,11 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
     """Stribeck velocity (of m candidates) that best explains the residual of a regression without Stribeck effect."""
     logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
-    falls = [axis.direction[:, None] * np.exp(-((axis.velocity[:, None] / velocities) ** 2)) for axis in signals]
-    filtered = [axis.filtered(fall) * axis.used[:, None] for axis, fall in zip(signals, falls, strict=True)]
+    filtered = [
+        np.stack([axis.filtered(axis.direction * np.exp(-((axis.velocity / v) ** 2))) for v in velocities], axis=1)
+        * axis.used[:, None]
+        for axis in signals
+    ]
     Q = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
     left, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
     return float(velocities[np.argmax((left @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
@@ -285,17 +288,25 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
     The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
     errors of the model in it, and makes all numbers wrong.  The inertia has the spring of the robot model in it.
     """
-    raw, velocity = full_rate_columns(signals, terms, about), signals.derivatives[0]
-    logged = {"inertia": signals.inertial_acceleration, "viscous": velocity}
-    logged["directions.viscous"] = np.sign(signals.velocity) * velocity
-    raw |= {name: column for name, column in logged.items() if name in raw}
-    columns = {name: signals.filtered(column) for name, column in raw.items()}
+    inertial = signals.inertial_acceleration
+
+    def raw(part: MotionSignals, here: slice) -> dict[str, FloatArray]:
+        columns, velocity = full_rate_columns(part, terms, about), part.derivatives[0]
+        logged = {"inertia": inertial[here], "viscous": velocity}
+        logged["directions.viscous"] = np.sign(part.velocity) * velocity
+        return columns | {name: column for name, column in logged.items() if name in columns}
+
+    pieces = [{name: part.filtered(x) for name, x in raw(part, here).items()} for part, here in signals.pieces()]
+    columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     if terms.delay:
         X, y = np.stack(list(columns.values()), axis=1), signals.filtered(signals.motion.torque)
         size = np.maximum(np.linalg.norm(X[signals.used], axis=0), 1e-300)
         numbers = np.linalg.lstsq(X[signals.used] / size, y[signals.used], rcond=None)[0] / size
-        torque = np.stack(list(raw.values()), axis=1) @ numbers
-        columns["delay"] = signals.filtered(np.gradient(torque) * signals.motion.rate_hz)
+        rates = [
+            part.filtered(np.gradient(np.stack(list(raw(part, here).values()), axis=1) @ numbers))
+            for part, here in signals.pieces()
+        ]
+        columns["delay"] = np.concatenate(rates) * signals.motion.rate_hz
     return columns
 
 

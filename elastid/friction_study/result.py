@@ -199,7 +199,7 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
         terms["temperature.coulomb"] = replace(
             TERMS["temperature.coulomb"], prefix="tauT", symbol="tau_T", meaning=by_heat
         )
-    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.reach)
+    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
     yield from _table(joint, levels.slides, learnt, known, *of_law, terms)
 
 
@@ -421,7 +421,7 @@ def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw 
         return None
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
-        viscous = static.viscous, static.known("viscous")[1]
+        viscous = static.viscous, static.value_and_std("viscous")[1]
     spring = joint_spring(robot, records[0])
     return fit_presliding_responses(f"joint {records[0].joint}", presliding_responses(records), spring, viscous)
 

@@ -97,7 +97,7 @@ class StaticLaw:
         return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
 
     @property
-    def reach(self) -> float:
+    def quantile_95(self) -> float:
         """Half of a 95 % interval in stds: Student's t where the scatter of the levels gave these, else normal."""
         return float(stdtrit(self.dof, 0.975) if excess(self.cost, self.dof) > 1 else ndtri(0.975))
 
@@ -106,7 +106,7 @@ class StaticLaw:
         """Names of the numbers in the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
 
-    def known(self, name: str) -> tuple[float, float]:
+    def value_and_std(self, name: str) -> tuple[float, float]:
         """A number, of stiction its excess over Coulomb friction, and its std."""
         places = [i for i, key in enumerate(self.names) if key in (name, FALLING.get(name))]
         a = np.array([1.0 if self.names[i] == name else -1.0 for i in places])
@@ -126,7 +126,7 @@ class StaticLaw:
     @property
     def intervals(self) -> dict[str, tuple[float, float, float, float]]:
         """Value, std and ends of the 95 % interval by name; without numbers that are extrapolated."""
-        reach, stds = self.reach, np.sqrt(np.diag(self.covariance)).tolist()
+        reach, stds = self.quantile_95, np.sqrt(np.diag(self.covariance)).tolist()
         unseen = STRIBECK_NUMBERS if any(part.term == "stribeck" for part in self.unidentified) else ()
         return {
             name: (x := self.values[name], std, x - reach * std, x + reach * std)
@@ -334,8 +334,8 @@ def _tried(levels: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tup
     nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
         return (wider, "") if wide is None else (None, wide)
-    text, (coulomb, std) = above_stribeck(lowest, nu_s), wider.known("coulomb")
-    is_known = std < MAX_RELATIVE_STD * coulomb and wider.known("stiction")[0] > 0
+    text, (coulomb, std) = above_stribeck(lowest, nu_s), wider.value_and_std("coulomb")
+    is_known = std < MAX_RELATIVE_STD * coulomb and wider.value_and_std("stiction")[0] > 0
     return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 
@@ -365,7 +365,7 @@ def _add_curve_uncertainty(levels: FrictionCurve, fit: StaticLaw, stribeck: _Par
         except FitError:
             continue
         would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * trial.values["stribeck_velocity"]
-        if trial.cost < fit.cost + MAX_COST and trial.known("stiction")[0] > 0 and not would_show:
+        if trial.cost < fit.cost + MAX_COST and trial.value_and_std("stiction")[0] > 0 and not would_show:
             changes.append(np.array([trial.values[name] - fit.values[name] for name in fit.names]))
     change = max(changes, key=lambda shift: float(abs(shift[fit.names.index("coulomb")])))
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
@@ -381,7 +381,7 @@ def _widest(fit: StaticLaw, names: list[str]) -> str | None:
     for name in names:
         if name.startswith("directions") or (name.startswith("temperature") and name not in COOLING):
             continue
-        value, std = fit.known(name)
+        value, std = fit.value_and_std(name)
         if not std < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
             return f"{name} would be {value:.3g} +- {std:.2g}, which says nothing; more speeds around it would"
     return None

@@ -99,7 +99,7 @@ class _Problem:
         second = ("ratio", *(name for name, is_there in shares.items() if is_there))
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
 
-    def parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
+    def thermal_parameters(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
         """Time constants, shares of the thermometer and of the levels, h, start."""
         value, log = named(self.names, x), self.warm_up.log
         ratio = math.exp(value.get("ratio", 0.0))
@@ -111,7 +111,7 @@ class _Problem:
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Residual of readings, levels and the start, of variance 1."""
-        warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.parts(x)
+        warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.thermal_parameters(x)
         parts = []
         if self.is_kelvin:
             log, T = warm_up.log, temperature(warm_up.log, constants, shares, h, start)
@@ -149,7 +149,7 @@ class _Problem:
         if not ends:
             raise FitError("friction/warm-up", "no start leads to an optimum; check levels and temperatures", "warm-up")
         end = min(ends, key=lambda end: end.cost)
-        constants, shares, level_shares, h, _ = self.parts(end.x)
+        constants, shares, level_shares, h, _ = self.thermal_parameters(end.x)
         eliminated = np.linalg.matrix_rank(self.series(constants, level_shares)) if self.has_series else 0
         rows = ("h",), ("constant",), ("constant", "ratio")  # ln T_2 = ln T_1 + ln ratio
         pick = np.array([[float(name in row) for name in self.names] for row in rows])

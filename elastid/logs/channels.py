@@ -294,7 +294,7 @@ def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, ch
         return 1.0
     first, second = clock_drift(ours, N), clock_drift(theirs, N)
     excess, periods = second.excess - first.excess, len(theirs) / N
-    of_both = [drift.left <= MAX_REMAINING_FRACTION * drift.unexplained for drift in (first, second)]
+    of_both = [drift.corrected_unexplained <= MAX_REMAINING_FRACTION * drift.unexplained for drift in (first, second)]
     is_clock = abs(excess) * periods >= MAX_GRID_DEVIATION and abs(excess) <= MAX_CLOCK_ERROR * N and any(of_both)
     return (N + second.excess) / (N + first.excess) if is_clock else 1.0
 

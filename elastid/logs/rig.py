@@ -184,7 +184,7 @@ class RecordedRig:
             hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
             half_wave=recorded.half_wave,
             repairs=dict(repairs),
-            discarded_periods=tuple(log.findings.left_out),
+            discarded_periods=tuple(log.findings.discarded_periods),
             sliding=self.robot.sliding((*inputs, *outputs)),
             input_units=units,
         )

@@ -32,10 +32,10 @@ from elastid.response import Response
 class Modes:
     """Modes by rising frequency, of one response.
 
-    freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation
-    (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
-    at_hz (F,), synthesis (F, n_y, n_u): of the model; stated (F,): standard deviation of G over |G|, both RMS over
-    elements.  indicators (F, n): CMIF.  diagram: of stabilisation.  covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
+    freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation (n_u,
+    n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
+    at_hz (F,), synthesis (F, n_y, n_u): of the model; relative_std (F,): standard deviation of G over |G|, both RMS
+    over elements.  indicators (F, n): CMIF.  diagram: of stabilisation.  covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
     """
 
     configuration: str
@@ -55,7 +55,7 @@ class Modes:
     collinearity: FloatArray = labelled("modal phase collinearity")
     at_hz: FloatArray = labelled("lines", "Hz")
     synthesis: ComplexArray = labelled("response of the modal model", "{unit}", "at_hz outputs inputs")
-    stated: FloatArray = labelled("relative standard deviation of the response")
+    relative_std: FloatArray = labelled("relative standard deviation of the response")
     indicators: FloatArray = labelled("complex mode indicator functions", "{unit}", "at_hz rank")
     diagram: StabilisationDiagram
     covariance: FloatArray = labelled("covariance of frequency and damping of each mode", "Hz, 1", "number number")

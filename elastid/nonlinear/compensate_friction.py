@@ -25,7 +25,6 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.statistics import interpolated
-from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -34,7 +33,7 @@ from elastid.nonlinear.motion import whole_samples
 from elastid.nonlinear.spectra import compensation_torque, gather_configuration
 from elastid.nonlinear.variable_projection import MIN_UNEXPLAINED
 from elastid.record import MOTION_ORDER, Record
-from elastid.response import UNEXPLAINED, Response
+from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Response
 from elastid.robot import Robot
 from elastid.robot.tolerances import RATIO
 

@@ -68,7 +68,7 @@ class GearNumber:
         return (low if self.kind in ("stiffness", "damping") else max(low, 0.0)), high
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """`k_1 = 1.5e5 N*m/rad, std 20, 1.49996e5 to 1.50004e5 (stiffness at zero torque)`."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if not self.is_significant:

@@ -93,7 +93,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
     )
     on_draws = (
         f"{tuned.samples} posterior samples: largest error by elasticity {number(1e3 * float(last.high.max()), 3)} mm "
-        f"(95 %), torques up to {100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
+        f"(95 %), torques up to {100 * (tuned.max_torque / tuned.limits[3]).max():.0f} % of their limits."
         + (
             f" Errors of lengths and zeros within their tolerances move the path by up to "
             f"{number(1e3 * tuned.geometric_error_m, 3)} mm (95 %)."
@@ -111,7 +111,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
         for name, limit in zip(KINDS, tuned.limits[:, motor], strict=True):
             value = number(float(np.abs(getattr(tuned, name)[:, motor]).max()), 3)
             cells.append(f"{value} of {number(float(limit), 3)}" if np.isfinite(limit) else value)
-        limits.append((*cells, *[number(float(tuned.most[motor]), 4)] * drawn))
+        limits.append((*cells, *[number(float(tuned.max_torque[motor]), 4)] * drawn))
     return Answer(
         f"Move of {tuned.name}",
         (

@@ -16,7 +16,7 @@ from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.simulation import NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.design.forecast import Forecast, LimitUse
@@ -31,6 +31,10 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.validation.measured_modes import MeasuredModes
 
 
+# Types of the values of figures in fit.h5.
+MODES, DENSE = tuple[ModeRow, ...], tuple[tuple[Response, FloatArray], ...]
+
+
 @dataclass(frozen=True)
 class ReportContent:
     """One identification: its result, the evidence for it, and its provenance.
@@ -39,7 +43,7 @@ class ReportContent:
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here; forecast and limit_use belong to it, and robot is drawn in its configurations.
     friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
-    twin: the motors' torque part by part, and the model simulated along a record.  gears: None where not asked for.
+    log_comparison: torque of the motors by part, and simulation along a record.  gears: None without the stage.
     dense: for each of frf the model on lines of its own, among them the measured ones, and its standard deviation
     (L, n_y, n_u), due to that of its parameters.
     provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
@@ -62,7 +66,7 @@ class ReportContent:
     dense: tuple[tuple[Response, FloatArray], ...] = ()
     friction: CompensatedFriction | None = None
     contents: Mapping[str, str] | None = None
-    twin: TwinFindings = NO_TWIN
+    log_comparison: LogComparison = NO_COMPARISON
     gears: GearResult | None = None
     measured_modes: tuple[MeasuredModes, ...] = ()
 

@@ -32,7 +32,7 @@ class Outcome:
         return self.status in ("failed", "died")
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """Name as messages have it."""
         return f"{self.robot} on {self.date}"
 
@@ -44,7 +44,7 @@ def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[
     good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified."
     answer, advice = "None beyond the natural spread.", "Measure again at the next service."
     if findings:
-        answer = "; ".join(change.words for change in findings[:3])
+        answer = "; ".join(change.sentence for change in findings[:3])
         answer += f"; and {len(findings) - 3} more." if len(findings) > 3 else "."
         advice = f"Measure {findings[0].parameter} of {findings[0].robot} again first."
     elif max(n_robots, *Counter(run.robot for run in outcomes).values()) < 3:

@@ -10,7 +10,7 @@ from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, UnidentifiedTerm
 from elastid.report.command_summary import Questions
-from elastid.validation.simulation import LINK, NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import LINK, NO_COMPARISON, LogComparison
 
 # The first answer, by the status.
 GOOD = {
@@ -21,7 +21,7 @@ GOOD = {
 }
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("tau_f", "F_c", "F_s", "f")
-# A number is good within this share of it, and a twin within this of its log, rms.
+# Largest relative half-width of a good number, and largest relative rms error of a good simulation.
 MOST_OFF = 0.1
 # Parts of a law without numbers, in words.
 TORQUE_COMPONENTS = {
@@ -49,7 +49,7 @@ class Refusal:
 class FrictionContent:
     """Results of a friction study, its text and its provenance; the page has no date and is reproducible.
 
-    plan: of the passes, where they were planned here.  filters: of the joints that were followed.  twin: the
+    plan: of the passes, where they were planned here.  filters: of the joints that were followed.  log_comparison: the
     torque of motions part by part, and the model simulated along them.  left_out: the same of logs that judge it.
     """
 
@@ -59,8 +59,8 @@ class FrictionContent:
     provenance: Mapping[str, str]
     plan: FrictionPlan | None = None
     filters: tuple[FollowedFriction, ...] = ()
-    twin: TwinFindings = NO_TWIN
-    left_out: TwinFindings = NO_TWIN
+    log_comparison: LogComparison = NO_COMPARISON
+    left_out: LogComparison = NO_COMPARISON
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
@@ -97,7 +97,7 @@ class FrictionContent:
     @property
     def _off(self) -> str:
         """The signal with the largest simulation error, if this error is too large; else empty."""
-        runs = (*self.twin.runs, *self.left_out.runs)
+        runs = (*self.log_comparison.runs, *self.left_out.runs)
         if lost := next((run for run in runs if run.lost), None):
             return f"the simulation on {lost.log} diverges (see below)"
         off = [(signal.error, signal, run) for run in runs for signal in run.signals if signal.kind != LINK]
@@ -128,7 +128,7 @@ class FrictionContent:
     def _failures(self) -> tuple[str, ...]:
         sentences = [f"Joint {part.joint} is a misfit: {part.misfit}." for part in self.result.joints if part.misfit]
         sentences += [words] if (words := _not_identified(self.result)) else []
-        worst = max(self.twin.balances, key=lambda balance: balance.unexplained_fraction, default=None)
+        worst = max(self.log_comparison.balances, key=lambda balance: balance.unexplained_fraction, default=None)
         if worst is not None:
             sentences.append(
                 f"Unexplained fraction of the mean-square torque of {worst.place} in {worst.log}: "

@@ -376,7 +376,9 @@ MODES_SHOWN = 3
 def questions_of_responses(content: ResponsesContent) -> Questions:
     """The three questions of the page of responses without a robot, each with its sentences."""
     warnings = sum(note.first.severity == "warning" for note in content.notes)
-    stated = [float(np.nanmedian(modes.stated)) for modes in content.modes if np.isfinite(modes.stated).any()]
+    stated = [
+        float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()
+    ]
     good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
     good += [f"Warnings below: {warnings}."] if warnings else []
     known = [modes for modes in content.modes if modes.n_modes]

@@ -31,8 +31,8 @@ class CommandedJoints:
 
     command (n, S): k_p r + k_d r' + feed-forward torque, Nm.  kp, kd (S,): gains, Nm/rad and Nms/rad.
     position, velocity (S,): at the first sample.  load (n, S): torque of the rest of the robot against the motion.
-    carried (S,): inertia beside J, the torque of which is not in `load`.
-    is_held: true if the command is held from sample to sample, false if it is linear between samples.
+    coupled_inertia (S,): inertia beside J, the torque of which is not in `load`.
+    is_zoh: true if the command is held from sample to sample, false if it is linear between samples.
     """
 
     rate_hz: float
@@ -42,8 +42,8 @@ class CommandedJoints:
     position: FloatArray
     velocity: FloatArray
     load: FloatArray
-    carried: FloatArray
-    is_held: bool = True
+    coupled_inertia: FloatArray
+    is_zoh: bool = True
 
     def steps(self, inertia: FloatArray) -> int:
         """Integration steps in a sample that resolve the loops of joints with this inertia (..., S)."""
@@ -58,7 +58,7 @@ class CommandedJoints:
         """
         (n, S), K, T = self.command.shape, len(delay_s), 1 / self.rate_hz
         J, f, F_c, o, G, H = np.moveaxis(np.broadcast_to(numbers, (K, S, len(NUMBERS))), -1, 0)
-        J = np.maximum(J + self.carried, 0.0)  # late feedback takes some off
+        J = np.maximum(J + self.coupled_inertia, 0.0)  # late feedback takes some off
         steps = self.steps(J)
         h = T / steps
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
@@ -91,7 +91,7 @@ class CommandedJoints:
     def _integral(self) -> tuple[FloatArray, FloatArray]:
         """Integral of the command up to each sample and the end (n + 1, S), and its quadratic part in each (n, S)."""
         c, T, start = self.command, 1 / self.rate_hz, np.zeros((1, self.command.shape[1]))
-        growth = np.zeros_like(c) if self.is_held else np.vstack([np.diff(c, axis=0), start]) * T / 2
+        growth = np.zeros_like(c) if self.is_zoh else np.vstack([np.diff(c, axis=0), start]) * T / 2
         return np.vstack([start, np.cumsum(c * T + growth, axis=0)]), growth
 
     def _acted(self, integral: FloatArray, growth: FloatArray, time_s: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_dataclass, reader
 from elastid.store.values import write_artefact, writer
-from elastid.validation.simulation import NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 PLAN, RECORDS, LEVELS = "friction plan", "friction records", "constant-velocity torques"
 FRICTION, FILTER = "friction", "filter"
@@ -22,9 +22,9 @@ write_constant_velocity = writer(LEVELS, joints=(tuple[SlidingFriction, ...], ()
 read_constant_velocity = reader(LEVELS, "joints", tuple[SlidingFriction, ...])
 write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
-# Of friction.h5 the result, its twin, and the prediction of logs that were left out, empty where none was.
+# Of friction.h5 the result, its comparison with the logs, and with the validation logs, empty without any.
 read_friction_result = reader(FRICTION, "result", FrictionResult)
-read_simulation, read_validation_logs = (reader(FRICTION, part, TwinFindings) for part in ("simulation", "validation"))
+read_simulation, read_validation_logs = (reader(FRICTION, part, LogComparison) for part in ("simulation", "validation"))
 # records.h5: a group for each record, written one at a time, then the logs of warm-ups.
 write_friction_records = writer(
     RECORDS,
@@ -44,14 +44,14 @@ def write_friction_result(
     path: Path,
     result: FrictionResult,
     stamp: Stamp = NO_STAMP,
-    twin: TwinFindings = NO_TWIN,
-    left_out: TwinFindings = NO_TWIN,
+    log_comparison: LogComparison = NO_COMPARISON,
+    left_out: LogComparison = NO_COMPARISON,
 ) -> None:
-    """friction.h5: the numbers of all joints as a table, a group with everything, the twin, and logs that judge it."""
+    """friction.h5: the numbers of all joints as a table, a group with everything, comparison with logs."""
     parts = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),
-        "simulation": (twin, TwinFindings),
-        "validation": (left_out, TwinFindings),
+        "simulation": (log_comparison, LogComparison),
+        "validation": (left_out, LogComparison),
     }
     write_artefact(path, FRICTION, stamp, parts)

@@ -7,9 +7,11 @@ import hashlib
 import json
 import math
 from collections import UserDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from pkgutil import resolve_name
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
@@ -17,7 +19,6 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import check_kind
-from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
 from elastid.response import Response
@@ -25,14 +26,15 @@ from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
 from elastid.store.reading import read_part, reader
 from elastid.store.values import SCHEMA, from_json, json_value, or_text, write_artefact, write_json, writer
-from elastid.use.map import WorkspaceMap
-from elastid.validation.comparison import Comparison, Refit
 from elastid.validation.frf_error import Validation
-from elastid.validation.simulation import NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
+from elastid.validation.measured_modes import MeasuredModes
 
 if TYPE_CHECKING:
     from elastid.use.loops import Loops
+    from elastid.use.map import WorkspaceMap
     from elastid.use.tune import TunedMove
+    from elastid.validation.comparison import Comparison
 
 FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
 
@@ -40,10 +42,16 @@ FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
 read_fit, read_validation = reader(FIT, "fit", Result), reader(VALIDATION, "validation", Validation)
 write_gears, write_map = writer(GEARS, gears=(None, None)), writer(MAP, map=(None, None))
 write_tune, write_loops = writer("tune", tune=(None, None)), writer("loops", loops=(None, None))
-# Agreement and replay of each configuration, folds, and the twin.
-write_validation = writer(VALIDATION, validation=(Validation, None), simulation=(TwinFindings, NO_TWIN))
-read_simulation = reader(VALIDATION, "simulation", TwinFindings)
-read_map = reader(MAP, "map", WorkspaceMap)
+# FRF errors of each configuration, comparison with logs, and modes of the measured responses.
+write_validation = writer(
+    VALIDATION,
+    validation=(Validation, None),
+    simulation=(LogComparison, NO_COMPARISON),
+    measured_modes=(tuple[MeasuredModes, ...], ()),
+)
+read_simulation = reader(VALIDATION, "simulation", LogComparison)
+read_measured_modes = reader(VALIDATION, "measured_modes", tuple[MeasuredModes, ...])
+read_map: "Callable[[Path | str], WorkspaceMap]" = reader(MAP, "map", "elastid.use.map:WorkspaceMap")
 # Responses of the fitted model; None in a file that `elastid.save` wrote.
 read_modelled = reader(FIT, "modelled", tuple[Response, ...], may_miss=True)
 # These bring the simulation, which a fit does without.
@@ -84,19 +92,23 @@ class Numbers:
 
 
 def write_fit(
-    path: Path | str, result: Result, stamp: Stamp = NO_STAMP, modelled: tuple[Response, ...] | None = None
+    path: Path | str,
+    result: Result,
+    stamp: Stamp = NO_STAMP,
+    modelled: tuple[Response, ...] | None = None,
+    figures: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
 ) -> None:
     """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
 
-    modelled: responses of the fitted model at the lines of each measured one.
+    modelled: responses of the fitted model at the lines of each measured one.  figures: values and types of the page.
     """
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
     parts: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
     parts["modelled"] = modelled, tuple[Response, ...] | None
-    write_artefact(path, FIT, stamp, parts, {"modelled": "configuration.name"})
+    write_artefact(path, FIT, stamp, parts | dict(figures), {"modelled": "configuration.name"})
 
 
-def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
+def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
     """map.csv: a row for each posture with all quantities, SI, and their standard deviations and intervals."""
     blocks = [(q.name, (q.value, q.std, *q.interval)) for q in workspace.quantities]
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
@@ -106,7 +118,7 @@ def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
     write_rows(path, [heads, *zip(*(np.asarray(column).tolist() for column in columns), strict=True)])
 
 
-def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
+def write_comparison(path: Path, comparison: "Comparison", stamp: Stamp) -> None:
     """Write compare.json with the stamp of the fitted frequency responses."""
     head = {"schema": SCHEMA, "responses": stamp.inputs, "code": stamp.code, "made by": stamp.software}
     ranking = {"models": comparison.rows, "search": comparison.trials}
@@ -114,22 +126,26 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
     write_json(path, content, or_text)
 
 
-def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
+def read_comparison(path: Path, stamp: Stamp) -> "Comparison | None":
     """Comparison in compare.json; None without one, or for other frequency responses."""
     try:
         content = json.loads(path.read_bytes())
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):
             return None
         names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
-        comparison: Comparison = from_json({name: content[key] for name, key in names.items()}, Comparison)
+        of_file = {name: content[key] for name, key in names.items()}
+        comparison: Comparison = from_json(of_file, resolve_name("elastid.validation.comparison:Comparison"))
     except (OSError, ValueError, TypeError, KeyError, AttributeError):  # missing or damaged
         return None
     return comparison
 
 
 # Types of the parts by their kind in a file.
-_TYPES = {"local optimum": LocalOptimum, "refit": Refit}
-_KIND_OF = {type_: kind for kind, type_ in _TYPES.items()}
+_TYPES = {
+    "local optimum": "elastid.fit.problem.least_squares:LocalOptimum",
+    "refit": "elastid.validation.comparison:Refit",
+}
+_KIND_OF = {place.partition(":")[2]: kind for kind, place in _TYPES.items()}
 
 
 class Checkpoint(UserDict[str, Any]):
@@ -146,16 +162,17 @@ class Checkpoint(UserDict[str, Any]):
             with suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
                 content = json.loads(path.read_bytes())
                 if content["key"] == key and content["sha256"] == _digest(content["value"]):
-                    super().__setitem__(unquote(path.stem), from_json(content["value"], _TYPES[content["kind"]]))
+                    type_ = resolve_name(_TYPES[content["kind"]])
+                    super().__setitem__(unquote(path.stem), from_json(content["value"], type_))
 
     def __setitem__(self, name: str, value: Any) -> None:
-        content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": json_value(value, float)}
+        content = {"key": self.key, "kind": _KIND_OF[type(value).__name__], "value": json_value(value, float)}
         path = self.folder / f"{quote(name, safe=' ')}.json"
         write_text(path, json.dumps(content | {"sha256": _digest(content["value"])}))
         super().__setitem__(name, value)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Their number, or an empty text."""
         return f"{n} finished parts" if (n := len(self)) else ""
 

@@ -30,7 +30,7 @@ class Member:
         return f"{self.robot}_{self.date}"
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """Name as messages have it."""
         return f"{self.robot} on {self.date}"
 
@@ -60,7 +60,7 @@ def load_fleet(path: Path) -> Fleet:
         if file is not None and not os.path.isfile(path.parent / file):
             raise make_error(source, [Problem((key,), f"no such file (looked for {path.parent / file})")])
     members = sorted(_members(spec, path), key=lambda member: (member.robot, member.date))
-    names = Counter(member.words for member in members)
+    names = Counter(member.label for member in members)
     if not members:
         raise make_error(source, [Problem((by,), "there are no members. Give a row for each")])
     if twice := [words for words, count in names.items() if count > 1]:

@@ -20,7 +20,6 @@ from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
-from elastid.study.checks.logs import is_missing
 from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
@@ -221,7 +220,7 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
     comment = " ".join(line.removeprefix("#").strip() for line in takewhile(_is_comment, text.splitlines()))
     stated, missing = (
         re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment),
-        [p for p in problems if is_missing(p)],
+        [p for p in problems if p.is_missing_log],
     )
     origin = f" (origin stated in the study: {stated[1]})" if stated else ""
     return [replace(p, message=p.message + origin * (p in missing[:1])) for p in problems]

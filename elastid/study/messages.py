@@ -24,6 +24,9 @@ PydanticError: TypeAlias = Mapping[str, Any]
 _OF_KEY = "[key]"
 
 
+NO_LOG = "no such file"
+
+
 @dataclass(frozen=True)
 class Problem:
     """One error: the key path, a sentence, and True if the key (not its value) is at fault.
@@ -35,6 +38,11 @@ class Problem:
     message: str
     at_key: bool = False
     is_weak: bool = False
+
+    @property
+    def is_missing_log(self) -> bool:
+        """True if the problem is a log that does not exist."""
+        return self.message.startswith(NO_LOG)
 
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
@@ -175,6 +183,6 @@ def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     is_said = problem.at_key or (isinstance(value, str) and value in problem.message)
     shown = "" if is_said or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
-    steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.hidden :])
+    steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.skipped_keys :])
     keys = one_line("".join(steps).lstrip("."))
     return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}")

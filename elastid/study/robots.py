@@ -41,7 +41,7 @@ def read_robot(path: Path) -> YamlSource:
         text = "this is a study. Give its robot model (the file under `robot`), or its run folder"
         raise StudyError("robot/file", text, f"{path}:1:1")
     places = {
-        ("robot", *keys): (replace(key, hidden=1), replace(value, hidden=1))
+        ("robot", *keys): (replace(key, skipped_keys=1), replace(value, skipped_keys=1))
         for keys, (key, value) in part.places.items()
     }
     return YamlSource({"robot": part.data}, places, part.text)

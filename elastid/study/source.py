@@ -22,14 +22,15 @@ _TAG = "tag:yaml.org,2002:"
 class Place:
     """Place of something written: a file with line and column (from 1), or an option of the command line (line 0).
 
-    rank orders the sources; hidden: how many leading keys of a path the source does not show (a robot in its own file).
+    rank orders the sources; skipped_keys: how many leading keys of a path the source does not show (a robot in its own
+    file).
     """
 
     rank: int
     line: int
     column: int
     source: str
-    hidden: int = 0
+    skipped_keys: int = 0
 
     def __str__(self) -> str:
         return f"{self.source}:{self.line}:{self.column}" if self.line else self.source

@@ -25,6 +25,7 @@ from elastid.robot import Friction, Joint, Robot
 from elastid.robot.friction_numbers import TERMS, law_of
 from elastid.store.files import write_text
 from elastid.targets.numbers import known_numbers
+from elastid.targets.target import Target
 
 # Ends of 95 % intervals by joint and quantity.
 Intervals: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
@@ -71,7 +72,7 @@ class Actuators:
     rows: tuple[Actuator, ...]
     intervals: Intervals
 
-    def words(self, row: Actuator, *quantities: str) -> str:
+    def interval_text(self, row: Actuator, *quantities: str) -> str:
         """Intervals of quantities of a joint in a line; empty without any."""
         parts = []
         for quantity in quantities:
@@ -210,7 +211,7 @@ def _mjcf(actuators: Actuators) -> str:
     root = ET.Element("mujoco", model=actuators.name)
     defaults = ET.SubElement(root, "default")
     for row in actuators.rows:
-        _add_comment(defaults, actuators.words(row, "armature", "viscous", "coulomb", "kp", "kd", "delay"))
+        _add_comment(defaults, actuators.interval_text(row, "armature", "viscous", "coulomb", "kp", "kd", "delay"))
         if row.delay is not None:
             _add_comment(defaults, f"delay {row.delay:g} s: attribute of actuators in new MuJoCo, else delay ctrl")
         of_joint = ET.SubElement(defaults, "default", {"class": row.joint})
@@ -219,7 +220,7 @@ def _mjcf(actuators: Actuators) -> str:
         if row.kp is not None:
             ET.SubElement(of_joint, "position", _numbers(kp=row.kp, kv=row.kd))
         if row.stiffness is not None:
-            _add_comment(defaults, actuators.words(row, "stiffness", "damping"))
+            _add_comment(defaults, actuators.interval_text(row, "stiffness", "damping"))
             of_gear = ET.SubElement(defaults, "default", {"class": f"{row.joint} gear"})
             ET.SubElement(of_gear, "joint", _numbers(stiffness=row.stiffness, damping=row.damping))
     return _document(
@@ -232,7 +233,7 @@ def _isaac_lab(actuators: Actuators) -> str:
     """A module with one actuator configuration per joint."""
     lines = []
     for row in actuators.rows:
-        words = actuators.words(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
+        words = actuators.interval_text(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
         lines += [f"    # {one_line(words)}"] * bool(words)
         expression = f"[{_regular(row.joint)!r}]"
         delay = row.delay or 0.0
@@ -263,7 +264,7 @@ def _python(value: float | str | None) -> str:
 def _urdf(actuators: Actuators) -> str:
     root = ET.Element("robot", name=actuators.name)
     for row in actuators.rows:
-        _add_comment(root, actuators.words(row, "viscous", "coulomb"))
+        _add_comment(root, actuators.interval_text(row, "viscous", "coulomb"))
         joint = ET.SubElement(root, "joint", name=row.joint)
         ET.SubElement(joint, "dynamics", _numbers(damping=row.viscous, friction=row.coulomb))
         if limits := _numbers(effort=row.effort, velocity=row.velocity):
@@ -274,7 +275,7 @@ def _urdf(actuators: Actuators) -> str:
 def _sdf(actuators: Actuators) -> str:
     root = ET.Element("model", name=actuators.name)
     for row in actuators.rows:
-        _add_comment(root, actuators.words(row, "viscous", "coulomb"))
+        _add_comment(root, actuators.interval_text(row, "viscous", "coulomb"))
         axis = ET.SubElement(ET.SubElement(root, "joint", name=row.joint), "axis")
         dynamics = ET.SubElement(axis, "dynamics")
         for key, text in _numbers(damping=row.viscous, friction=row.coulomb).items():
@@ -286,7 +287,7 @@ def _drake(actuators: Actuators) -> str:
     """Joints and transmissions of a URDF with Drake's tags."""
     root = ET.Element("robot", {"name": actuators.name, "xmlns:drake": "http://drake.mit.edu"})
     for row in actuators.rows:
-        _add_comment(root, actuators.words(row, "armature", "viscous", "kp", "kd"))
+        _add_comment(root, actuators.interval_text(row, "armature", "viscous", "kp", "kd"))
         ET.SubElement(ET.SubElement(root, "joint", name=row.joint), "dynamics", _numbers(damping=row.viscous))
         transmission = ET.SubElement(root, "transmission", name=f"{row.joint} transmission")
         ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
@@ -303,7 +304,7 @@ def _ros2(actuators: Actuators) -> str:
     """Gains of a trajectory controller with effort commands, and limits of joints."""
     gains, limits = list[str](), list[str]()
     for row in actuators.rows:
-        name, words = _yaml(row.joint), actuators.words(row, "kp", "kd")
+        name, words = _yaml(row.joint), actuators.interval_text(row, "kp", "kd")
         if row.kp is not None:
             gains += [f"      # {words}"] * bool(words)
             gains.append(f"      {name}: {{p: {row.kp!r}, i: 0.0, d: {(row.kd or 0.0)!r}}}")
@@ -338,3 +339,13 @@ def _table(actuators: Actuators) -> Iterator[str]:
             if value is not None:
                 interval = "not identified" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}"
                 yield f"| {one_line(row.joint)} | {quantity} | {value:.6g} | {units[row.slides]} | {interval} |"
+
+
+TARGETS = (
+    Target(
+        "actuators",
+        ("actuators",),
+        "joint numbers for MJCF, Isaac Lab, URDF, Gazebo, Drake and ROS 2, with their mapping",
+        write_actuators,
+    ),
+)

@@ -19,6 +19,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import equilibrium
 from elastid.store.files import write_text
 from elastid.targets.numbers import interval_lines
+from elastid.targets.target import Target
 
 
 def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
@@ -138,3 +139,9 @@ def _coordinates(folder: Path, model: FittedRobot) -> Path:
         lines += [f"{letter}[{i}]  {name}" for i, name in enumerate(names)]
     write_text(path, "".join(f"{one_line(line)}\n" for line in (*lines, *_postures(model), *interval_lines(model))))
     return path
+
+
+TARGETS = (
+    Target("casadi", ("model",), "nonlinear equations as CasADi functions, with intervals", write_casadi),
+    Target("c", ("model",), "nonlinear equations in C, with intervals", write_c),
+)

@@ -12,6 +12,7 @@ from elastid.modal.modes import Modes
 from elastid.response import Response
 from elastid.store.files import write_text
 from elastid.targets.numbers import known_numbers
+from elastid.targets.target import Target
 
 
 def write_responses_control(
@@ -74,3 +75,16 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     for G in model.measured:
         arrays |= _measured(G)
     return _written(folder / "model.npz", arrays, folder / "load_model.py", model.name, model.measured[0])
+
+
+TARGETS = (
+    Target(
+        "control", ("model",), "state-space models for python-control, with intervals and measured FRFs", write_control
+    ),
+    Target(
+        "control",
+        ("name", "responses", "modes"),
+        "measured FRFs and modal models for python-control",
+        write_responses_control,
+    ),
+)

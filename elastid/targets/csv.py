@@ -18,6 +18,7 @@ from elastid.modal.modes import Modes
 from elastid.response import Response
 from elastid.store.files import write_rows
 from elastid.targets.numbers import known_numbers
+from elastid.targets.target import Target
 
 
 def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
@@ -64,15 +65,18 @@ def write_responses_csv(
     return (*(_measured(folder, G) for G in responses), write_modes_csv(folder / "modes.csv", modes))
 
 
-def write_friction_csv(folder: Path, result: FrictionResult) -> tuple[Path, ...]:
+def write_friction_csv(folder: Path, friction_result: FrictionResult) -> tuple[Path, ...]:
     """parameters.csv of friction, and base_parameters.csv of each rigid body.
 
     Its columns after the numbers: how much of each other number of the regressor a base parameter contains.
     """
-    rows = [(number.name, number.unit, number.value, number.std, number.low, number.high) for number in result.numbers]
+    rows = [
+        (number.name, number.unit, number.value, number.std, number.low, number.high)
+        for number in friction_result.numbers
+    ]
     head = "parameter", "unit", "value", "std"
     paths = [write_rows(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
-    for i, body in enumerate(result.rigid_bodies, start=1):
+    for i, body in enumerate(friction_result.rigid_bodies, start=1):
         numbers = (body.values.tolist(), body.std.tolist(), body.predicting.tolist(), body.regrouped.tolist())
         base = [(name, unit, *n, *r) for name, unit, *n, r in zip(body.names, body.units, *numbers, strict=True)]
         path = folder / f"base_parameters{f'_{i}' if i > 1 else ''}.csv"
@@ -112,3 +116,10 @@ def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) 
         g = G[line, rows, columns]
         std = [] if variance is None else np.sqrt(variance[line, rows, columns]).tolist()
         yield float(frequency), *g.real.tolist(), *g.imag.tolist(), *std
+
+
+TARGETS = (
+    Target("csv", ("model",), "parameters with intervals, modes, fitted and measured FRFs as tables", write_csv),
+    Target("csv", ("name", "responses", "modes"), "measured FRFs and modes as tables", write_responses_csv),
+    Target("csv", ("friction_result",), "parameters of friction and base parameters as tables", write_friction_csv),
+)

@@ -1,5 +1,6 @@
 """Robots drawn from a fit, for Monte Carlo elsewhere: robot files, MJCF where it can carry them, a table of numbers."""
 
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -10,11 +11,12 @@ from elastid.model.closed_posture import assembled
 from elastid.store.files import write_rows
 from elastid.store.values import text_of
 from elastid.targets.mujoco import NO_RODS, mjcf, rod_poses
+from elastid.targets.target import Target
 from elastid.use.draws import DrawnRobots
 
 
-def write_draws(folder: Path, draws: DrawnRobots, name: str) -> tuple[tuple[Path, ...], str]:
-    """Write samples.csv, robots/*.yml and mujoco/*.xml; return table and folders, and the reason if MJCF is missing.
+def write_draws(folder: Path, draws: DrawnRobots, name: str, warn: Callable[[str], None]) -> tuple[Path, ...]:
+    """Write samples.csv, robots/*.yml and mujoco/*.xml; return table and folders. warn: called if MJCF is missing.
 
     The robot files are YAML in its JSON form, which is written and read a hundred times as fast.
     """
@@ -37,11 +39,19 @@ def write_draws(folder: Path, draws: DrawnRobots, name: str) -> tuple[tuple[Path
         )
         first = mjcf(start, rods)
     except StudyError as refused:
-        return (folder / "samples.csv", robots), str(refused)
+        warn(f"export: no MJCF of the samples: {refused}")
+        return folder / "samples.csv", robots
     engine.mkdir(exist_ok=True)
     for number, robot in zip(names, draws.robots, strict=True):
         root = first if robot is start else mjcf(robot, rods)
         ET.indent(root)
         text = ET.tostring(root, encoding="unicode")
         (engine / f"robot_{number}.xml").write_text(f"{text}\n", encoding="utf-8")
-    return (folder / "samples.csv", robots, engine), ""
+    return folder / "samples.csv", robots, engine
+
+
+TARGETS = (
+    Target(
+        "samples", ("draws", "name", "warn"), "posterior samples as robot models, MJCF and a table", write_draws, True
+    ),
+)

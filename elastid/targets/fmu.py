@@ -46,6 +46,7 @@ from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, free_
 from elastid.targets.code import c_sources, dense
 from elastid.targets.move import move_sources
 from elastid.targets.numbers import HELD, c_row, known_numbers
+from elastid.targets.target import Target
 from elastid.use.tune import DAMPING_RATIO, TunedMove
 
 Causality: TypeAlias = Literal["independent", "input", "output", "parameter"]
@@ -90,7 +91,7 @@ class Subject:
     def fitted(cls, model: FittedRobot) -> "Subject":
         """A fitted robot, in the configurations that were measured."""
         postures = tuple(linear.configuration for linear in model.linear)
-        known = {number.name: number.words for number in known_numbers(model)}
+        known = {number.name: number.interval_text for number in known_numbers(model)}
         return cls(model.name or model.robot.name, model.model, postures, known)
 
     @classmethod
@@ -417,3 +418,8 @@ def _pack(path: Path, entries: Mapping[str, str | bytes]) -> None:
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(entries):
             archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), entries[name], zipfile.ZIP_DEFLATED)
+
+
+TARGETS = (
+    Target("fmu", ("model",), "nonlinear robot with friction and feedback as FMI 2 and 3 units", write_fmu, True),
+)

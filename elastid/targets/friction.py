@@ -27,6 +27,7 @@ from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
 from elastid.targets.numbers import c_row
+from elastid.targets.target import Target
 from elastid.use.trajectory_optimisation import SLIDING
 
 
@@ -87,10 +88,10 @@ def _header(observers: Mapping[str, FollowedFriction], identifiers: Mapping[str,
     declared = []
     for name, observer in observers.items():
         states, key = observer.filtered.states, identifiers[name]
-        n, size = len(states), len(states) * (len(states) + len(observer.filtered.held))
+        n, size = len(states), len(states) * (len(states) + len(observer.filtered.consider_parameters))
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
-        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.held]
+        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
         lines.append(f"  holds, with relative std: {', '.join(held) or 'nothing'}")
         lines.append(f"  starts with 95 % bands {_starts(observer.filtered)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
@@ -129,14 +130,14 @@ def compensation(robot: Robot) -> ca.Function:
     return dense("friction", [v], [ca.vertcat(*torques)])
 
 
-def write_compensation(folder: Path, robot: Robot, name: str, known: Iterable[str]) -> tuple[Path, ...]:
+def write_compensation(folder: Path, robot: Robot, title: str, known: Iterable[str]) -> tuple[Path, ...]:
     """Write friction.c and friction.h with `friction_torque(v, u)`, and friction.csv with torque over velocity.
 
     known: lines on the intervals of the numbers.
     """
     function, m = compensation(robot), len(robot.driven)
     entries = ", ".join(f"[{i}] motor {joint.name}" for i, joint in enumerate(robot.driven))
-    lines = [f"{name}: friction_torque, the torque u of the motors' friction at velocities v, link side, SI.", entries]
+    lines = [f"{title}: friction_torque, the torque u of the motors' friction at velocities v, link side, SI.", entries]
     comment = c_comment([*lines, *known])
     equations = c_sources("equations", [function])["equations.c"]
     call = f"""
@@ -169,3 +170,9 @@ def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, flo
     u = function.map(v.shape[1])(v).full()
     for joint, speeds, torques in zip(robot.driven, v.tolist(), u.tolist(), strict=True):
         yield from ((joint.name, speed, torque) for speed, torque in zip(speeds, torques, strict=True))
+
+
+TARGETS = (
+    Target("observer", ("observers",), "filter of the friction of each joint, in C", write_observers),
+    Target("compensation", ("robot", "title", "known"), "motor friction over velocity, in C", write_compensation),
+)

@@ -18,6 +18,7 @@ from elastid.response import Response
 from elastid.robot import FRAME_AXES
 from elastid.store.files import write_text
 from elastid.targets.numbers import known_numbers
+from elastid.targets.target import Target
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
@@ -117,3 +118,9 @@ def _response(G: Any, measured: Response, variance: FloatArray | None) -> dict[s
         "Ts": 0.0,
         "CovarianceData": np.zeros((0, 0)) if half is None else half[..., None, None] * np.eye(2),
     }
+
+
+TARGETS = (
+    Target("matlab", ("model",), "state-space models for MATLAB, with intervals and measured FRFs", write_matlab),
+    Target("matlab", ("name", "responses"), "measured FRFs for MATLAB", write_responses_matlab),
+)

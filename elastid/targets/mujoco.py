@@ -42,6 +42,7 @@ from elastid.robot import BASE, Body, Joint, Loop, Placement, Robot, Rod, unit_a
 from elastid.robot.body import six_numbers
 from elastid.store.files import write_text
 from elastid.targets.numbers import in_full, known_numbers
+from elastid.targets.target import Target
 
 # MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
 MIN_INERTIA = 1e-12
@@ -55,18 +56,19 @@ _NO_GAP: Mapping[str, Any] = {"backlash": None, "inner_stiffness": 0.0}
 NO_RODS: "Mapping[str, RodPose]" = MappingProxyType({})
 
 
-def write_mujoco(folder: Path, model: FittedRobot, rubbing: Robot | None = None) -> tuple[Path, ...]:
-    """Write robot.xml with Coulomb friction and lost motion of the robot `rubbing`.
+def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None = None) -> tuple[Path, ...]:
+    """Write robot.xml with Coulomb friction and lost motion of the robot `geared`.
 
     Raises StudyError if MJCF cannot represent the robot.
     """
+    model = linear_model
     _check(model.robot)
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
-    if rubbing is not None:
-        _rub(root, rubbing)
-        _add_lost_motion(root, rubbing)
+    if geared is not None:
+        _rub(root, geared)
+        _add_lost_motion(root, geared)
     _intervals(root, model)
     _keyframes(root, model, rest, start)
     ET.indent(root)
@@ -394,3 +396,13 @@ def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
 def quaternion(R: FloatArray) -> FloatArray:
     """(w, x, y, z) of a rotation matrix, with w >= 0."""
     return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True)[[3, 0, 1, 2]])
+
+
+TARGETS = (
+    Target(
+        "mujoco",
+        ("linear_model", "geared"),
+        "linear springs, rotors, Coulomb friction and lost motion as MJCF",
+        write_mujoco,
+    ),
+)

@@ -27,13 +27,13 @@ class KnownNumber:
 
     name: of the number in the model.  std_noise, std_prior, std_systematic: contributions to std; NaN: exact robot
     model.
-    words: its interval, or why there is none.
+    interval_text: its interval, or why there is none.
     """
 
     name: str
     unit: str
     value: float
-    words: str
+    interval_text: str
     std: float = math.nan
     low: float = math.nan
     high: float = math.nan
@@ -62,10 +62,10 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     """Header of an exported file: status of the fit, then a row per free parameter."""
     every = [_known(result, parameter) for parameter in parameters_of(result, configuration)]
-    numbers = [number for number in every if number.words != HELD]
+    numbers = [number for number in every if number.interval_text != HELD]
     ended = result.status.replace("_", " ")
     head = f"Numbers of the fit ({ended}), SI, with standard deviation and 95 % interval; all others were held:"
-    rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.words}" for number in numbers]
+    rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.interval_text}" for number in numbers]
     presliding = [
         f"  {f.place}: presliding friction of {f.stiffness:.3g} {f.unit} relaxing at {f.rate:.3g} 1/s was estimated "
         "too, and is not part of this file. Do not use the Coulomb torque of this motor"

@@ -23,6 +23,7 @@ from elastid.modal.spec import GeometrySpec
 from elastid.record import Motion
 from elastid.response import Response
 from elastid.store.files import write_rows
+from elastid.targets.target import Target
 
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 # Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.
@@ -169,3 +170,10 @@ def _mode_sets(name: str, modes: Modes, nodes: dict[str, tuple[int, int]]) -> It
             "node_nums": numbers,
             **{f"r{axis + 1}": shape[axis] for axis in range(3)},
         }
+
+
+TARGETS = (
+    Target(
+        "uff", ("name", "responses", "modes", "geometry"), "measured FRFs and modes in universal files", write_uff, True
+    ),
+)

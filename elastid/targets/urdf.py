@@ -19,6 +19,7 @@ from elastid.friction.robot_friction import laws_of_joint
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store.files import write_text
 from elastid.targets.numbers import in_full, interval_lines
+from elastid.targets.target import Target
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -145,3 +146,6 @@ def _left_out(robot: Robot) -> str:
     parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
     parts += ["compensators"] if robot.compensators else []
     return f"{robot.name}, rigid. Left out: {'; '.join(filter(None, parts))}. Targets mujoco, fmu, casadi, c have them."
+
+
+TARGETS = (Target("urdf", ("model",), "rigid bodies with viscous and Coulomb friction as URDF", write_urdf),)

@@ -72,12 +72,12 @@ class Plants:
 class PlantMode:
     """A mode of the robot with motors that are free: freq_hz, and the spring with the most strain energy.
 
-    parts (n_u,): by which it moves each motor, over that of the mode that moves it most.
+    motor_amplitudes (n_u,): by which it moves each motor, over that of the mode that moves it most.
     """
 
     freq_hz: float
     spring: str
-    parts: tuple[float, ...]
+    motor_amplitudes: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)

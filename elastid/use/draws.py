@@ -16,14 +16,14 @@ from elastid.robot import Robot
 class DrawnRobots:
     """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
 
-    x (N, n_x + n_d): as in `Estimated`.  held: parameters that the data do not reach, which keep their estimate.
+    x (N, n_x + n_d): as in `Estimated`.  fixed: parameters that the data do not reach, which keep their estimate.
     """
 
     names: tuple[str, ...]
     x: FloatArray
     values: FloatArray
     robots: tuple[Robot, ...]
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
 
 
 def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:

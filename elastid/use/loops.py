@@ -361,7 +361,7 @@ def _causes(loops: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str
         freq_hz = float(loops.scene.freq_hz[q, line])
         left, _, right = np.linalg.svd(loops.S[q, line] / root[:, None] * root)
         i = int(np.abs(left[:, 0] * right[0]).argmax())
-        movers = [mode for mode in modes if mode.parts[i] >= _MOVED]
+        movers = [mode for mode in modes if mode.motor_amplitudes[i] >= _MOVED]
         near = min(movers, key=lambda mode: abs(np.log(mode.freq_hz / freq_hz)), default=None)
         if not loops.stable[q]:
             yield f"unstable, at {freq_hz:.3g} Hz in axis {axes[i]}"

@@ -153,7 +153,7 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
 
 
 def _times(table: Table) -> FloatArray | None:
-    column = next((table.words[word] for word in TIMES if word in table.words), None)
+    column = next((table.columns[word] for word in TIMES if word in table.columns), None)
     if column is None:
         return None
     times = table.values[:, column]

@@ -149,24 +149,24 @@ class Table:
     lines: tuple[int, ...]
 
     @property
-    def words(self) -> dict[str, int]:
+    def columns(self) -> dict[str, int]:
         """The column of each head without its unit."""
         return {name_and_unit(head)[0]: place for place, head in enumerate(self.heads)}
 
     def angles(self, robot: Robot) -> FloatArray | None:
         """Angles (Q, n_u) of the driven joints; None if the table lacks one."""
-        names, words = robot.driven_names, self.words
-        if not set(names) <= set(words):
+        names, columns = robot.driven_names, self.columns
+        if not set(names) <= set(columns):
             return None
-        in_degrees = [name_and_unit(self.heads[words[name]])[1] in _DEGREES for name in names]
+        in_degrees = [name_and_unit(self.heads[columns[name]])[1] in _DEGREES for name in names]
         turning = [not joint.slides for joint in robot.driven]
         scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
-        return self.values[:, [words[name] for name in names]] * scale
+        return self.values[:, [columns[name] for name in names]] * scale
 
     def poses(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
         """Positions (Q, 3) and rotations (Q, 3, 3), None without them; DataError where there are no poses either."""
-        words = self.words
-        if not {"x", "y", "z"} <= set(words):
+        columns = self.columns
+        if not {"x", "y", "z"} <= set(columns):
             names = robot.driven_names
             raise DataError(
                 "use/path",
@@ -175,10 +175,10 @@ class Table:
                 "ry, rz in rad for its orientation",
                 self.path,
             )
-        position = self.values[:, [words[axis] for axis in "xyz"]]
-        if not {"rx", "ry", "rz"} <= set(words):
+        position = self.values[:, [columns[axis] for axis in "xyz"]]
+        if not {"rx", "ry", "rz"} <= set(columns):
             return position, None
-        return position, Rotation.from_rotvec(self.values[:, [words[f"r{axis}"] for axis in "xyz"]]).as_matrix()
+        return position, Rotation.from_rotvec(self.values[:, [columns[f"r{axis}"] for axis in "xyz"]]).as_matrix()
 
 
 def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[str, ...]]:

@@ -128,10 +128,10 @@ class TunedMove(References):
     """References of the motors `joints`, and how the tool follows with them.
 
     duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
-    target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
-    with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: on the twin `judge`.
-    draws: of the fit, geometry included, on which torques and velocities keep the limits as well; most (n_u,): torque.
-    Errors of a draw count from the path of its rigid robot. Lengths and zeros move this path by `geometric_error_m`.
+    target (N, 3): path of the frame's origin in the base's axes.  predicted_error (N,): error by the model that was
+    planned with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: simulated with the robot `judge`.
+    draws: of the fit, geometry included, on which torques and velocities keep the limits as well; max_torque (n_u,):
+    torque. Errors of a draw count from the path of its rigid robot; lengths and zeros move it by `geometric_error_m`.
     """
 
     name: str
@@ -143,11 +143,11 @@ class TunedMove(References):
     duration: float = labelled("duration of the move", "s")
     margin_s: float = labelled("time before and after the move", "s")
     target: FloatArray = labelled("path of the frame", "m", "time_s axis")
-    planned: FloatArray = labelled("error of the tool as planned", "m", "time_s")
+    predicted_error: FloatArray = labelled("error of the tool as planned", "m", "time_s")
     limits: FloatArray = labelled("largest velocity, acceleration, jerk, torque", "", "kind joints")
     outcomes: tuple[Outcome, ...]
     samples: int
-    most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
+    max_torque: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
     geometric_error_m: float = labelled("error of the path by lengths and zeros, 95 % of draws", "m")
     advice: str = ""
 
@@ -204,7 +204,7 @@ def tune_move(given: MoveRobots, move: Move, name: str, progress: Progress = sil
 class _MoveTask:
     """A move with the robot that makes it, limits of its motors, and s before and after it."""
 
-    given: MoveRobots
+    robots: MoveRobots
     commanded: CommandedRobot
     move: Move
     limits: MotionLimits
@@ -212,7 +212,7 @@ class _MoveTask:
 
     def tuned(self, name: str, progress: Progress) -> TunedMove:
         """The best move with its outcomes."""
-        given, limits, joints = self.given, self.limits, self.commanded.robot.driven
+        given, limits, joints = self.robots, self.limits, self.commanded.robot.driven
         planned, r, drawn, most = self._within_limits(progress)
         target = self._path(r.time_s)
         moved = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in given.draws]
@@ -229,9 +229,9 @@ class _MoveTask:
         return TunedMove(
             **vars(r), name=name, frame=given.frame, joints=tuple(joint.name for joint in joints),
             units=tuple(joint.unit for joint in joints), judge=given.judge_name, bandwidth_hz=given.bandwidth_hz,
-            duration=self.move.duration, margin_s=self.margin_s, target=target, planned=error,
+            duration=self.move.duration, margin_s=self.margin_s, target=target, predicted_error=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
-            outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), most=most, advice=advice,
+            outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), max_torque=most, advice=advice,
             geometric_error_m=float(np.quantile(moved, 0.95)) if moved else 0.0,
         )  # fmt: skip
 
@@ -244,7 +244,7 @@ class _MoveTask:
 
         Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
         """
-        given, commanded, limits = self.given, self.commanded, self.limits
+        given, commanded, limits = self.robots, self.commanded, self.limits
         n = len(given.draws)
         samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * given.rate_hz) * n
         start, hz = self.move.ends[0], (given.rate_hz, given.bandwidth_hz)
@@ -290,7 +290,7 @@ class _MoveTask:
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
         """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
-        given, move = self.given, self.move
+        given, move = self.robots, self.move
         start, hz, samples = move.ends[0], (given.rate_hz, given.bandwidth_hz), 3 * len(references.time_s)
         judge = TwinLoop.of(self.commanded, given.judge, start, *hz, samples, clips=True)
         of_catalogue = CommandedRobot.of(given.catalogue, given.frame, start, self.commanded.spec)

@@ -28,7 +28,7 @@ from elastid.record import Configuration, JointLoop, motion_unit
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands
 from elastid.simulation.spec import ControllerSpec
-from elastid.validation.simulation import LONGEST_S, follow
+from elastid.validation.simulation import LONGEST_S, simulate_tracking
 from elastid.validation.torque_balance import octave_lines
 
 # Typical rate of the controllers in drives: a slower one has half a sample more delay from hold and difference.
@@ -170,7 +170,7 @@ def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None)
     still = np.zeros_like(command)
     gains = JointLoop(motion.gains.kp * change.kp, motion.gains.kd * change.kd, motion.gains.ki)
     commands = Commands(command, velocity, still - np.array(motion.offsets or 0.0), still, still)
-    moved = follow(plant, commands, np.ones(n_u, bool), gains, motion.position[0], np.zeros(n_u))
+    moved = simulate_tracking(plant, commands, np.ones(n_u, bool), gains, motion.position[0], np.zeros(n_u))
     samples = np.arange(n) * period_s / drive_s
     return np.stack([np.interp(samples, np.arange(ticks), reading) for reading in moved.reading.T], axis=1)
 

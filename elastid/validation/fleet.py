@@ -90,7 +90,7 @@ class Finding:
         return MEANINGS.get((_letters(self.parameter), self.z > 0), "") if self.kind == "drifts" else ""
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """The finding in a sentence."""
         size = f"{self.change:+.2%}" if self.is_relative else f"{self.change:+.3g}"
         size_of_z = f"{self.z:+.{0 if abs(self.z) > 100 else 1}f}"

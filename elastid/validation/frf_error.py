@@ -18,7 +18,6 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.statistics import LEVEL
-from elastid.fit.posture import PredictionPorts, as_configuration
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
 from elastid.fit.result import Result
@@ -73,7 +72,7 @@ class PredictedResponse:
         return agreement(self.measured, self.predicted).overall_rms_log_db
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """The comparison in a sentence."""
         places = f"{', '.join(self.measured.outputs)} by {', '.join(self.measured.inputs)}"
         return (
@@ -88,6 +87,8 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
     StudyError for places that the robot lacks, and where it finds no rest.
     """
     motors, places = measured.motors, (measured.inputs, measured.outputs)
+    from elastid.fit.posture import PredictionPorts, as_configuration  # equations, which a page does without
+
     request = PredictionPorts(*places, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(request, measured.configuration.name)
     where = as_configuration(measured.configuration, family.robot, ())

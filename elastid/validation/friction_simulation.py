@@ -1,4 +1,4 @@
-r"""The torque of motions part by part, and the twin along their logs, with the identified friction.
+r"""Torque of motions part by part, and simulation along their logs, with the identified friction.
 
 Of a motion the parts are those of its regression. A joint that moved alone has inertia and gravity of its own; of
 joints that moved together the rigid body is what their regression took out of the log, gravity and offset with it.
@@ -9,7 +9,7 @@ Along the log of a motion
 
 tau_r is the rigid body's torque that the identification found in the log (for a joint alone its inertia, gravity and
 offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
-lacks acts on the twin as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
+lacks acts on the model as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
 Logs are judged by the numbers of others, too (`predict_logs`).
 """
 
@@ -42,23 +42,26 @@ from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory
 from elastid.simulation.controller import feed_forward, gains_of
-from elastid.validation.simulation import (
+from elastid.validation.log_comparison import (
+    DRY,
+    GRAVITY,
+    INERTIA,
     LINK,
-    LONGEST_S,
     MOTION,
+    RIGID_BODY,
     TORQUE,
+    VISCOUS,
+    ComparedSignal,
     Drive,
+    LogComparison,
+    LogSimulation,
     SignalKind,
-    TwinFindings,
-    TwinRun,
-    TwinSignal,
-    follow,
-    holding_gains,
-    run_along,
+    TorqueBalance,
 )
-from elastid.validation.torque_balance import DRY, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
+from elastid.validation.simulation import LONGEST_S, simulate_log, simulate_tracking, tracking_gains
+from elastid.validation.torque_balance import torque_balance
 
-# Parts of a regression as the twin names them.
+# Parts of a torque balance by the components of a regression.
 PART_OF = dict(zip(TORQUE_COMPONENTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
 
 
@@ -91,7 +94,7 @@ def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
 
 
 # Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
-HELD_HZ = 0.5
+TRACKING_HZ = 0.5
 
 
 @frozen_value
@@ -130,17 +133,17 @@ class _Log:
         return self.whole((signals.position for signals in self.signals), self.rest)
 
 
-def friction_twin(
+def compare_friction_logs(
     robot: Robot,
     joints: Sequence[JointFriction],
     measured: FrictionRecords,
     controller: CascadeSpec | None,
     execution: Execution,
-) -> TwinFindings:
-    """Torque of motions part by part, and the twin along the first log of each group of joints that moved together.
+) -> LogComparison:
+    """Balance the torque of motions, and simulate the first log of each group of joints that moved together.
 
     Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
-    no reference drives the twin then.
+    no simulation by the reference then.
     """
     groups: dict[str, list[tuple[MotionFriction, FrictionRecord]]] = {}
     for joint in joints:
@@ -155,12 +158,12 @@ def friction_twin(
             driven.append((log, controller))
     runs = execution.ordered(partial(_run, robot), driven)
     by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands")[:1])
-    return TwinFindings(friction_balances(joints, measured), (*runs, *by_commands))
+    return LogComparison(friction_balances(joints, measured), (*runs, *by_commands))
 
 
 def _commanded_runs(
     robot: Robot, joints: Sequence[JointFriction], logs: Iterable[Mapping[str, FrictionRecord]]
-) -> Iterator[TwinRun]:
+) -> Iterator[LogSimulation]:
     """Runs along logs without torques, simulated from their commands alone."""
     known = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
     for records in logs:
@@ -169,10 +172,10 @@ def _commanded_runs(
             continue
         first, moved = next(iter(log.values())), simulated_commands(robot, log, known)
         signals = tuple(
-            TwinSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
+            ComparedSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
             for (name, record), simulated in zip(log.items(), moved.T, strict=True)
         )
-        yield TwinRun(first.name, "reference", 0.0, first.duration_s, first.rate_hz, signals)
+        yield LogSimulation(first.name, "reference", 0.0, first.duration_s, first.rate_hz, signals)
 
 
 def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionRecord) -> FloatArray:
@@ -186,19 +189,19 @@ def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionR
     return parts["inertia"] + parts.get("gravity", 0.0)
 
 
-def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
+def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> LogSimulation:
     log, controller = driven
     drive: Drive = "torque" if controller is None else "reference"
-    held_hz = HELD_HZ if controller is None else 0.0
+    tracking_hz = TRACKING_HZ if controller is None else 0.0
     name, rate_hz = log.records[0].name, log.records[0].rate_hz
-    empty = TwinRun(name, drive, held_hz, log.n / rate_hz, rate_hz)
+    empty = LogSimulation(name, drive, tracking_hz, log.n / rate_hz, rate_hz)
     start = Configuration(name, log.position[0])
     spec = SimulatedSpec() if controller is None else SimulatedSpec(controller=controller.spec)
-    run = run_along(empty, robot, start, spec, partial(_along_motion, log, controller))
+    run = simulate_log(empty, robot, start, spec, partial(_along_motion, log, controller))
     return replace(run, rate_hz=rate_hz / int(log.signals[0].decimation.step)) if run.signals else run
 
 
-def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[TwinSignal]:
+def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[ComparedSignal]:
     """Signals of a plant under reference, torque and gains; joints that rest have the same in all."""
     q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
     smooth, path = formulate(without_friction(plant.model.robot)), log.position
@@ -209,7 +212,7 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
-        held = holding_gains(plant, HELD_HZ)
+        held = tracking_gains(plant, TRACKING_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
@@ -222,10 +225,10 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
         acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)
     lacking = np.where(moving, demand - rigid, 0.0)
     commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, np.zeros_like(demand))
-    return _in_passband(log, plant.model, follow(plant, commands, moving, held, path[0], rate[0]))
+    return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving, held, path[0], rate[0]))
 
 
-def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[TwinSignal]:
+def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[ComparedSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
     for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
@@ -242,7 +245,7 @@ def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[
         )
         for kind, place, unit, y, y_twin in rows:
             if y is not None:
-                yield TwinSignal(kind, place, unit, kept.filtered(y[: log.n]), kept.filtered(y_twin[: log.n]))
+                yield ComparedSignal(kind, place, unit, kept.filtered(y[: log.n]), kept.filtered(y_twin[: log.n]))
 
 
 def predict_logs(
@@ -251,7 +254,7 @@ def predict_logs(
     measured: FrictionRecords,
     controller: CascadeSpec | None,
     execution: Execution,
-) -> TwinFindings:
+) -> LogComparison:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
     known, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
@@ -262,7 +265,7 @@ def predict_logs(
             except DataError as error:
                 reasons.setdefault(name, []).append(f"{record.name}: {error}")
     missing = {name: "; ".join(texts) for name, texts in reasons.items()}
-    findings = friction_twin(robot, judged, measured, controller, execution)
+    findings = compare_friction_logs(robot, judged, measured, controller, execution)
     by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands"))
     return replace(findings, runs=(*findings.runs, *by_commands), missing=missing)
 

@@ -10,58 +10,62 @@ of the height of the peak |R| / (zeta omega), which itself is more than eight st
 resonances of a right model by less.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import digits, number, percent
 from elastid.base.errors import Note
-from elastid.fit.fitted_robot import FittedRobot
-from elastid.linear.linear_model import LinearModel
-from elastid.linear.modes import modes as modes_of_model
-from elastid.modal.estimate import modes_of_responses
-from elastid.modal.modes import Modes, mac
 from elastid.modal.spec import ModalSpec
-from elastid.response import Response
+
+if TYPE_CHECKING:  # a page needs the values alone
+    from elastid.fit.fitted_robot import FittedRobot
+    from elastid.linear.linear_model import LinearModel
+    from elastid.modal.modes import Modes
+    from elastid.response import Response
 
 # Judgement of measured modes. False alarms of 150 right models: 1 (`scripts/studies/results.csv`).
 MAX_DISTANCE = 0.1  # relative, of frequencies of one mode
 MIN_MAC = 0.5  # of one mode, where frequencies are further apart than the smaller half width
 MISSED_SHARE = 0.5  # of a peak's height, by which the model misses the response there
 HEIGHT_STD = 8.0
-SEEN_SHARE = 0.3  # of the largest entry of a shape, from which on an output is named
+MIN_AMPLITUDE = 0.3  # of the largest entry of a shape, from which on an output is named
 
 
 @frozen_value
 class MeasuredModes:
-    """Measured modes (n,) of one configuration.
+    """Measured modes (n,) of one configuration, and the mode of the model that belongs to each.
 
-    model_hz, model_zeta, mac (n,): of the model's mode that each belongs to; NaN for none.  is_missing (n,): the model
-    lacks it.
+    outputs: with the largest amplitudes.  is_missing: the model has no such mode.
     """
 
-    own: Modes
-    model_hz: FloatArray
-    model_zeta: FloatArray
-    mac: FloatArray
-    is_missing: BoolArray
-
-    def seen(self, r: int) -> str:
-        """The outputs that move most in a mode."""
-        size = np.abs(self.own.shapes[:, r])
-        return ", ".join(self.own.outputs[k] for k in np.flatnonzero(size >= SEEN_SHARE * size.max()))
+    configuration: str
+    frequency_unit: str
+    outputs: tuple[str, ...]
+    freq_hz: FloatArray = labelled("natural frequency", "{frequency_unit}")
+    freq_std: FloatArray = labelled("its standard deviation", "{frequency_unit}")
+    zeta: FloatArray = labelled("damping ratio")
+    zeta_std: FloatArray = labelled("its standard deviation")
+    model_hz: FloatArray = labelled("natural frequency of the model, NaN without such a mode", "{frequency_unit}")
+    model_zeta: FloatArray = labelled("damping ratio of the model")
+    mac: FloatArray = labelled("modal assurance criterion")
+    is_missing: BoolArray = labelled("the model has no such mode")
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """Texts of a table: frequency, 95 %, damping in %, 95 %, the model's, MAC, outputs; `missing` for no mode."""
         rows: list[tuple[str, ...]] = []
-        numbers = zip(self.own.freq_hz, self.own.freq_std, self.own.zeta, self.own.zeta_std, strict=True)
+        numbers = zip(self.freq_hz, self.freq_std, self.zeta, self.zeta_std, strict=True)
         for i, (f, f_std, zeta, zeta_std) in enumerate(numbers):
             model = number(self.model_hz[i], 4), percent(self.model_zeta[i], 2), number(self.mac[i], 2)
             rows.append((
                 number(f, digits(f, f_std)), number(1.96 * f_std, 2),
                 percent(zeta, digits(zeta, zeta_std)), percent(1.96 * zeta_std, 2),
                 *(model if np.isfinite(self.model_hz[i]) else ("missing" if self.is_missing[i] else "-", "", "")),
-                self.seen(i),
+                self.outputs[i],
             ))  # fmt: skip
         return rows
 
@@ -71,10 +75,10 @@ class MeasuredModes:
         return tuple(
             Note(
                 "validation/missing-mode",
-                f"a mode at {number(self.own.freq_hz[i], 3)} {self.own.frequency_unit}, "
-                f"visible at {self.seen(i)}, is missing in the model. Add "
+                f"a mode at {number(self.freq_hz[i], 3)} {self.frequency_unit}, "
+                f"visible at {self.outputs[i]}, is missing in the model. Add "
                 "the elastic part of structure, base or tool to the robot model, as a joint without a motor",
-                self.own.configuration,
+                self.configuration,
             )
             for i in np.flatnonzero(self.is_missing).tolist()
         )
@@ -86,6 +90,10 @@ def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
 
 
 def _beside(response: Response, modelled: Response, linear: LinearModel) -> MeasuredModes:
+    from elastid.linear.modes import modes as modes_of_model
+    from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra, which a page does without
+    from elastid.modal.modes import mac
+
     (modes,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
     agreement = mac(modes.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((modes.n_modes, 0))
     partner = _partners(modes, known.freq_hz, known.zeta, agreement)
@@ -93,7 +101,10 @@ def _beside(response: Response, modelled: Response, linear: LinearModel) -> Meas
     # Without a partner, -1, the NaN behind the last mode.
     model_hz, model_zeta = (np.append(values, np.nan)[partner] for values in (known.freq_hz, known.zeta))
     mac_of_each = np.pad(agreement, ((0, 0), (0, 1)), constant_values=np.nan)[np.arange(modes.n_modes), partner]
-    return MeasuredModes(modes, model_hz, model_zeta, mac_of_each, (partner < 0) & missed)
+    largest = (size >= MIN_AMPLITUDE * size.max() for size in np.abs(modes.shapes.T))
+    outputs = tuple(", ".join(name for name, has in zip(modes.outputs, rows, strict=True) if has) for rows in largest)
+    numbers = modes.freq_hz, modes.freq_std, modes.zeta, modes.zeta_std, model_hz, model_zeta, mac_of_each
+    return MeasuredModes(modes.configuration, modes.frequency_unit, outputs, *numbers, (partner < 0) & missed)
 
 
 def _partners(modes: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: FloatArray) -> IntArray:

@@ -17,13 +17,13 @@ is the difference), and with viscous friction (the same). Dry friction is what t
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled, named
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, named
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.multisine import synthesise
 from elastid.fit.fitted_robot import FittedRobot
@@ -36,80 +36,15 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Motion, Record
 from elastid.robot.simplified import elastic_coordinates, stiffened
-
-# Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
-INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
-VISCOUS, DRY = "viscous friction", "dry friction"
-FRICTION = (VISCOUS, DRY)
-# An octave with less of the torque's power holds noise, or what the window leaks.
-MIN_POWER_SHARE = 1e-4
-
-
-@dataclass(frozen=True)
-class BandBalance:
-    """Torque balance between two frequencies in Hz: power, its fraction of the total, fractions of each term, and
-    residual.
-
-    unexplained_without_friction: by the model without its friction.
-    """
-
-    low_hz: float
-    high_hz: float
-    power: float
-    fractions: tuple[float, ...]
-    unexplained_fraction: float
-    unexplained_without_friction: float
-
-
-@frozen_value
-class TorqueBalance:
-    """The torque of one motor in one log, link side.
-
-    place: of its motor or joint.  log: name of the record.  unit: of the torque.  rate_hz: of the samples; without a
-    known rate frequencies are in units of it.  parts: names; torques (n_p, n): of each.  measured (n,).
-    fractions: of each part in the mean square of the torque.  unexplained_fraction: of it by the whole model.
-    unexplained_without_friction: by the model without its friction.  bands: the same by octave, upwards.
-    """
-
-    place: str
-    log: str
-    unit: str
-    rate_hz: float
-    parts: tuple[str, ...]
-    measured: FloatArray = labelled("torque as measured, link side", "{unit}", "sample")
-    torques: FloatArray = labelled("torque of each part of the model", "{unit}", "parts sample")
-    fractions: tuple[float, ...]
-    unexplained_fraction: float
-    unexplained_without_friction: float
-    bands: tuple[BandBalance, ...]
-    has_rate: bool = True
-
-    @property
-    def worst(self) -> BandBalance:
-        """Octave with the largest residual fraction among octaves with power."""
-        return max(
-            (band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.unexplained_fraction
-        )
-
-    @property
-    def words(self) -> str:
-        """Shares of the parts in a sentence."""
-        shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.fractions, strict=True))
-        worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
-        return (
-            f"{self.place}, {self.log}: contributions to the mean-square torque: {shares}. Unexplained: "
-            f"{self.unexplained_fraction:.1%}, at most "
-            f"{worst.unexplained_fraction:.0%} from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}."
-        )
-
-    @property
-    def residual(self) -> FloatArray:
-        """Measured less modelled torque (n,)."""
-        return np.asarray(self.measured - self.torques.sum(axis=0))
-
-    def part(self, names: Sequence[str]) -> FloatArray:
-        """The torque (n,) of these parts together, 0 of those that the model lacks."""
-        return np.asarray(self.torques[[name in names for name in self.parts]].sum(axis=0))
+from elastid.validation.log_comparison import (
+    DRY,
+    ELASTICITY,
+    FRICTION,
+    RIGID_BODY,
+    VISCOUS,
+    BandBalance,
+    TorqueBalance,
+)
 
 
 def torque_balance(

@@ -24,17 +24,21 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 from fit import IDENTIFIED, build_robot, measured
 from frf import simulated
 from timing import machine
 
+from elastid.app.finished_run import run
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -43,15 +47,20 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.use.map import map_workspace
 from elastid.use.postures import random_postures
 
+sys.path.append(str(Path(__file__).parents[2] / "tests"))
+from plants import commanded_joints, referenced_robot
+
 # What is measured over which sizes: records of a configuration, its lines, samples of a period; configurations, their
-# lines, coordinates of the robot; postures.
+# lines, coordinates of the robot; postures; configurations of logged references, samples of a log of commands.
 SIZES = {
     "estimate": {"records": (12, 24, 48, 96), "lines": (256, 512, 1024, 2047), "samples": (4096, 8192, 16384, 32768)},
     "identify": {"configurations": (8, 16, 32, 64), "lines": (50, 100, 200, 400), "coordinates": (9, 12, 15, 18)},
     "map": {"postures": (1000, 2000, 4000, 8000)},
+    "references": {"configurations": (2, 4, 8, 16)},
+    "commands": {"samples": (2000, 4000, 8000, 16000)},
 }
 USUAL = {"records": 24, "samples": 4096, "configurations": 8, "coordinates": 18, "postures": 1000}
-QUICK = {"records": (12, 24), "configurations": (3, 6), "postures": (50, 100)}
+QUICK = {"records": (12, 24), "configurations": (3, 6), "postures": (50, 100), "samples": (500, 1000)}
 LINES = {"estimate": 512, "identify": 100, "map": 100}
 
 
@@ -79,6 +88,43 @@ def of_map(postures: int, **fit: int) -> Callable[[], object]:
     return lambda: map_workspace(result, angles, frame=str(fit["coordinates"] // 3))
 
 
+def of_study(study: Path, *stages: str) -> Callable[[], object]:
+    """Stages from the logs to the numbers, in a new folder each time."""
+    folders = (study.parent / f"run{i}" for i in count())
+    return lambda: run(study, next(folders), "measure", *stages, verbosity=-2)
+
+
+def of_references(configurations: int) -> Callable[[], object]:
+    """A study of references and encoders of three axes under sampled controllers."""
+    whole, rng = build_robot(), np.random.default_rng(0)
+    robot = replace(whole, bodies=whole.bodies[:3])
+    postures = {f"p{i}": rng.uniform(-1.2, 1.2, len(robot.driven)).tolist() for i in range(configurations)}
+    return of_study(
+        referenced_robot.write(Path(mkdtemp()) / "logs", robot, postures, 1e-3, realisations=1), "estimate", "fit"
+    )
+
+
+def of_commands(samples: int) -> Callable[[], object]:
+    """A friction study of commands and positions of two joints."""
+    folder = Path(mkdtemp())
+    r = commanded_joints.references(samples, 2, 0.5, 2.0)
+    q = commanded_joints.positions(commanded_joints.two_joints, r, 0.0)
+    np.savetxt(folder / "log.csv", np.hstack([r, q]), "%.12g", ",", header="r0,r1,q0,q1", comments="")
+    (folder / "robot.yml").write_text(commanded_joints.TWO_ROBOT)
+    channels = [
+        {"role": role, "at": f"motor {i + 1}", "channel": f"{letter}{i}", "quantity": "position", "unit": "rad"}
+        for role, letter in (("reference", "r"), ("y", "q"))
+        for i in range(2)
+    ]
+    kp, kd = np.transpose(commanded_joints.GAINS)
+    controller = {"position_gain": (kp / kd).tolist(), "velocity_gain": kd.tolist()}
+    recorded = {"rate_hz": commanded_joints.RATE_HZ, "controller": controller, "channels": channels}
+    recorded["files"] = [{"path": "log.csv"}]
+    study = {"name": "commands", "robot": "robot.yml", "friction": {}, "experiment": {"recorded": recorded}}
+    (folder / "study.yml").write_text(json.dumps(study, indent=1))
+    return of_study(folder / "study.yml", "constant_velocity", "friction")
+
+
 def memory_mb(name: str) -> float:
     """VmRSS, what of this process is in memory, or VmHWM, the most since the mark was set back."""
     status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
@@ -89,7 +135,8 @@ def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
     """CPU seconds and MB of one size: of its second run, and at the peak of its first with its data."""
     name, size = task
     before = memory_mb("VmRSS")
-    work = {"estimate": of_estimate, "identify": of_identify, "map": of_map}[name](**size)
+    routes = {"references": of_references, "commands": of_commands}
+    work = ({"estimate": of_estimate, "identify": of_identify, "map": of_map} | routes)[name](**size)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     work()
     peak, begin = memory_mb("VmHWM"), time.process_time()
@@ -105,7 +152,7 @@ def main() -> None:
     print(machine())
     for name, over in SIZES.items():
         known = {key: USUAL[key] for key in (*over, *(SIZES["identify"] if name == "map" else ())) if key != "lines"}
-        known["lines"] = LINES[name]
+        known |= {"lines": LINES[name]} if name in LINES else {}
         if is_quick and "coordinates" in known:
             known |= {"configurations": 3, "coordinates": 9}
         for key, sizes in [*over.items()][: 1 if is_quick else None]:

@@ -52,6 +52,7 @@ def sources(folder: Path) -> Path:
     pages = {"commands": generated.commands(), "equations": generated.equations()} | generated.names()
     (folder / "runs").mkdir()
     pages |= generated.keys() | {"files": generated.files(folder / "runs")}
+    pages["targets"] = generated.export_targets()
     pages["open_benchmark"] = generated.open_benchmark(source / "pictures")
     pages["packages"] = packages.page(source / "pictures")
     for name, text in pages.items():

@@ -15,9 +15,11 @@ from plain_text import escaped, restructured
 
 import elastid
 from elastid.app.cli import cli, run_command
+from elastid.app.target_table import MODULES, targets
 from elastid.store.reading import described
 from elastid.study.reference import StudyKey, explain, keys_of, list_keys
 from elastid.study.sections import Study
+from elastid.targets.target import VALUES
 
 PACKAGE = Path(elastid.__file__).parent
 BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "open"
@@ -58,6 +60,15 @@ def commands() -> str:
         records = [option.get_help_record(usage) for option in command.params]
         parts += [f"``{name}``\n   {escaped(text)}\n" for name, text in filter(None, records) if text]
     return "\n".join(parts)
+
+
+def export_targets() -> str:
+    """Every target of `elastid export`: the content of its files, and the values that a row of a package may need."""
+    rows = [f"   * - ``{row.tag}``\n     - {escaped(row.keeps)}\n" for tag in MODULES for row in targets(tag)]
+    values = [f"``{name}``\n   {escaped(meaning)}\n" for name, meaning in VALUES.items()]
+    return "\n".join(
+        [title("Targets of an export"), ".. list-table::\n   :widths: 20 80\n", *rows, _PACKAGE_TARGETS, *values]
+    )
 
 
 def keys() -> dict[str, str]:
@@ -183,6 +194,11 @@ def _with_equations(path: Path) -> Iterator[str]:
                 yield f"**{escaped(name)}**\n\n{restructured(doc)}"
 
 
+_PACKAGE_TARGETS = """
+A Python package adds a target with an entry point of the group ``elastid.targets``. The entry point names an
+``elastid.targets.target.Target``: tag, names of the values that it needs, content of its files, and its function
+``write(folder, **values)``. These are the values:
+"""
 _FILES = """
 Results are HDF5 files. Named axes are dimension scales, complex numbers are native, and every dataset has a unit. The
 listings show small runs with one motor, as printed by ``elastid inspect FILE``: name, axes with lengths in

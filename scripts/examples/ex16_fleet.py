@@ -24,7 +24,7 @@ for robot in range(1, 9):
 findings = find_changes(values, false_discovery_rate=0.05)
 
 if __name__ == "__main__":
-    print(*(finding.words for finding in findings), sep="\n")
+    print(*(finding.sentence for finding in findings), sep="\n")
     figure = Figure(figsize=(8, 4), layout="constrained")
     for ax, name in zip(figure.subplots(1, 2), ("k_2", "Fc_m2"), strict=True):
         for robot in dict.fromkeys(value.robot for value in values):

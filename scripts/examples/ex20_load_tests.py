@@ -51,7 +51,7 @@ relative = {name: (alone.std[name] / alone.values[name], both.std[name] / both.v
 
 if __name__ == "__main__":
     print(*(f"{name}: {100 * a:.2g} % by motors, {100 * b:.2g} % with weights" for name, (a, b) in relative.items()))
-    print(both.static.words)
+    print(both.static.sentence)
     figure = plt.figure(figsize=(6, 3), layout="constrained")
     figure.gca().semilogy(list(relative), 100 * np.array(list(relative.values())), "o")
     figure.legend(["std in % by motors alone", "with 8 load tests"])

@@ -1,22 +1,68 @@
-"""elastid export: every target of a finished fit, the same bytes twice."""
+"""elastid export: rows of targets, those of other packages, the same bytes twice."""
 
+import inspect
 from pathlib import Path
 
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.app.export import TARGETS
+from elastid.app.target_table import MODULES, tags, targets
+from elastid.targets.target import VALUES
+
+PACKAGE = """
+from elastid.targets.target import Target
+
+def write_stiffness(folder, model):
+    folder.mkdir(parents=True)
+    path = folder / "stiffness.txt"
+    path.write_text("".join(f"{name} {value}\\n" for name, value in model.result.values.items()))
+    return [path]
+
+TARGET = Target("stiffness", ("model",), "parameters as text", write_stiffness)
+"""
+
+
+@pytest.fixture
+def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package with one target, as pip installs it."""
+    (tmp_path / "stiffness_target.py").write_text(PACKAGE)
+    info = tmp_path / "stiffness_target-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stiffness-target\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[elastid.targets]\nstiffness = stiffness_target:TARGET\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
+@pytest.mark.parametrize("tag", MODULES)
+def test_row_writes_from_the_values_that_it_needs(tag: str) -> None:
+    rows = targets(tag)
+    assert rows
+    for row in rows:
+        assert {*row.needs} <= {*VALUES}
+        assert tuple(inspect.signature(row.write).parameters)[1 : len(row.needs) + 1] == row.needs
+        assert row.keeps
+
+
+def test_explain_lists_targets_of_other_packages(installed_target: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert tags() == (*MODULES, "stiffness")
+    assert run_command(["explain", "export.stiffness"]) == 0
+    assert "Parameters as text" in capsys.readouterr().out
+
+
+def test_old_tag_is_answered_with_the_new_one(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["export", str(tiny), "--to", "draws"]) == 2
+    assert "renamed to samples" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
-    tiny: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tiny: Path, tmp_path: Path, installed_target: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"
     assert run_command(["export", str(tiny), "--to", "csv", "--run", str(run)]) == 2
     assert "estimate` first" in capsys.readouterr().err
     assert run_command(["run", str(tiny), "design", "measure", "estimate", "fit", "--run", str(run), "-q"]) == 0
-    for target in (*TARGETS, "actuators"):
+    for target in (tag for tag in tags() if {*targets(tag)[0].needs} & {"model", "linear_model", "actuators"}):
         contents = []
         for _ in range(2):
             assert run_command(["export", str(tiny), "--to", target, "--run", str(run)]) == 0
@@ -24,3 +70,4 @@ def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
             contents.append([(file.name, file.read_bytes()) for file in files])
         assert contents[0] == contents[1]
         assert len(contents[0]) >= 1
+    assert (run / "export" / "stiffness" / "stiffness.txt").read_text().startswith("k_")

@@ -193,5 +193,5 @@ def test_lost_motion_that_opens_after_it_was_not_seen_is_named() -> None:
     assert {value.parameter for value in values} == {"lost_1"}
     drift = next(finding for finding in find_changes(values, 0.05) if finding.kind == "drifts")
     assert (drift.robot, drift.meaning) == ("b", "lost motion grows")
-    assert "lost_1 of b drifts: lost motion grows, +0.0001" in drift.words
+    assert "lost_1 of b drifts: lost motion grows, +0.0001" in drift.sentence
     assert all(finding.robot == "b" for finding in find_changes(values, 0.05))

@@ -7,7 +7,8 @@ import pytest
 from plants.taken_friction import taken_friction
 from plants.two_mass_gear import RATIO, Gear, robot
 
-from elastid.app.identified_robot import NOT_SIGNIFICANT, SLOPE, contents, truth, with_findings
+from elastid.app.identified_robot import with_findings
+from elastid.app.parameter_truth import NOT_SIGNIFICANT, SLOPE, contents, truth
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.basis_functions import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from elastid.app.cli import run_command
+
 HEAVY = {"casadi", "scipy", "h5py", "matplotlib", "control", "pandas", "jinja2"}
 SPECS = [
     "elastid.base.errors",
@@ -89,6 +91,20 @@ for stage in {tuple(STAGES)}:
         assert f"elastid.app.stages.{stage}" in loaded.split()
         never = {"scipy.signal", "scipy.stats", "control", "pandas", "rich"}
         assert not set(loaded.split()) & (unneeded | never), stage
+
+
+MOST_FILES = {"fit": 185, "report": 150}  # of the package, that a command with one stage loads
+
+
+@pytest.mark.slow
+def test_a_command_loads_few_files_and_report_no_solver(tiny: Path) -> None:
+    run = ["--run", str(tiny.parent / "run"), "--jobs", "1", "-qq"]
+    assert run_command(["run", str(tiny), *run]) == 0
+    for stage, most in MOST_FILES.items():
+        words = ["run", str(tiny), stage, *run]
+        loaded = loaded_after(f"from elastid.app.cli import run_command; assert run_command({words}) == 0")
+        assert len([name for name in loaded if name.startswith("elastid.")]) <= most
+    assert not loaded & {"elastid.linear.linearise", "elastid.fit.fitted_robot", "elastid.modal.estimate"}
 
 
 AT_NUMPY = """

@@ -16,7 +16,7 @@ from elastid.app.run import Run
 from elastid.design.next_experiment import read_goal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.store.measured import read_plan
+from elastid.store.plan import read_plan
 from elastid.store.results import read_fit
 from elastid.study import load
 

@@ -12,7 +12,7 @@ import pytest
 
 from elastid.app import cli, model_commands
 from elastid.base.errors import FitError
-from elastid.store.measured import read_plan
+from elastid.store.plan import read_plan
 from elastid.store.results import read_fit, read_map
 from elastid.study import load_robot
 

@@ -27,7 +27,7 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Record
 from elastid.response import Response
 from elastid.store.artefacts import read_stamp
-from elastid.store.measured import read_plan
+from elastid.store.plan import read_plan
 from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 

@@ -57,7 +57,7 @@ def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path
     tool = np.stack([np.interp(t, out["time"], out[place]) for place in places], axis=1)
     error = np.linalg.norm(tool - tuned.target, axis=1)
     travel = np.linalg.norm(tuned.target - tuned.target[0], axis=1).max()
-    assert error.max() < tuned.planned.max() + 2e-4
+    assert error.max() < tuned.predicted_error.max() + 2e-4
     assert error.max() < 2e-3 * travel
     assert np.linalg.norm(np.roll(tool, 10, axis=0)[10:] - tuned.target[10:], axis=1).max() > 20 * error.max()
 

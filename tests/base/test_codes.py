@@ -67,7 +67,7 @@ def test_a_study_with_an_old_name_is_told_the_new_one(override: str, tmp_path: P
         load(tmp_path / "arm" / "study.yml", (override,))
 
 
-@pytest.mark.parametrize("words", ["run x levels", "export x --to draws", "loops x --draws 2"])
+@pytest.mark.parametrize("words", ["run x levels", "loops x --draws 2"])
 def test_an_old_word_on_the_command_line_is_told_the_new_one(words: str, capsys) -> None:
     assert cli.run_command(words.split()) == 2
     assert "renamed to" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 from plants.reader import Reader
 
 from elastid.app import scaffold
-from elastid.store.measured import read_plan
+from elastid.store.plan import read_plan
 from elastid.study import load
 
 ROOT = Path(__file__).parents[2]

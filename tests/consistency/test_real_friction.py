@@ -112,9 +112,9 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     rigid = [torque[f"joint {joint}"]["fractions"]["rigid body"] for joint in range(1, 7)]
     assert rigid == pytest.approx([0.293, 0.819, 0.910, 0.078, 0.738, 0.087], abs=0.01)
     assert all(each["unexplained_fraction"] < 0.05 < each["unexplained_without_friction"] for each in torque.values())
-    (twin,) = summary["simulation"]
-    assert twin["driven_by"] == "torque"
-    errors = {(s["signal"], s["place"]): s["error"] for s in twin["signals"]}
+    (log_comparison,) = summary["simulation"]
+    assert log_comparison["driven_by"] == "torque"
+    errors = {(s["signal"], s["place"]): s["error"] for s in log_comparison["signals"]}
     motors = [errors["motor angle", f"motor {joint}"] for joint in range(1, 7)]
     assert all(error < 0.07 for error in motors)
     assert [errors["link motion", f"joint {joint}"] < 0.06 for joint in range(1, 4)] == [True] * 3

@@ -82,7 +82,7 @@ FAST: dict[str, Check] = {
     "ex12_friction_observer": lambda v: [
         near(v["end"][n], v["true"][n][-1], part) for n, part in {"Fc": 0.05, "f": 0.1, "offset": 0.05}.items()
     ],
-    "ex15_twin": lambda v: [v["twin"].error < 0.02, v["poor"].error > 0.4],
+    "ex15_simulation": lambda v: [v["signal"].error < 0.02, v["poor"].error > 0.4],
     "ex16_fleet": lambda v: [
         {(f.robot, f.parameter) for f in v["findings"]} == {("robot 3", "k_2"), ("robot 6", "Fc_m2")},
         {f.robot for f in v["findings"] if f.kind == "drifts"} == {"robot 6"},

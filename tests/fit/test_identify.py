@@ -18,9 +18,8 @@ from elastid.fit.result import Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.status_terms import DISTORTED
-from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.parameters import Tie
-from elastid.response import UNEXPLAINED, Covariance, Response
+from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.study import load_robot
 

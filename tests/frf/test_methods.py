@@ -20,7 +20,8 @@ from elastid.frf.estimate import estimate
 from elastid.frf.estimators import METHODS, arithmetic, errors_in_variables, h1, joint, noise_covariance
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Record
-from elastid.store.measured import read_forecast, read_plan, read_responses
+from elastid.store.measured import read_responses
+from elastid.store.plan import read_forecast, read_plan
 from elastid.store.results import read_fit
 from elastid.study import load
 

@@ -180,7 +180,7 @@ def test_momentum_grows_by_the_torques_that_act(joint: FollowedJoint) -> None:
     frictionless = replace(joint, followed=("offset",), **free)
     values = {"q_m": 0.1, "q_l": -0.2, "v_m": 3.0, "v_l": -1.0, "z": 0.0, "offset": 0.2}
     x = np.array([values[name] for name in frictionless.states])
-    after = frictionless.step(RATE_HZ)(x, np.zeros(len(frictionless.held)), 2.0, 0.7).full()[:, 0]
+    after = frictionless.step(RATE_HZ)(x, np.zeros(len(frictionless.consider_parameters)), 2.0, 0.7).full()[:, 0]
     inertias = {"v_m": joint.motor_inertia, "v_l": joint.link_inertia if joint.stiffness else 0.0}
     momentum = np.array([inertias.get(name, 0.0) for name in frictionless.states])
     assert (after - x) @ momentum == pytest.approx((2.0 - 0.7 - 0.2) / RATE_HZ, rel=1e-6)

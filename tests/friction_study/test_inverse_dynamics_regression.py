@@ -64,9 +64,9 @@ def with_noise(motion: Motion, std: float, seed: int = 0) -> Motion:
 def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std: float) -> None:
     """8 logs; in a band of 20 Hz the noise lowers the inertia by 4 to 16 %."""
     fits = [regress_motion(with_noise(swing(seed), std, seed)) for seed in range(8)]
-    errors = np.array([(fit.chosen["inertia"] - J) / fit.chosen.std("inertia") for fit in fits])
+    errors = np.array([(fit.regression["inertia"] - J) / fit.regression.std("inertia") for fit in fits])
     assert np.sum(np.abs(errors) > 1.96) <= 1
-    assert all(fit.chosen.std("inertia") < 0.003 * J and not fit.misfit for fit in fits)
+    assert all(fit.regression.std("inertia") < 0.003 * J and not fit.misfit for fit in fits)
 
 
 @pytest.mark.slow
@@ -74,7 +74,7 @@ def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std: float
 def test_a_spring_is_a_misfit_under_noise_of_the_position_too(resonance_hz: float) -> None:
     fit = regress_motion(with_noise(with_link(resonance_hz), 3e-4))
     assert fit.misfit
-    assert abs(fit.chosen["inertia"] - INERTIA) < 1.96 * fit.chosen.std("inertia")
+    assert abs(fit.regression["inertia"] - INERTIA) < 1.96 * fit.regression.std("inertia")
 
 
 @pytest.mark.slow

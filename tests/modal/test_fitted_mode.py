@@ -50,12 +50,12 @@ def test_a_window_that_no_pole_went_through_is_named() -> None:
 def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
     """Of another shape, farther off or stronger it is a mode."""
     strong = FittedMode(50.0, 0.01, 0.01, 1e-4, np.array([[1.0, 2.0j, -1.0]]), np.full((1, 3), 1e-3))
-    twin = replace(strong, freq_hz=50.1, residue=0.01j * strong.residue)
-    other = replace(twin, residue=np.array([[0.02, 0.01j, 0.0]]))
-    alike = replace(twin, residue=0.01 * np.array([[1.0, 2.0j, -0.3]]))
-    for mode in (twin, alike):
+    log_comparison = replace(strong, freq_hz=50.1, residue=0.01j * strong.residue)
+    other = replace(log_comparison, residue=np.array([[0.02, 0.01j, 0.0]]))
+    alike = replace(log_comparison, residue=0.01 * np.array([[1.0, 2.0j, -0.3]]))
+    for mode in (log_comparison, alike):
         assert without_twins([strong, mode]) == [strong]
-    for mode in (other, replace(twin, freq_hz=60.0), replace(twin, residue=0.9 * strong.residue)):
+    for mode in (other, replace(log_comparison, freq_hz=60.0), replace(log_comparison, residue=0.9 * strong.residue)):
         assert without_twins([strong, mode]) == [strong, mode]
 
 

@@ -20,7 +20,8 @@ from elastid.report.modes import ModeRow
 from elastid.report.page.page import html, write_page
 from elastid.response import Covariance, Response
 from elastid.validation.frf_error import validate
-from elastid.validation.torque_balance import DRY, INERTIA, TorqueBalance, torque_balance
+from elastid.validation.log_comparison import DRY, INERTIA, TorqueBalance
+from elastid.validation.torque_balance import torque_balance
 from plants.arm_modes import mode_row
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)

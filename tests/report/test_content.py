@@ -13,7 +13,7 @@ from elastid.friction_study.result import FrictionResult
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
 from elastid.report.content import gear_table, parameter_rows
 from elastid.report.page.page import html
-from elastid.validation.simulation import TORQUE, TwinFindings, TwinRun, TwinSignal
+from elastid.validation.log_comparison import TORQUE, ComparedSignal, LogComparison, LogSimulation
 
 LOGS = tuple(Note("late-log", f"{20 + i} samples late", f"log {i}") for i in range(108))
 REMARK = Note("fit/profile", "k_1 has an interval by profile", severity="information")
@@ -89,10 +89,10 @@ def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error: flo
     """One whose torque is 15 % off, or that is lost, is said in the first sentence."""
     t = np.arange(500) / 100
     torque = np.sin(2 * np.pi * t)
-    signal = TwinSignal(TORQUE, "motor 1", "N*m", torque, torque + error * np.cos(2 * np.pi * t))
-    run = TwinRun("log a", "torque", 0.5, 5.0, 100.0, (signal,))
-    content = replace(friction_content(), twin=TwinFindings((), (run,)))
+    signal = ComparedSignal(TORQUE, "motor 1", "N*m", torque, torque + error * np.cos(2 * np.pi * t))
+    run = LogSimulation("log a", "torque", 0.5, 5.0, 100.0, (signal,))
+    content = replace(friction_content(), log_comparison=LogComparison((), (run,)))
     said = content.questions[0][1][0]
     assert ("15 %" in said and "motor 1" in said) == (error > 0.1)
-    lost = replace(content, twin=TwinFindings((), (replace(run, signals=(), lost="it falls"),)))
+    lost = replace(content, log_comparison=LogComparison((), (replace(run, signals=(), lost="it falls"),)))
     assert lost.questions[0][1][0].startswith("Yes, but")

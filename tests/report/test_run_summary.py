@@ -51,7 +51,7 @@ def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
     modes = estimate_modes(response)
     content = ResponsesContent("a bench", (response,), (modes,), "", {})
     (_, (good, *_)), (_, (found,)), (_, (following,)) = questions_of_responses(content)
-    assert good == f"Noise is {percent(float(np.median(modes.stated)))} of the response at a line."
+    assert good == f"Noise is {percent(float(np.median(modes.relative_std)))} of the response at a line."
     assert modes.n_modes == 3
     assert found.startswith("bench: 3 modes from 11.1")
     least = int(np.argmax(modes.zeta_std / modes.zeta))

@@ -28,9 +28,9 @@ def test_parts_come_back_to_the_last_bit(kept: Checkpoint) -> None:
     for name, value in (("start-0", START), ("start-a/b", START), ("refit-0", REFIT)):
         assert repr(again[name]) == repr(value)
     np.testing.assert_array_equal(again["start-0"].x, START.x)
-    assert kept.words == "3 finished parts"
+    assert kept.description == "3 finished parts"
     kept["start-1"] = START
-    assert kept.words == "4 finished parts"
+    assert kept.description == "4 finished parts"
 
 
 def test_a_part_of_an_unknown_type_is_refused(kept: Checkpoint) -> None:

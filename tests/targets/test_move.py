@@ -141,7 +141,7 @@ def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     assert "x[5] Fc, x[6] f, x[7] offset" in header.read_text()
     assert "Fc 0.5554 to 1.8, f 0.003003 to 0.02132, offset -0.98 to 0.98" in header.read_text()
     samples = simulate(rich(1.0), seed=2).samples
-    c, n, m = library(tmp_path, source), len(FOLLOWED.states), len(FOLLOWED.held)
+    c, n, m = library(tmp_path, source), len(FOLLOWED.states), len(FOLLOWED.consider_parameters)
     doubles = ctypes.c_double * n, ctypes.c_double * (n * (n + m))
     x, P = doubles[0](), doubles[1]()
     c.joint_2_start(x, P, ctypes.c_double(samples.angle[0]), ctypes.c_double(0.0))

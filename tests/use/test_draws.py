@@ -34,8 +34,8 @@ def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held() 
     C = own.covariance.copy()
     C[0, 0] = np.inf
     draws = draw_robots(replace(own, covariance=C), 5, seed=1)
-    assert draws.held == (own.parameters.free_names[0],)
-    assert np.ptp(draws.values[:, draws.names.index(draws.held[0])]) == 0
+    assert draws.fixed == (own.parameters.free_names[0],)
+    assert np.ptp(draws.values[:, draws.names.index(draws.fixed[0])]) == 0
     np.testing.assert_array_equal(draws.values, draw_robots(replace(own, covariance=C), 5, seed=1).values)
 
 

@@ -14,8 +14,9 @@ from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
-from elastid.validation.simulation import LINK, MOTION, TORQUE, TwinRun, elastic_runs
-from elastid.validation.torque_balance import DRY, ELASTICITY, RIGID_BODY, VISCOUS, elastic_balances
+from elastid.validation.log_comparison import DRY, ELASTICITY, LINK, MOTION, RIGID_BODY, TORQUE, VISCOUS, LogSimulation
+from elastid.validation.simulation import simulate_record
+from elastid.validation.torque_balance import elastic_balances
 
 RATE_HZ, N = 500.0, 1000
 J_MOTOR, J_LINK, K, VISCOUS_COEFFICIENT, DRY_SHARE = 3.0, 6.0, 2e4, 40.0, 0.1
@@ -97,7 +98,7 @@ def measured() -> tuple[SimulatedRig, Record]:
     return rig, rig.measure(rig.experiments[0])
 
 
-def errors(run: TwinRun) -> dict[str, float]:
+def errors(run: LogSimulation) -> dict[str, float]:
     return {signal.kind: signal.error for signal in run.signals}
 
 
@@ -112,7 +113,7 @@ def noise_share(record: Record, signal: np.ndarray, std: float) -> float:
 def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]) -> None:
     """Motions by what the noise of the torque moves, held on the log by a slow loop."""
     _, record = measured
-    (run,) = elastic_runs(record, arm(), BAND_HZ)
+    (run,) = simulate_record(record, arm(), BAND_HZ)
     assert run.drive == "torque"
     expected = noise_share(record, record.u[:, 0], TORQUE_STD)
     assert errors(run)[TORQUE] < expected
@@ -128,9 +129,9 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
     bristly = arm(friction=Friction(0.08, lugre=LuGre(30.0, 0.02)))
     rig = rig_of(bristly)
     record = rig.measure(rig.experiments[0])
-    (periodic,) = elastic_runs(record, bristly, BAND_HZ)
+    (periodic,) = simulate_record(record, bristly, BAND_HZ)
     assert errors(periodic)[MOTION] < 0.02
-    (once,) = elastic_runs(replace(record, is_periodic=False, period_samples=record.n_samples), bristly, BAND_HZ)
+    (once,) = simulate_record(replace(record, is_periodic=False, period_samples=record.n_samples), bristly, BAND_HZ)
     assert once.seconds == record.n_samples / RATE_HZ
     # Speed and deflection of the link are not in the log, and what they begin with fades slowly.
     assert errors(once)[MOTION] < 0.2
@@ -139,7 +140,7 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
 def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
     """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
     _, record = measured
-    assert elastic_runs(replace(record, has_rate=False), arm(), BAND_HZ) == ()
-    (stiff,) = elastic_runs(record, arm(friction=Friction(8.0)), BAND_HZ)
+    assert simulate_record(replace(record, has_rate=False), arm(), BAND_HZ) == ()
+    (stiff,) = simulate_record(record, arm(friction=Friction(8.0)), BAND_HZ)
     assert stiff.lost
     assert not stiff.signals

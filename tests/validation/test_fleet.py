@@ -66,7 +66,7 @@ def test_a_softer_gear_and_a_drift_are_found_and_named() -> None:
     assert off.change == pytest.approx(-0.06, abs=0.02)
     assert drifting.robot == "r5"
     assert drifting.change == pytest.approx(-0.08, abs=0.04)
-    assert "k_1 of r5 drifts: the spring softens, -" in drifting.words
+    assert "k_1 of r5 drifts: the spring softens, -" in drifting.sentence
 
 
 def test_one_odd_robot_of_three_does_not_make_the_others_odd() -> None:

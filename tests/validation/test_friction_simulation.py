@@ -18,8 +18,8 @@ from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import Commands, simulate
-from elastid.validation.friction_simulation import friction_twin
-from elastid.validation.simulation import TORQUE, TwinRun
+from elastid.validation.friction_simulation import compare_friction_logs
+from elastid.validation.log_comparison import TORQUE, LogSimulation
 
 RATE_HZ, SECONDS = 500.0, 12.0
 COULOMB, VISCOUS = 20.0, 15.0
@@ -68,14 +68,14 @@ def recorded(pulse: float = 0.0) -> FrictionRecord:
     )  # fmt: skip
 
 
-def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[TwinRun, ...]:
+def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[LogSimulation, ...]:
     """Of the robot's file with the friction that the motion shows, 5 kg too light."""
     motion = Motion("joint 1", RATE_HZ, record.position, record.torque, turns_against_gravity=True)
     found = regress_motion(motion, passband_hz=10.0)
     law = Friction(found.regression["coulomb"])
     joint = JointFriction("1", False, motion=found, friction=law, viscous=found.regression["viscous"])
     robot = with_laws(swing(), {"1": (law, found.regression["viscous"])})
-    return friction_twin(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
+    return compare_friction_logs(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
 
 
 @pytest.mark.slow

@@ -36,11 +36,11 @@ def measured(lacking: float) -> FittedRobot:
 def test_modes_of_a_right_model_are_found_with_their_shapes() -> None:
     fitted = measured(0.0)
     (found,) = measured_modes(fitted)
-    known = modes(fitted.linear[0], fitted.theta_of(found.own.configuration))
+    known = modes(fitted.linear[0], fitted.theta_of(found.configuration))
     assert not found.is_missing.any()
     assert found.notes == ()
-    assert len(found.own.freq_hz) >= 3
-    for f, model_hz, overlap in zip(found.own.freq_hz, found.model_hz, found.mac, strict=True):
+    assert len(found.freq_hz) >= 3
+    for f, model_hz, overlap in zip(found.freq_hz, found.model_hz, found.mac, strict=True):
         assert np.abs(known.freq_hz - f).min() < 0.02 * f
         assert abs(model_hz - f) < 0.02 * f
         assert overlap > 0.8  # two modes within their widths mix

@@ -20,7 +20,7 @@ def test_a_hammer_response_is_the_closed_form() -> None:
     np.testing.assert_allclose(each.predicted.G, each.measured.G, rtol=1e-8)
     assert each.inside == 1.0
     assert each.rms_log_db < 1e-6
-    assert "force tool x" in each.words
+    assert "force tool x" in each.sentence
 
 
 @pytest.mark.slow

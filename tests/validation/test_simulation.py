@@ -11,8 +11,7 @@ from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_simulation import friction_balances
-from elastid.validation.simulation import MOTION, TwinSignal
-from elastid.validation.torque_balance import DRY, INERTIA, VISCOUS
+from elastid.validation.log_comparison import DRY, INERTIA, MOTION, VISCOUS, ComparedSignal
 
 
 def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_part_is_left() -> None:
@@ -51,5 +50,5 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
 def test_the_error_of_a_signal_is_over_the_signal_about_its_mean() -> None:
     """10 % off at 6 Hz, all of 20 Hz missing."""
     slow, middle, fast = waves()
-    signal = TwinSignal(MOTION, "motor 1", "rad", slow + middle + fast + 7.0, slow + 0.9 * middle + 7.0)
+    signal = ComparedSignal(MOTION, "motor 1", "rad", slow + middle + fast + 7.0, slow + 0.9 * middle + 7.0)
     assert signal.error == pytest.approx(np.sqrt((0.2**2 + 1) / 21))

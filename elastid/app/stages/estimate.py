@@ -26,7 +26,8 @@ from elastid.record import Configuration, Record
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
 from elastid.store.artefacts import kind_of
-from elastid.store.measured import read_configurations, read_plan, read_records, read_responses, write_responses
+from elastid.store.measured import read_configurations, read_records, read_responses, write_responses
+from elastid.store.plan import read_plan
 from elastid.study import Study
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.app.console import Console, result_table
-from elastid.app.identified_robot import contents, robot_files, truth
+from elastid.app.identified_robot import robot_files
+from elastid.app.parameter_truth import contents, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capital
@@ -24,7 +25,16 @@ from elastid.fit.status_terms import DISTORTED, FIXED_VALUES
 from elastid.nonlinear.basis_functions import notes_before_gears
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table, parameter_rows
+from elastid.report.content import (
+    DENSE,
+    MODES,
+    WITH_COULOMB,
+    ParameterRow,
+    dense_models,
+    gear_line,
+    gear_table,
+    parameter_rows,
+)
 from elastid.report.run_summary import (
     OPEN_GEARS,
     accuracy,
@@ -84,7 +94,9 @@ def fit(study: Study, work: Work) -> Artefacts:
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
     notes = notes_of(responses)
     rows = fitted_rows(study, result, friction)
-    content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
+    modes = modes_of(model_of_all)
+    content = summary(study.name, robot, result, rows, modes, agreements, notes, friction)
+    figures = {"modes": (modes, MODES), "dense": (dense_models(model_of_all), DENSE)}
 
     def report(console: Console) -> None:
         every = notes_before_gears(result.shown_notes, work.has_gears)
@@ -92,7 +104,7 @@ def fit(study: Study, work: Work) -> Artefacts:
         is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""
         console.notes((note for note in every if str(note) != first), on_page=True)
-        seconds = (second.words for second in (result.static, result.tool) if second is not None)
+        seconds = (second.sentence for second in (result.static, result.tool) if second is not None)
         reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
         status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")
         for words in (f"{status}; {result.converged_starts}", *seconds):
@@ -100,7 +112,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
     files = robot_files(study.name, robot, result, friction, responses.names)
     robots = {file: text(robot_file) for file, robot_file in files}
-    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp, modelled)}
+    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp, modelled, figures)}
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 

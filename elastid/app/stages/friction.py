@@ -29,9 +29,9 @@ from elastid.report.friction_content import FrictionContent, part_words, refusal
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import NO_STAMP, Stamp
-from elastid.store.measured import write_signals
+from elastid.store.plan import write_signals
 from elastid.study import Study
-from elastid.validation.friction_simulation import friction_twin, predict_logs
+from elastid.validation.friction_simulation import compare_friction_logs, predict_logs
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:
@@ -124,21 +124,23 @@ def friction(study: Study, work: Work) -> Artefacts:
     # Along the first log of each group of joints that moved together.
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     with work.execution() as execution:
-        twin = friction_twin(identified, result.joints, measured, controller, execution)
+        log_comparison = compare_friction_logs(identified, result.joints, measured, controller, execution)
         judged = predict_logs(identified, result.joints, others, controller, execution)
     reported = notes_of(joint_levels)
 
     def report(console: Console) -> None:
         console.notes(note for note in notes_of(result.joints) if note not in reported)
         console.say(f"friction: {result.message}")
-        for words in (*twin.words, *(f"validation: {words}" for words in judged.words)):
+        for words in (*log_comparison.sentences, *(f"validation: {words}" for words in judged.sentences)):
             console.say(f"friction: {words}")
 
     return Artefacts(
         {
-            "summary.json": as_json(friction_study_summary(name, result, twin, judged)),
+            "summary.json": as_json(friction_study_summary(name, result, log_comparison, judged)),
             "identified_robot.yml": text(robot_of_friction(name, robot, result)),
-            "friction.h5": lambda path, stamp: stored.write_friction_result(path, result, stamp, twin, judged),
+            "friction.h5": lambda path, stamp: stored.write_friction_result(
+                path, result, stamp, log_comparison, judged
+            ),
         },
         report,
     )
@@ -147,16 +149,16 @@ def friction(study: Study, work: Work) -> Artefacts:
 def report_friction(study: Study, work: Work) -> Artefacts:
     """The page and figures of a friction study."""
     content = _content(study.name, work.sources, work.stamp)
-    drawn = friction_study_drawings(content.result, content.filters, content.twin, content.left_out)
+    drawn = friction_study_drawings(content.result, content.filters, content.log_comparison, content.left_out)
     return page_artefacts(partial(html_of_friction, content), drawn, study, work)
 
 
 def _content(name: str, files: Mapping[str, Path], stamp: Stamp = NO_STAMP) -> FrictionContent:
     plan = stored.read_friction_plan(files["design"]) if "design" in files else None
     filters = stored.read_filter(files["follow"]) if "follow" in files else ()
-    result, twin = stored.read_friction_result(files["friction"]), stored.read_simulation(files["friction"])
+    result, log_comparison = stored.read_friction_result(files["friction"]), stored.read_simulation(files["friction"])
     left_out = stored.read_validation_logs(files["friction"])
-    return FrictionContent(name, result, stamp.study, stamp.shown, plan, filters, twin, left_out)
+    return FrictionContent(name, result, stamp.study, stamp.shown, plan, filters, log_comparison, left_out)
 
 
 def conclude(run: Run) -> None:

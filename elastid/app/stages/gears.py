@@ -32,7 +32,8 @@ from elastid.report.content import ParameterRow, gear_line
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.robot.simplified import with_straight_springs
-from elastid.store.measured import read_friction, read_plan, read_responses
+from elastid.store.measured import read_friction, read_responses
+from elastid.store.plan import read_plan
 from elastid.store.results import read_fit, write_gears
 from elastid.store.values import json_value
 from elastid.study import Study

@@ -25,7 +25,8 @@ from elastid.response import Response
 from elastid.robot.robot import with_frames
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers
-from elastid.store.measured import read_plan, read_records, write_records
+from elastid.store.measured import read_records, write_records
+from elastid.store.plan import read_plan
 from elastid.study import Study
 
 R = TypeVar("R", Record, FrictionRecord)

@@ -1,7 +1,6 @@
 """report: all results of a run -> report.html and figures/, of each kind of study."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -9,46 +8,54 @@ from types import MappingProxyType
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.identified_robot import contents, truth
+from elastid.app.parameter_truth import contents, truth
 from elastid.app.run import Artefacts, Work, Write
-from elastid.app.summaries import modes_of
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.nonlinear.gear_result import with_gears
-from elastid.report.content import ReportContent, dense_models
+from elastid.report.content import DENSE, MODES, ReportContent
 from elastid.report.figures.drawings import Drawing, drawings, drawings_of_responses
 from elastid.report.page.page import EmbeddedFigure, html, html_of_responses, write_page
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
-from elastid.store.results import read_comparison, read_fit, read_gears, read_modelled, read_simulation, read_validation
+from elastid.store.measured import read_friction, read_responses, write_modes
+from elastid.store.plan import read_forecast, read_peaks, read_plan
+from elastid.store.reading import reader
+from elastid.store.results import (
+    FIT,
+    read_comparison,
+    read_fit,
+    read_gears,
+    read_measured_modes,
+    read_modelled,
+    read_simulation,
+    read_validation,
+)
 from elastid.study import Study
+
+read_modes, read_dense = reader(FIT, "modes", MODES), reader(FIT, "dense", DENSE)
 
 
 def report(study: Study, work: Work) -> Artefacts:
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
-    from elastid.validation.measured_modes import measured_modes  # SciPy's linear algebra
-
     files, robot, simulated = work.sources, study.as_robot(), study.experiment.simulated
     plan, estimates, validated = files.get("design"), files["estimate"], files["validate"]
     responses, result = read_responses(estimates), read_fit(files["fit"])
     validation, friction = read_validation(validated), read_friction(estimates)
-    fitted = FittedRobot.of(result, robot, responses, study.model)
-    fitted, gears = replace(fitted, modelled=read_modelled(files["fit"])), read_gears(files.get("gears"))
+    modelled, gears = read_modelled(files["fit"]) or (), read_gears(files.get("gears"))
     final = with_gears(result, gears)
     content = ReportContent(
-        *(study.name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),
-        *(modes_of(fitted), work.stamp.study, work.stamp.shown),
+        *(study.name, validation.verdict, final, tuple(zip(responses, modelled, strict=True)), validation),
+        *(read_modes(files["fit"]), work.stamp.study, work.stamp.shown),
         truth=truth(robot, simulated, study.fit.parameters, friction),
         plan=None if plan is None else read_plan(plan),
         forecast=None if plan is None else read_forecast(plan),
         limit_use=None if plan is None else read_peaks(plan),
         robot=robot,
         comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimates) or Stamp()),
-        dense=dense_models(fitted),
+        dense=read_dense(files["fit"]),
         friction=friction,
-        twin=read_simulation(validated),
+        log_comparison=read_simulation(validated),
         contents=contents(robot, simulated is not None, friction, result.parameters, gears),
         gears=gears,
-        measured_modes=measured_modes(fitted),
+        measured_modes=read_measured_modes(validated),
     )
     lines = [f"report: {note}" for note in content.missing_modes]
     return page_artefacts(partial(html, content), drawings(content), study, work, lines=lines)

@@ -26,13 +26,15 @@ from elastid.store.results import read_fit, read_gears, read_modelled, write_val
 from elastid.study import Study
 from elastid.validation.frf_error import Validation, predict_response
 from elastid.validation.frf_error import validate as validate_responses
-from elastid.validation.simulation import NO_TWIN, TwinFindings, TwinRun, elastic_runs
-from elastid.validation.torque_balance import Part, TorqueBalance, elastic_balances, model_parts, rigid_linearisation
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison, LogSimulation, TorqueBalance
+from elastid.validation.measured_modes import measured_modes
+from elastid.validation.simulation import simulate_record
+from elastid.validation.torque_balance import Part, elastic_balances, model_parts, rigid_linearisation
 
 
 @dataclass(frozen=True)
 class Validated:
-    """A study and its fitted robot; gears: for the twin in time alone."""
+    """A study and its fitted robot; gears: for the simulation alone."""
 
     study: Study
     fitted: FittedRobot
@@ -55,7 +57,7 @@ def validate(study: Study, work: Work) -> Artefacts:
         work.console.say("validate: no simulation in time, because records.h5 is missing or outdated")
     left_out = study.validation.configurations
     with work.execution() as execution:
-        judged, twin = judge(basis, left_out, records, work.console, execution)
+        judged, log_comparison = judge(basis, left_out, records, work.console, execution)
     counted = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
@@ -72,15 +74,17 @@ def validate(study: Study, work: Work) -> Artefacts:
         verdict = judged.verdict.removeprefix("Validation ")
         console.say(f"validate: {verdict[:1].lower()}{verdict[1:]}")
         for prediction in judged.predictions:
-            console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.words}")
-        worst = sorted(twin.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
-        for words in replace(twin, balances=tuple(worst)).words:
+            console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.sentence}")
+        worst = sorted(log_comparison.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
+        for words in replace(log_comparison, balances=tuple(worst)).sentences:
             console.detail(f"validate: {words}")
 
     return Artefacts(
         {
-            "validation.json": as_json(validation_summary(study.name, judged, twin)),
-            "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, twin),
+            "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
+            "validation.h5": lambda path, stamp: write_validation(
+                path, judged, stamp, log_comparison, measured_modes(fitted)
+            ),
         },
         report,
     )
@@ -88,20 +92,20 @@ def validate(study: Study, work: Work) -> Artefacts:
 
 def judge(
     basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
-) -> tuple[Validation, TwinFindings]:
+) -> tuple[Validation, LogComparison]:
     """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
 
     That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
     """
-    twin, fitted = NO_TWIN, basis.fitted
+    log_comparison, fitted = NO_COMPARISON, basis.fitted
     if records is not None and all(response.controller is None for response in fitted.measured):
-        twin = TwinFindings(_balances(basis, records, console, execution), _twin_runs(basis, records))
+        log_comparison = LogComparison(_balances(basis, records, console, execution), _simulations(basis, records))
     shifts = {
         name: fitted.at(name).response_shifts(G.freq_hz)
         for G in fitted.measured
         if (name := G.configuration.name) in left_out
     }
-    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), twin
+    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), log_comparison
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
@@ -134,7 +138,7 @@ def _balanced(
     return elastic_balances(first, net, parts, response.freq_hz, spec)
 
 
-def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
+def _simulations(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
     chosen = next((name for name in basis.study.validation.configurations if name in names), names[0])
@@ -147,4 +151,4 @@ def _twin_runs(basis: Validated, path: Path) -> tuple[TwinRun, ...]:
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
-    return elastic_runs(record, moved, band_hz, delay_s, basis.study.model)
+    return simulate_record(record, moved, band_hz, delay_s, basis.study.model)

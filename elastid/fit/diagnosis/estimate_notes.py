@@ -142,8 +142,8 @@ def contradictions(result: Result) -> tuple[Note, ...]:
     return tuple(
         Note(
             code,
-            f"{source} contradict the responses of the motors ({found.words}). {capital(found.cause)}. The estimates "
-            "are from the motors alone",
+            f"{source} contradict the responses of the motors ({found.sentence}). {capital(found.cause)}. "
+            "The estimates are from the motors alone",
         )
         for code, source, found in sources
         if found is not None and found.disagrees

@@ -25,7 +25,7 @@ class Findings:
 
     notes: list[Note] = field(default_factory=list)
     repairs: Counter[str] = field(default_factory=Counter)
-    left_out: list[int] = field(default_factory=list)
+    discarded_periods: list[int] = field(default_factory=list)
 
     def at(self, place: str) -> tuple[Note, ...]:
         """The notes with their place."""

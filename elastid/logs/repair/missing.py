@@ -75,7 +75,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
             log.where,
         )
     log.report("repetitions left out", len(left_out), f"{text}, and are left out")
-    log.findings.left_out += left_out
+    log.findings.discarded_periods += left_out
     return result
 
 

@@ -181,7 +181,7 @@ class ClockDrift:
 
     excess: float
     unexplained: float
-    left: float
+    corrected_unexplained: float
 
 
 def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
@@ -207,7 +207,7 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
         return signals
     drift = clock_drift(drivers, N)
     is_clock = abs(drift.excess) * P >= MAX_GRID_DEVIATION and abs(drift.excess) <= MAX_CLOCK_ERROR * N
-    if not is_clock or drift.left > MAX_REMAINING_FRACTION * drift.unexplained:
+    if not is_clock or drift.corrected_unexplained > MAX_REMAINING_FRACTION * drift.unexplained:
         return signals
     T = N + drift.excess
     # Leakage biases the first estimate: corrected by the drift that is left after resampling.
@@ -224,7 +224,8 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = (
         f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
-        f"ppm; after resampling, {100 * drift.left / drift.unexplained:.2g} % of the non-repeating power remains"
+        f"ppm; after resampling, {100 * drift.corrected_unexplained / drift.unexplained:.2g} % of the non-repeating "
+        "power remains"
     )
     log.report(RESAMPLED, len(result), text)
     return result

@@ -17,7 +17,7 @@ from elastid.report.content import ReportContent, ResponsesContent, parameter_ro
 from elastid.report.figures import fit, friction
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.simulation import NO_TWIN, TwinFindings
+from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 if TYPE_CHECKING:
     from elastid.friction_study.friction_tracking import FollowedFriction
@@ -48,8 +48,8 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if rows:
         caption = "Start, estimate and 95 % interval of every parameter."
         yield Drawing("parameters", "parameters", caption, partial(fit.forest, rows), on_page=False)
-    if content.twin.balances:
-        worst = max(content.twin.balances, key=lambda balance: balance.unexplained_fraction)
+    if content.log_comparison.balances:
+        worst = max(content.log_comparison.balances, key=lambda balance: balance.unexplained_fraction)
         caption = f"{worst.place}, {worst.log}: {fit.TORQUE_CAPTION}"
         yield Drawing("torque", "torque", caption, partial(fit.torque_balance_figure, worst), on_page=False)
     yield from friction_drawings(content.friction, content.robot)
@@ -87,7 +87,7 @@ def friction_drawings(taken_out: CompensatedFriction | None, robot: Robot | None
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
     for i, part in enumerate(content.validation.predictions, start=1):
-        caption = f"{part.words}; band of two standard deviations of the prediction."
+        caption = f"{part.sentence}; band of two standard deviations of the prediction."
         draw = partial(fit.bode, part.measured, part.predicted, part.std)
         yield Drawing(f"tool-{i}", "why", caption, draw)
     files = [f"frf-{file_name(measured.configuration.name)}" for measured, _ in content.frf]
@@ -146,8 +146,8 @@ Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
 def friction_study_drawings(
     result: FrictionResult,
     filters: Sequence[FollowedFriction] = (),
-    twin: TwinFindings = NO_TWIN,
-    left_out: TwinFindings = NO_TWIN,
+    log_comparison: LogComparison = NO_COMPARISON,
+    left_out: LogComparison = NO_COMPARISON,
 ) -> Iterator[Drawing]:
     """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.balances:
@@ -157,7 +157,7 @@ def friction_study_drawings(
     for joint in result.joints:
         file = f"friction-{file_name(joint.joint)}"
         followed = [tracked for tracked in filters if tracked.joint == joint.joint]
-        explained = [balance for balance in twin.balances if balance.place == f"{JOINT}{joint.joint}"]
+        explained = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
         draws = [partial(fit.torque_balance_figure, balance) for balance in explained]
         torques: list[Named] = [("torque", fit.TORQUE_CAPTION, draw) for draw in draws]
         for name, caption, draw in (*_of_joint(joint), *torques, *map(_of_filter, followed)):
@@ -182,7 +182,7 @@ def _of_filter(followed: FollowedFriction) -> Named:
     from elastid.report.figures import friction_records
 
     joint = followed.filtered
-    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.held]
+    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.consider_parameters]
     with_errors = f", which include the tolerances of {', '.join(held)}" if held else ""
     caption = (
         f"friction tracked by a Kalman filter, with 95 % bands{with_errors}. "

@@ -23,9 +23,7 @@ from elastid.report.figures import style
 from elastid.report.figures.style import Cells, Curve, Panel, in_db
 from elastid.response import Quality, Response
 from elastid.robot import Robot
-from elastid.validation.command_replay import JointError
-from elastid.validation.residual_tests import above_2sigma
-from elastid.validation.torque_balance import (
+from elastid.validation.log_comparison import (
     DRY,
     ELASTICITY,
     FRICTION,
@@ -36,6 +34,7 @@ from elastid.validation.torque_balance import (
     VISCOUS,
     TorqueBalance,
 )
+from elastid.validation.residual_tests import above_2sigma
 
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:
@@ -164,6 +163,7 @@ def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
 
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes
+    from elastid.validation.command_replay import JointError  # brings the simulation
 
 
 def configuration_title(measured: Response, left_out: bool) -> str:

@@ -141,7 +141,7 @@ def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Cur
     for ends, text in (((low, high), name), ((low / BEYOND, low), ""), ((high, high * BEYOND), "")):
         speed = np.geomspace(*ends, POINTS)
         at = condition.at(speed, direction)
-        torque, half = law.torque(at), law.reach * law.torque_std(at)
+        torque, half = law.torque(at), law.quantile_95 * law.torque_std(at)
         looks = {"ls": "-" if text else "--"}
         yield Curve(speed, torque, text, color, band=(torque - half, torque + half), looks=looks)
 

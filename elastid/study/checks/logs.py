@@ -26,7 +26,7 @@ from elastid.logs.repair.periodicity import check_repeat, grid_samples
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders
 from elastid.store.files import content_hash
 from elastid.study.checks.names import unknown
-from elastid.study.messages import Problem
+from elastid.study.messages import NO_LOG, Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
@@ -105,14 +105,6 @@ def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iter
                 "each has one response. Omit one, or give it its own configuration",
             )
         claimed[file.configuration] = file.path
-
-
-NO_LOG = "no such file"
-
-
-def is_missing(problem: Problem) -> bool:
-    """True if the problem is a log that does not exist."""
-    return problem.message.startswith(NO_LOG)
 
 
 def check_files(

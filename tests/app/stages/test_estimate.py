@@ -7,7 +7,7 @@ import pytest
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.app.console import Console
-from elastid.app.identified_robot import SLOPE
+from elastid.app.parameter_truth import SLOPE
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import _artefacts
 from elastid.robot.friction_numbers import friction_numbers

@@ -109,7 +109,7 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing() -> None:
     result = fitted_with_force("acceleration", "acceleration", 0.0)
     assert not result.tool.disagrees
     assert result.tool.ratio_std == np.inf
-    assert result.tool.words
+    assert result.tool.sentence
     assert any("frame tool y" in note.text for note in result.notes)
     assert abs(result.values["k_1"] - STIFFNESS) < 4 * result.std["k_1"]
 

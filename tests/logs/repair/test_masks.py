@@ -157,7 +157,7 @@ def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() ->
     signals[2 * N + 50 : 2 * N + 101] = np.nan
     log = replace(LOG, findings=Findings())
     filled(signals, N, 1, log)
-    assert log.findings.left_out == [2]
+    assert log.findings.discarded_periods == [2]
     everywhere = CLEAN.copy()
     everywhere[np.arange(P * N) % N == 40, 1] = np.nan
     np.testing.assert_allclose(filled(everywhere, N, 1, LOG), CLEAN, atol=0.05 * CLEAN[:, 1].std())
@@ -200,4 +200,4 @@ def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, sca
     kinds = log.findings.repairs
     assert (RESAMPLED in kinds) == bool(excess)
     assert excess or (kinds[FILLED], kinds[MASKED]) == (3 + 39 + 2, 39 + 2)
-    assert log.findings.left_out == [10] * half_wave
+    assert log.findings.discarded_periods == [10] * half_wave

@@ -113,7 +113,7 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(
     n_damaged = 2 * min(k, MOST_PAIRS) if kind == "pair" else k
     limit = max(0.2, e * np.sqrt(n_damaged / len(clean)))
     assert np.all(error <= limit * std)
-    G, of_clean = (_response(x, findings.left_out) for x in (result, clean))
+    G, of_clean = (_response(x, findings.discarded_periods) for x in (result, clean))
     U = _spectra(clean)[:, :, 0].mean(axis=0)
     response_std = std / np.abs(U) * np.sqrt(1 + np.abs(of_clean) ** 2)
     assert np.sqrt(np.mean((np.abs(G - of_clean) / response_std) ** 2)) <= limit

@@ -34,7 +34,7 @@ from elastid.response import Levels, Quality
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.use.map import WorkspaceMap, map_workspace
 from elastid.validation.fleet import FleetValue
-from elastid.validation.torque_balance import DRY, INERTIA
+from elastid.validation.log_comparison import DRY, INERTIA
 
 # A figure, and panel by panel values by label: of curves, bars and bands, and of a heat map under "".
 Drawn = tuple[Figure, list[dict[str, Any]]]

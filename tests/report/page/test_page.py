@@ -30,7 +30,7 @@ from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import write_page_of_answer
 from elastid.store.friction_study import read_simulation, write_friction_result
 from elastid.validation.frf_error import validate
-from elastid.validation.simulation import LINK, MOTION, TORQUE, TwinFindings, TwinRun, TwinSignal
+from elastid.validation.log_comparison import LINK, MOTION, TORQUE, ComparedSignal, LogComparison, LogSimulation
 
 
 class Page(HTMLParser):
@@ -170,21 +170,26 @@ def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth
     assert "no speed below nu_s / 3" in friction_page
 
 
-def run() -> TwinRun:
+def run() -> LogSimulation:
     """Motion, torque and link of a motor, and the torque of another."""
     y, kinds = (
         np.sin(np.arange(50.0)),
         ((MOTION, "motor 1"), (TORQUE, "motor 1"), (LINK, "joint 1"), (TORQUE, "motor 2")),
     )
-    return TwinRun("log", "torque", 0.5, 5.0, 200.0, tuple(TwinSignal(*kind, "N*m", 1.1 * y, y) for kind in kinds))
+    return LogSimulation(
+        "log", "torque", 0.5, 5.0, 200.0, tuple(ComparedSignal(*kind, "N*m", 1.1 * y, y) for kind in kinds)
+    )
 
 
 def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path: Path) -> None:
-    path, twin = tmp_path / "friction.h5", TwinFindings((balance(),), (run(), replace(run(), signals=(), lost="fast")))
-    for given in (twin, TwinFindings()):
-        write_friction_result(path, study.friction_result(), twin=given)
+    path, log_comparison = (
+        tmp_path / "friction.h5",
+        LogComparison((balance(),), (run(), replace(run(), signals=(), lost="fast"))),
+    )
+    for given in (log_comparison, LogComparison()):
+        write_friction_result(path, study.friction_result(), log_comparison=given)
         assert repr(read_simulation(path)) == repr(given)
-    text = html_of_friction(replace(study.friction_content(), twin=twin), ())
+    text = html_of_friction(replace(study.friction_content(), log_comparison=log_comparison), ())
     assert text.count("fast") == text.count('<td class="text">link motion</td>') == 1
     assert "link motion" not in html_of_friction(study.friction_content(), ())
 

@@ -44,7 +44,11 @@ def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k: float, end
     own = point_to_point(np.array([0.0]), np.array([end]), 0.0)
     asked = MoveRobots(robot, robot, robot, "truth", (), "tool", 500.0, 4.0, 1e-3)
     tuned = tune_move(asked, own, "axis")
-    assert tuned.planned.max() <= 1e-3 < tune_move(asked, own.in_time(0.97 * tuned.duration), "axis").planned.max()
+    assert (
+        tuned.predicted_error.max()
+        <= 1e-3
+        < tune_move(asked, own.in_time(0.97 * tuned.duration), "axis").predicted_error.max()
+    )
     first_s = first_duration(CommandedRobot.of(robot, "tool", own.ends[0]), own, MotionLimits.of(robot))
     assert (tuned.duration > first_s) == (k < 1e3)
 

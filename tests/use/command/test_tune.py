@@ -37,9 +37,9 @@ HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it b
 def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
     """Where torque is short the tool leaves its path."""
     tuned = tune_move(given(torque=420.0), move(0.5), "arm")
-    assert np.all(tuned.most <= 420.0)
+    assert np.all(tuned.max_torque <= 420.0)
     assert np.all(np.abs(tuned.torque) <= 420.0)
-    assert tuned.planned.max() > 1e-3
+    assert tuned.predicted_error.max() > 1e-3
 
 
 def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity() -> None:

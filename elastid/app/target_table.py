@@ -1,0 +1,51 @@
+"""Targets of `elastid export`: own rows and rows of installed packages (entry points elastid.targets).
+
+A further target is a file with a row `Target`, and its tag here. Modules stand as text, so that the command line loads
+none of them.
+"""
+
+from collections.abc import Iterable
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
+
+from elastid.base.display import capital
+
+if TYPE_CHECKING:
+    from elastid.targets.target import Target
+
+GROUP = "elastid.targets"
+MODULES = {
+    "robot": "elastid.app.identified_robot", "control": "elastid.targets.control", "matlab": "elastid.targets.matlab",
+    "mujoco": "elastid.targets.mujoco", "fmu": "elastid.targets.fmu", "urdf": "elastid.targets.urdf",
+    "casadi": "elastid.targets.code", "c": "elastid.targets.code", "csv": "elastid.targets.csv",
+    "uff": "elastid.targets.uff", "samples": "elastid.targets.draws", "observer": "elastid.targets.friction",
+    "compensation": "elastid.targets.friction", "actuators": "elastid.targets.actuators",
+}  # fmt: skip
+
+
+def tags() -> tuple[str, ...]:
+    """Return the tags of all targets."""
+    return (*MODULES, *(entry.name for entry in _of_packages()))
+
+
+def targets(tag: str) -> tuple["Target", ...]:
+    """Return the rows of a tag, in the order of preference; none for an unknown tag."""
+    rows: Iterable[Target] = ()
+    if tag in MODULES:
+        rows = import_module(MODULES[tag]).TARGETS
+    for entry in _of_packages():
+        if entry.name == tag:
+            loaded = entry.load()
+            rows = loaded if isinstance(loaded, tuple) else (loaded,)
+    return tuple(row for row in rows if row.tag == tag)
+
+
+def explained(tag: str = "") -> str:
+    """Explain a target, or all of them: the files' content and the values that the target needs."""
+    rows = [row for name in ([tag] if tag else tags()) for row in targets(name)]
+    return "\n".join(f"{row.tag}\n  {capital(row.keeps)}.\n  Needs: {', '.join(row.needs)}." for row in rows)
+
+
+def _of_packages() -> tuple[EntryPoint, ...]:
+    return tuple(entry for entry in entry_points(group=GROUP) if entry.name not in MODULES)
