@@ -28,7 +28,7 @@ from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.rig import RecordedRig
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.compensate_friction import estimate_compensated_response, shaft_couplings, to_shafts
+from elastid.nonlinear.compensate_friction import estimate_net_response, shaft_couplings, to_shafts
 from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.parameters import Parameters
 from elastid.record import Record
@@ -255,7 +255,7 @@ def estimate(records: Iterable[Record], robot: Robot | None = None, **estimator:
     E = shaft_couplings(robot)
     shafts = [[to_shafts(record, E) for record in group] for group in groups.values()]
     friction = None if spec.friction == "none" else identify_motor_friction(shafts, spec)
-    return Responses(estimate_compensated_response(group, friction, spec, None, E, robot) for group in groups.values())
+    return Responses(estimate_net_response(group, friction, spec, None, E, robot) for group in groups.values())
 
 
 def identify(

@@ -95,7 +95,7 @@ def run(call: list[str]) -> None:
 
 
 def magnitudes(target: str) -> tuple[str, ...]:
-    """GearEstimate of processor that kernels are compiled for; `processor.c` never chooses avx512 on macOS."""
+    """Levels of processor that kernels are compiled for; `processor.c` never chooses avx512 on macOS."""
     if machine(target) != "x86_64":
         return ("portable",)
     return ("portable", "avx2") if target.startswith("macosx") else tuple(LEVELS)

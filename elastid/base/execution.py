@@ -32,7 +32,7 @@ WORKERS_S = 120.0
 SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
 
-# Workers at rest inside `persistent_workers()`, which any work inside takes from and returns to.
+# Idle workers inside `persistent_workers()`, which any work inside takes from and returns to.
 _AT_REST: ContextVar[list[Worker] | None] = ContextVar("workers at rest", default=None)
 
 

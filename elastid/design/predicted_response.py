@@ -1,4 +1,4 @@
-r"""A prospect: the frequency response that a plan will measure and its covariance, as functions of a configuration.
+r"""Predicted frequency response of a plan and its covariance, as functions of a configuration.
 
 .. math:: cov(vec\, G) = \frac{1}{M} (U U^H)^{-T} \otimes C_V + \frac{\rho^2}{M} |G|^2, \qquad
           C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H] + G C_s G^H, \qquad U = (I + F G_q)^{-1} R

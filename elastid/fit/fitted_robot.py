@@ -80,7 +80,7 @@ class FittedRobot:
         return self.theta_of(self.measured[0].configuration.name)
 
     def theta_of(self, configuration: str) -> FloatArray:
-        """Return fitted values (n_theta,) in a configuration, SI: parameters of the equations, then the delay."""
+        """Return the fitted values (n_theta,) in a configuration, SI: parameters of the equations, then the delay."""
         return _theta(self.result, self.model, configuration)
 
     def at(self, configuration: str) -> FittedModel:
@@ -127,7 +127,7 @@ def models_by_group(
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
-    """Return parameters of a configuration, without other groups' and without parameters that its group replaces."""
+    """Return the parameters of a configuration, without other groups' parameters and replaced ones."""
     local = result.parameters.configuration_of_stand_in(configuration)
     local_names = [p.stands_for for p in result.parameters if local in p.only]
     return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in local_names))

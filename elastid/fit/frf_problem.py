@@ -154,7 +154,7 @@ class Assembly:
         return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
-        """Return springs that no one stiffness describes where the robot rests at x."""
+        """Return the springs that no single stiffness describes at the equilibrium of x."""
         model = self.linearisation.model
         groups: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
         for configuration in (response.configuration for response in self.responses):
@@ -250,7 +250,7 @@ class NoRestError(FitError):
 
 
 def is_friction_compensated(response: Response) -> bool:
-    """Return True if friction was, which leaves the errors of its levels among the systematic ones."""
+    """Return True if friction was compensated, so that the coefficients have systematic errors."""
     return response.bias is not None and len(response.bias) - response.image_errors > SYSTEMATIC_ERRORS
 
 

@@ -146,7 +146,7 @@ def fit_parameters(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT,
     loads: Sequence[PlacedTest] = (),
 ) -> Result:  # fmt: skip
-    """Return result without the intervals and causes that take longer than the fit, for many fits that are compared."""
+    """Fit without the intervals and causes that take longer than the fit, for the comparison of many fits."""
     bare = replace(spec, profile=(), bootstrap=0)
     return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
 

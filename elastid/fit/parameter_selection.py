@@ -63,7 +63,7 @@ def groups_of(
 
 
 def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return groups with parameters of their own, each with its configurations among the given ones.
+    """Return the groups with parameters of their own, each with its configurations among the given ones.
 
     Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
     no group names are `others`; one group of all, called "", where no parameter has groups.
@@ -133,7 +133,7 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
 
 
 def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """Return names of robot.geometry in fit.parameters, as a key or as the target of a tie.
+    """Return the names of robot.geometry in fit.parameters, as a key or as the target of a tie.
 
     A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
     """
@@ -145,7 +145,7 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
 
 
 def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """Return names of robot.on_demand in fit.parameters: geometry, and values of channels (gain_kp_*)."""
+    """Return the names of robot.on_demand in fit.parameters: geometry, and values of channels (gain_kp_*)."""
     keys = [key for key in given if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
     keys += [asked.tie.to for asked in given.values() if asked.tie is not None]
     chosen = {name for key in keys for name in matching(key, robot.channel_numbers)}
@@ -248,7 +248,7 @@ MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against a
 
 
 def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
-    """Return parameters with held numbers free within robot.tolerances; unchanged where all are exact.
+    """Free the fixed numbers of the robot within robot.tolerances; unchanged where all are exact.
 
     What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
     an offset of an axis acts in second order.
@@ -296,7 +296,7 @@ class Tolerance:
 
 
 def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
-    """Return tolerances of every number of the robot's file that is not exact."""
+    """Return the tolerances of every number of the robot's file that is not exact."""
     if not isinstance(robot.tolerances, Tolerances):
         return
     values = robot.parameters()

@@ -201,7 +201,7 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
 
 
 def default_frame(robot: Robot) -> str:
-    """Return frame `tool`, else the last frame; for a robot without frames, the frame added to it."""
+    """Return the frame `tool`, else the last frame; for a robot without frames, the frame added to it."""
     names = [frame.name for frame in robot.frames]
     return TOOL if TOOL in names or not names else names[-1]
 

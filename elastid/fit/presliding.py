@@ -177,7 +177,7 @@ class _State:
         return {joint: C - (C @ Q) @ Q.T for joint, C in of_springs.items()}, np.concatenate([*residuals, distance])
 
     def trials(self, joint: str) -> "Iterator[_State]":
-        """Return states with a spring of another motor, from all starts."""
+        """Return the states with a spring of another motor, from all starts."""
         for spring, stiffness, a in self.starts(joint):
             every = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, every)
@@ -246,7 +246,7 @@ def _rates(responses: Sequence[Response]) -> FloatArray:
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
-    """Return lowest and highest angular frequency of the lines, rad/s."""
+    """Return the lowest and highest angular frequency of the lines, rad/s."""
     lines = np.concatenate([response.freq_hz for response in responses])
     return 2 * np.pi * float(lines[lines > 0].min()), 2 * np.pi * float(lines.max())
 

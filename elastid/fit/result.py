@@ -394,7 +394,7 @@ class Result:
         return iter(self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """Return names of the identified parameters that were asked for: a result is a mapping of them to estimates."""
+        """Return the names of the identified parameters of interest: a result maps them to estimates."""
         return tuple(p.name for p in self.parameters.of_interest)
 
     def __contains__(self, name: object) -> bool:

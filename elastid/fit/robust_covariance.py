@@ -222,7 +222,7 @@ MIN_BANDS, MAX_BANDS = 4, 24
 
 
 def bands(n_lines: int, length: float) -> tuple[slice, ...]:
-    """Return bands of equal numbers of lines by the correlation length of the residuals, in lines.
+    """Return the bands of equal numbers of lines by the correlation length of the residuals, in lines.
 
     >>> bands(60, 7.0)
     (slice(0, 15, None), slice(15, 30, None), slice(30, 45, None), slice(45, 60, None))
@@ -235,7 +235,7 @@ def bands(n_lines: int, length: float) -> tuple[slice, ...]:
 def sum_blocks(
     pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length: float
 ) -> tuple[FloatArray, FloatArray | None, tuple[float, int]]:
-    """Return sums of one configuration: pulls g_b (B, n_x), the S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
+    """Return the sums of one configuration: pulls g_b (B, n_x), the S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
 
     pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
     residuals.  length: their correlation length, in lines.

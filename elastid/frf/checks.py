@@ -155,7 +155,7 @@ def repeated_phase_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Reco
     return notes
 
 
-def inconsistent_experiment_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[Note]:
+def inconsistency_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[Note]:
     r"""A note on a record whose realisation the others contradict, M >= 3 of them, by far more than each other.
 
     With G_m = sum_{j != m} Y_j U_j^H (sum_{j != m} U_j U_j^H)^-1 an experiment outside has the error D = Y - G_m U, of

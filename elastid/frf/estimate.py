@@ -23,7 +23,7 @@ from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, w
 from elastid.frf.checks import (
     check_number_of_periods,
     hit_notes,
-    inconsistent_experiment_notes,
+    inconsistency_notes,
     refuse_mismatch,
     repeated_phase_notes,
     scatter_notes,
@@ -171,7 +171,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     if not usable.all():
         why = "the inputs are less than 6 dB above the noise there, or not independent"
         notes.append(discarded_lines_note(lines[~usable], first, why))
-    notes += [*repeated_phase_notes(data.blocks, groups), *inconsistent_experiment_notes(data, groups)]
+    notes += [*repeated_phase_notes(data.blocks, groups), *inconsistency_notes(data, groups)]
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, fitted.G)

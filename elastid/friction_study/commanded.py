@@ -74,7 +74,7 @@ def acting_gains(
 ) -> tuple[FloatArray, FloatArray]:
     r"""Velocity gain and inertia (m,) by which the feedback of a sampled controller acts on a joint.
 
-    UnidentifiedTerm for a tick T_c = 2 tau, and with velocities that are tau_v late, to the second order
+    Held for a tick T_c = 2 tau, and with velocities that are tau_v late, to the second order
 
     .. math:: k_p\, q(t - \tau) + k_d\, \dot q(t - \tau - \tau_v) = k_p q + (k_d - k_p \tau)\, \dot q
               + \Bigl(\tfrac{2}{3} k_p \tau^2 - k_d (\tau + \tau_v)\Bigr)\, \ddot q

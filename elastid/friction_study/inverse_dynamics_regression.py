@@ -167,7 +167,7 @@ class MotionFriction:
         plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
         seconds = {name: sum(signal.seconds[name] for signal in signals) for name in first.seconds}
         fit = cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
-        return replace(fit, unidentified=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
+        return replace(fit, unidentified=tuple(_unidentified(fit, signals)), notes=tuple(_notes(fit, signals)))
 
     @property
     def time_summary(self) -> str:
@@ -179,7 +179,7 @@ class MotionFriction:
     @property
     def identified_names(self) -> tuple[str, ...]:
         """The numbers that are no extrapolations."""
-        unseen = STRIBECK_NUMBERS if any(held.term == "stribeck" for held in self.unidentified) else ()
+        unseen = STRIBECK_NUMBERS if any(part.term == "stribeck" for part in self.unidentified) else ()
         return tuple(name for name in self.regression.names if not name.endswith(unseen))
 
     @property
@@ -261,11 +261,11 @@ def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz
         if bands := both_bands(logs, NARROW_BAND):
             fit, text = _by_spring(fit, [log.first for log in bands[1]])
             texts.append(text)
-    fit = assess_motion(fit, "", _differences_without_noise(bands, fit), widest_hz)
+    fit = assess_motion(fit, "", _noise_free_differences(bands, fit), widest_hz)
     return replace(fit, misfit="; ".join(filter(None, (next(filter(None, texts), ""), fit.misfit))))
 
 
-def _differences_without_noise(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
+def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
     """Shift of the numbers of one axis between both bands, without the expected shift by noise of the position."""
     moved = band_differences(bands, lambda log: axis_equations(log.first, fit.terms))
     if not moved:
@@ -314,7 +314,7 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         yield Note("friction/rigid-body", text, place, "warning" if dominates else "information")
 
 
-def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:
+def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:
     """Parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
     if fit.motion.is_run_down:
         return

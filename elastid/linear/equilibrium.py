@@ -212,7 +212,7 @@ def _faults(
 def preloads(
     model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Return joints with springs, their deflection in rad or m, and their tangent stiffness (n_s, P)."""
+    """Return the joints with springs, their deflection in rad or m, and their tangent stiffness (n_s, P)."""
     q, symbols = model.symbols("q", "theta")
     named = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
     deflection = deflections(model.robot, q)

@@ -83,7 +83,7 @@ class Estimated:
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
         where: str = "", doubts: tuple[ModelErrorFactor, ...] = (), held: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
-        """Return numbers of a fit; held: names that keep their base."""
+        """Return the numbers of a fit; held: names that keep their base."""
         known = [i for i, name in enumerate(names) if name in parameters.names and name not in held]
         places = [parameters.names.index(names[i]) for i in known]
         return cls(
@@ -374,7 +374,7 @@ class FittedModel:
         return propagate(lambda x: function(known.theta(x)), known.x, known.covariance)
 
     def state_space(self) -> StateSpace:
-        """Return a, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
+        """Return A, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""
         return state_space(self.linear, self.theta)
 
     def to_control(self, pade: int | None = None) -> Any:

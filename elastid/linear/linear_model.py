@@ -93,19 +93,19 @@ Element = LagElement | DifferenceElement
 
 
 def elements(chain: Chain) -> tuple[Element, ...]:
-    """Return elements of a chain: first of the torque, then of the sensor."""
+    """Return the elements of a chain: first of the torque, then of the sensor."""
     return (*torque_elements(chain), *sensor_elements(chain))
 
 
 def torque_elements(chain: Chain) -> tuple[LagElement, ...]:
-    """Return elements between command and torque: they are inside a control loop."""
+    """Return the elements between command and torque: they are inside a control loop."""
     if chain.torque_lag is None:
         return ()
     return (LagElement(TORQUE_LAG, (1.0,) if chain.torque_order == 1 else (2 * chain.torque_damping, 1.0)),)
 
 
 def sensor_elements(chain: Chain) -> tuple[Element, ...]:
-    """Return elements between motion and log."""
+    """Return the elements between motion and log."""
     lag = () if chain.sensor_lag is None else (LagElement("sensor_lag", BUTTERWORTH[chain.sensor_order]),)
     return lag if chain.differentiator is None else (*lag, DifferenceElement("differentiator"))
 
@@ -114,7 +114,7 @@ DELAY = "delay"
 
 
 def is_load(place: str) -> bool:
-    """Return True of a force or a torque at a frame: `force tool x`."""
+    """Return True for a force or a torque at a frame: `force tool x`."""
     return place.startswith(("force ", "torque "))
 
 

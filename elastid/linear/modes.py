@@ -62,7 +62,7 @@ def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
 
 
 def normalised(shapes: ComplexArray) -> ComplexArray:
-    """Return columns whose largest entry is 1."""
+    """Scale the columns to a largest entry of 1."""
     if not shapes.size:
         return shapes
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
@@ -94,7 +94,7 @@ class StrainEnergy:
 
 
 def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint, shapes: ComplexArray) -> StrainEnergy:
-    """Return energy of mode shapes (n_q, n_m) about an operating point; theta (n_theta,): model.parameters, SI.
+    """Return the energy of mode shapes (n_q, n_m) about an operating point; theta (n_theta,): model.parameters, SI.
 
     Neither the length nor the phase of a shape matters. NaN for a motion without potential energy, as that of a rigid
     body is.

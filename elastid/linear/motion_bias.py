@@ -112,7 +112,7 @@ class _Expansion:
     orders: IntArray
 
     def z(self, omega: float) -> ComplexArray:
-        """Return (n_z, n): z of the unknowns x at a frequency."""
+        """Return the matrix (n_z, n) from the unknowns x to z at a frequency."""
         rates = np.eye(self.n_q, self.n)
         return np.asarray(np.vstack([np.eye(self.n), 1j * omega * rates, -(omega**2) * rates]), np.complex128)
 
@@ -179,7 +179,7 @@ class _MotionBias:
         return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
 
     def change(self, omega: float) -> ComplexArray:
-        """Return (n + n_y, n): change of the coefficients of x in equations and outputs at a frequency."""
+        """Return the change (n + n_y, n) of the coefficients of x in equations and outputs at a frequency."""
         e, both, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curved_parts
         (_, K, n_r, m, n_k), s = met.shape, 1j * both[:, None]
         # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.

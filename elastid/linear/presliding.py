@@ -39,7 +39,7 @@ class RelaxingSpring:
 
 
 def element_names(springs: Sequence[RelaxingSpring]) -> tuple[str, ...]:
-    """Return names of the numbers of all springs, in their order in theta."""
+    """Return the names of the numbers of all springs, in their order in theta."""
     return tuple(name for spring in springs for name in spring.names)
 
 

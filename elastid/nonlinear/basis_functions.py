@@ -50,7 +50,7 @@ def _from_means(n: int) -> ComplexArray:
 
 
 def following(x: Signal) -> Signal:
-    """Return the value at the next point, of each point (n,) of a period."""
+    """Return the value at the next point for each point (n,) of a period."""
     return np.concatenate([x[1:], x[:1]])
 
 

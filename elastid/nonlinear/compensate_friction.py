@@ -40,7 +40,7 @@ from elastid.robot.tolerances import RATIO
 TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
 
 
-def estimate_compensated_response(
+def estimate_net_response(
     records: Sequence[Record],
     friction: CompensatedFriction | None,
     spec: EstimatorSpec,
@@ -148,7 +148,7 @@ def _coefficient_errors(
     planned_lines: IntArray | None,
     E: FloatArray | None,
 ) -> ComplexArray:
-    """delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
+    """Return delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
     reversals.
     """
     places, n_u = friction.places, len(friction.places)

@@ -54,7 +54,7 @@ class CompensatedFriction:
         return tuple((shape, f) for shape, f in pairs if shape.place == place and f > 0)
 
     def compensated_motors(self) -> tuple[str, ...]:
-        """Return motors with compensated friction."""
+        """Return the motors with compensated friction."""
         return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
 
     def coulomb_friction(self, place: str) -> tuple[float, float]:
@@ -70,7 +70,7 @@ class CompensatedFriction:
         return float(row @ self.coulomb_torque), math.hypot(std, float((row * left) @ self.coulomb_torque))
 
     def swing(self, place: str) -> float:
-        """Return median motion of a motor between two reversals, rad (m), link side; infinite where it is not known."""
+        """Return the median motion of a motor between two reversals, rad (m), link side; infinite if unknown."""
         return dict(zip(self.places, self.swings, strict=False)).get(place, math.inf)
 
     def swing_ratio(self, place: str) -> float:

@@ -130,7 +130,7 @@ def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatA
 
 
 def friction_means(record: Record, motion: Motion, basis: WeightedBasis, path: Path | None = None) -> FloatArray:
-    """Return a motor's friction (n cells,) in the cells of the samples of whole periods: shapes, their coefficients.
+    """Return the friction torque (n cells,) of a motor in the cells of the samples of whole periods.
 
     path: `path_of` the motion, if known.
     """

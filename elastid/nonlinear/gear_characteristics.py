@@ -69,7 +69,7 @@ def open_gears(
     model: ModelSpec = EXACT,
     planned: IntArray | None = None,
 ) -> GearResult:
-    """Return effects of all gears with the parameters beside them, and the sheet of each gear.
+    """Estimate the effects of all gears together with the parameters, and the characteristics of each gear.
 
     measured, responses: of each fitted configuration in one order.  result: the fit of these responses with straight
     springs, to which the effects add (`with_straight_springs`).  Where nothing can be found the numbers are those of
@@ -116,7 +116,7 @@ def open_gears(
 
 
 def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str:
-    """Return reason why no gear effects can be estimated, and its consequence; empty if they can."""
+    """Return the reason why no gear effects can be estimated, with its consequence; empty if they can."""
     if result.status not in _SOLVED:
         ended = result.status.replace("_", " ")
         return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
@@ -195,7 +195,7 @@ def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
 
 
 def rigid_gears(joints: Sequence[str]) -> list[Note]:
-    """Return gears of which the model has no deflection, and so the friction of their motors alone."""
+    """Return the gears without a deflection in the model; only the friction of their motors is estimated."""
     text = (
         "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that friction "
         "at its motor alone was looked for; what the gear does otherwise is left out, and has no bound"
@@ -238,25 +238,25 @@ class SlidingFriction:
         return not any(effect.kind in SPRINGS for _, effect, _ in self.effects)
 
     def parameter(self, letter: str) -> tuple[float, FloatArray]:
-        """Return the stiffness k or damping d of the joint, and its row."""
+        """Return the stiffness k or damping d of the joint and its row."""
         magnitudes, row = self.found, np.zeros(len(self.found.covariance))
         place = magnitudes.parameters.names.index(f"{letter}_{self.joint}")
         row[: len(magnitudes.x)] = magnitudes.parameters.jacobian(magnitudes.x)[place]
         return float(magnitudes.parameters.expand(magnitudes.x)[place]), row
 
     def magnitudes(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
-        """Sum of magnitudes, each by its weight, and its row."""
+        """Return the weighted sum of magnitudes and its row."""
         row = np.zeros(len(self.found.covariance))
         row[[len(self.found.x) + i for i in weights]] = [*weights.values()]
         return float(row[len(self.found.x) :] @ self.found.magnitudes), row
 
     def over_k(self, value: float, row: FloatArray) -> tuple[float, FloatArray]:
-        """Return a value over the stiffness."""
+        """Return a value divided by the stiffness."""
         k, of_k = self.parameter("k")
         return value / k, (row - value / k * of_k) / k
 
     def number(self, what: SheetNumber, value: float, row: FloatArray, **further: float) -> GearNumber:
-        """Return a number of the sheet with its standard deviation."""
+        """Return a characteristic with its standard deviation."""
         return _as_gap_or_range(what, self.joint, value=value, std=self.std(row), **further)
 
     def std(self, row: FloatArray) -> float:
@@ -275,7 +275,7 @@ class SlidingFriction:
         return tau, rows
 
     def largest(self) -> float:
-        """Return deflection at the largest torque of the records."""
+        """Return the deflection at the largest torque of the records."""
         reach = self.peak / self.parameter("k")[0]
         for _ in range(40):
             tau = float(self.torque(np.array([0.0, reach]), hysteresis=False)[0][1])

@@ -96,7 +96,7 @@ class GearData:
         every = zip(self.lines, drives, before, strict=True)
         return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in every]
 
-    def augmented_normal_equations(
+    def joint_normal_equations(
         self, known: GearEstimate, further: Sequence[GearEffect]
     ) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
         """Return normal equations, and priors, of parameters, magnitudes and magnitudes of further effects about 0."""
@@ -258,7 +258,7 @@ def normal_equations(
 
 
 def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
+    """Return the terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
     mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
     slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])
     A, b = np.zeros((n, n)), np.zeros(n)

@@ -52,7 +52,7 @@ _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then f
 
 
 def candidate_groups(data: GearData, estimate: GearEstimate, orders: Sequence[float]) -> list[Group]:
-    """Return groups for every joint, on the scales of its own motion.
+    """Return the candidate groups of every joint, on the scales of its own motion.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
     """
@@ -96,7 +96,7 @@ def choose_effects(
     x: FloatArray,
     orders: Sequence[float],
 ) -> GearEstimate:
-    """Return parameters and magnitudes with the effects that pay; x (n_x,): the optimum of a fit without any.
+    """Select the effects by cross-validation and estimate them; x (n_x,): the optimum of a fit without any effect.
 
     orders: of errors and ripples, in turns of the motor.
 
@@ -261,7 +261,7 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
     """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
-    sums, prior = data.augmented_normal_equations(estimate, [effect for group in groups for effect in group])
+    sums, prior = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     ends = len(estimate.x) + len(estimate.magnitudes) + np.cumsum([0, *(len(group) for group in groups)])
 
     def added(chosen: list[int]) -> list[GearEffect]:
@@ -298,19 +298,19 @@ def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], chos
 
 
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
-    """Return number, joint and order of an effect, which its basis functions share."""
+    """Return the number, joint and order of an effect, which its basis functions share."""
     return effect.row.number, effect.joint, effect.order
 
 
 def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[float]) -> dict[Group, float]:
-    """Return how large each candidate group could be, none of whose family is among the effects that were found.
+    """Return the upper bound of each candidate group whose family has no effect in the model.
 
     data: as the effects were found in.
     """
     families = {family_of(effect) for effect in estimate.effects}
     every = candidate_groups(data, estimate, tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
-    (A, b, _), of_priors = data.augmented_normal_equations(estimate, [effect for group in groups for effect in group])
+    (A, b, _), of_priors = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     A, b = A.sum(axis=0) + of_priors[0], b.sum(axis=0) + of_priors[1]
     bounds, n = dict[Group, float](), len(estimate.x) + len(estimate.magnitudes)
     first = n

@@ -50,7 +50,7 @@ class SmoothedMotion:
 
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> "SmoothedMotion":
-        """Return the estimate without any motion yet."""
+        """Return an estimate with zero motion."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, (np.zeros((0, 0)),) * M, np.zeros((M, len(drive.k), lines.points)))

@@ -54,7 +54,7 @@ def identify_motor_friction(
     planned: IntArray | None = None,
     execution: Execution | None = None,
 ) -> CompensatedFriction:
-    """Return friction in the records of all configurations, each of which is gone through, or read, several times.
+    """Estimate the motor friction from the records of all configurations; each record is read several times.
 
     Shapes are chosen along the motion that samples show; coefficients are found along that between the samples, too,
     where it moves them. Where friction cannot be found nothing is compensated, and a note says why.  execution: of the

@@ -94,7 +94,7 @@ def _fine(velocity: ComplexArray, n: int) -> FloatArray:
 
 
 def signal_fraction(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
-    """Return share of the DFT Y (n // 2 + 1,) of a motion that is not noise, and the std of the velocity by the rest.
+    """Return the signal fraction of the DFT Y (n // 2 + 1,) of a motion, and the std of the velocity noise.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
     line the share of its power that is not noise.  order: of the derivative of the angle that Y is.
@@ -112,7 +112,7 @@ def signal_fraction(record: Record, Y: ComplexArray, order: int) -> tuple[FloatA
 
 
 def noise_power(Y: ComplexArray) -> float:
-    """Return noise power of a line in the DFT of a motion, from the highest lines, at which the robot barely moves."""
+    """Return the noise power of a line in the DFT of a motion, from the highest lines, where the robot barely moves."""
     return float(np.median(np.abs(Y[int((1 - 1 / 8) * len(Y)) :]) ** 2) / np.log(2))
 
 

@@ -87,7 +87,7 @@ class DriveLines:
 
 
 def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
-    """Return names of the driven joints with a spring of their own in the gear."""
+    """Return the names of the driven joints with a spring of their own in the gear."""
     springs = spring_deflections(linearisation.model.robot)
     return tuple(joint.name for joint in linearisation.model.robot.driven if f"k_{joint.name}" in springs)
 

@@ -55,7 +55,7 @@ class ConfigurationSpectra:
         return True
 
     def nonlinear_fraction(self) -> FloatArray:
-        """Return the share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
+        """Return the fraction (n_f,) of each function's power that is not linear in the torques: 1 - 2 / pi of a sign.
 
         From the experiments beyond those that separate the inputs; without any, from lines that are not excited.
         """
@@ -206,7 +206,7 @@ class PeriodLines:
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
-    """Return the mean over the periods that can be trusted, of the records of one configuration.
+    """Return the spectra of one configuration, averaged over the trusted periods of its records.
 
     Raises DataError and StudyError as `analysed_lines` does; DataError where gears cannot be looked for.
     """
@@ -243,7 +243,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
 
 
 def unsuited(first: Record) -> str:
-    """Return reason why friction and gear effects are not identifiable from these records; empty if they may be."""
+    """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"
     missing = [place for place in first.inputs if place not in first.outputs]
@@ -277,7 +277,7 @@ def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: I
 
 
 def some(lines: IntArray, most: int) -> IntArray:
-    """Lines, so many at most, evenly spaced with the first and the last: they show a coefficient as all do."""
+    """Return at most so many of the lines, evenly spaced, with the first and the last."""
     return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
 
 

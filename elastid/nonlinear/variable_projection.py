@@ -127,7 +127,7 @@ def covariance(equations: NormalEquations) -> FloatArray:
 def cross_validated_power(
     A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
-    """Return the power that numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
+    """Return the residual power of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
     cost, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
     for m in range(len(A)):
         f = solved(whole - A[m], pull - b[m])
@@ -316,7 +316,7 @@ _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 
 def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[BasisFunction, ...]:
-    """Return candidates of every motor: a sign, at once or gradual, a Stribeck curve, bristles and their damping."""
+    """Return the candidates of every motor: a sign, abrupt or smooth, a Stribeck curve, bristles and their damping."""
     shapes: list[BasisFunction] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
@@ -406,7 +406,7 @@ def select_motor_basis(
 
 
 def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
-    """Return the share (n_m,) of the power that the shapes of each motor leave in other realisations."""
+    """Return the cross-validated residual power ratio (n_m,) of the basis functions of each motor."""
     every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
     powers = [
         (residual_power(equations, i, rows), residual_power(equations, i, rows[:0])) for i, rows in enumerate(every)
@@ -415,7 +415,7 @@ def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: Int
 
 
 def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:
-    """Return the choice with signs, and Stribeck curves, of a motor near the mean speed of those that were found.
+    """Refine the choice: signs and Stribeck curves of a motor near the mean speed of the selected ones.
 
     A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
     velocity_noise: along a noisy motion friction that jumps seems to turn, and its coefficient in sliding is too large.

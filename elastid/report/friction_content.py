@@ -140,7 +140,7 @@ class FrictionContent:
     def _next(self) -> tuple[str, ...]:
         if self.result.status == "failed":
             return (f"{self.result.message[:1].upper()}{self.result.message[1:]}.",)
-        missing = {part_words(held): held.reason for joint in self.result.joints for held in joint.missing}
+        missing = {part_words(part): part.reason for joint in self.result.joints for part in joint.missing}
         if missing:
             return tuple(f"For {part}: {reason}." for part, reason in list(missing.items())[:3])
         return ("Use the friction model: `elastid export STUDY --run FOLDER --to robot` adds it to the robot model.",)
@@ -163,8 +163,8 @@ def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
     """Parts of the law without numbers, the joints with the same reason together."""
     joints: dict[tuple[str, str], tuple[str, ...]] = {}
     for joint in result.joints:
-        for held in joint.unidentified:
-            key = part_words(held), held.reason
+        for part in joint.unidentified:
+            key = part_words(part), part.reason
             joints[key] = (*joints.get(key, ()), joint.joint)
     return tuple(Refusal(part, reason, names) for (part, reason), names in joints.items())
 
@@ -182,9 +182,9 @@ def _not_identified(result: FrictionResult) -> str:
     return f"Not identifiable from these data: {', '.join(parts)}." if parts else ""
 
 
-def part_words(held: UnidentifiedTerm) -> str:
-    """The part of a law that has no numbers, as a sentence names it."""
-    return TORQUE_COMPONENTS.get(held.term, held.term)
+def part_words(part: UnidentifiedTerm) -> str:
+    """Return the name of a part of a friction model without numbers, for a sentence."""
+    return TORQUE_COMPONENTS.get(part.term, part.term)
 
 
 def with_interval(identified: FrictionNumber) -> str:

@@ -12,7 +12,9 @@ time and 0.9 (estimate_records_memory) in memory, 0.7 (estimate_samples_cpu) and
 samples of a period, 0.4 (estimate_lines_cpu) and 0.3 (estimate_lines_memory) of its lines; `identify` with 0.6
 (identify_configurations_cpu) and 0.0 (identify_configurations_memory) of the configurations, 0.3 (identify_lines_cpu)
 and 0.2 (identify_lines_memory) of their lines, 1.9 (identify_coordinates_cpu) and 2.5 (identify_coordinates_memory)
-of the coordinates; `map` with 1.0 (map_postures_cpu) and 0.0 (map_postures_memory) of the postures.
+of the coordinates; `map` with 1.0 (map_postures_cpu) and 0.0 (map_postures_memory) of the postures. Studies from
+their logs: of references with 0.9 (references_configurations_cpu) and 0.2 (references_configurations_memory) of the
+configurations; of commands with 1.0 (commands_samples_cpu) and 0.3 (commands_samples_memory) of the samples.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -49,7 +49,7 @@ from elastid.fit.identify import identify
 from elastid.fit.problem.weights import with_model_error
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.compensate_friction import estimate_compensated_response
+from elastid.nonlinear.compensate_friction import estimate_net_response
 from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.record import Configuration, Motion, Record
 from elastid.study import Study, load
@@ -99,7 +99,7 @@ class Case:
         groups, lines = self._records(number)
         spec = EstimatorSpec(friction="auto", transient_periods=0)
         taken = identify_motor_friction(groups, spec, lines)
-        responses = [estimate_compensated_response(group, taken, spec, lines) for group in groups]
+        responses = [estimate_net_response(group, taken, spec, lines) for group in groups]
         study = study_of(self.rigs)
         true = dict(zip(taken.places, COULOMB[self.coulomb], strict=True))
         levels = [(place, *taken.coulomb_friction(place)) for place in taken.compensated_motors()]

@@ -38,7 +38,7 @@ def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(tmp_path: Path) -> None:
-    """Its mass and friction are those of friction_study/test_motion.py."""
+    """Its mass and friction are those of friction_study/test_inverse_dynamics_regression.py."""
     summary = run("emps", tmp_path / "run")
     assert summary["motions"]["1"]["misfit"] == ""
     assert not any(name.startswith(("Fs", "vs")) for name in summary["parameters"])

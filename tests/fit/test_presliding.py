@@ -20,7 +20,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.presliding import RelaxingSpring
 from elastid.linear.response.transfer import frequency_response
-from elastid.nonlinear.compensate_friction import estimate_compensated_response
+from elastid.nonlinear.compensate_friction import estimate_net_response
 from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.response import Response
 from elastid.robot import Tolerances
@@ -114,7 +114,7 @@ def test_bristles_leave_stiffness_and_damping_right(law: str, bending: float) ->
     measured, lines = simulated(robot(law=law, bending=bending), CONFIGURATIONS, 2, 1, 8, carrier=None)
     spec, plain = EstimatorSpec(friction="auto"), replace(robot((0.0, 0.0)), tolerances=Tolerances())
     taken = identify_motor_friction(list(measured), spec, lines)
-    responses = [estimate_compensated_response(group, taken, spec, lines, None, plain) for group in measured]
+    responses = [estimate_net_response(group, taken, spec, lines, None, plain) for group in measured]
     result = fit_parameters(responses, plain, FitSpec(starts=2, seed=1))
     assert {found.place for found in result.presliding} == {"motor 1", "motor 2"}
     assert result.status == "converged"

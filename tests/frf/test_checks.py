@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.base.arrays import ComplexArray
-from elastid.frf.checks import hit_notes, inconsistent_experiment_notes, pulses, separated_lines
+from elastid.frf.checks import hit_notes, inconsistency_notes, pulses, separated_lines
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Configuration, Record
 
@@ -42,10 +42,7 @@ def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
     def places(U: ComplexArray, noise: float = 0.0) -> list[str]:
         blocks = tuple(Block(U[m], Y[m], None, np.full(2, 3.0), np.zeros((F, 2)), 4) for m in range(M))
         S = 12 * 3 * noise**2 * np.diag([1.0, 1.0, 0.0, 0.0])  # of 12 degrees of freedom, and means of 3 periods
-        return [
-            note.place
-            for note in inconsistent_experiment_notes(MeanSpectra(blocks, np.tile(S + 0j, (F, 1, 1)), 12), groups)
-        ]
+        return [note.place for note in inconsistency_notes(MeanSpectra(blocks, np.tile(S + 0j, (F, 1, 1)), 12), groups)]
 
     assert places(U) == []
     U[2, :, 0, 1] *= 1.05

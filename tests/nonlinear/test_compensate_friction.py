@@ -14,7 +14,7 @@ from elastid.nonlinear.compensate_friction import (
     TURNING_ERROR,
     compensate_friction,
     compensated_records,
-    estimate_compensated_response,
+    estimate_net_response,
     ratio_std,
     to_links,
     to_shafts,
@@ -43,7 +43,7 @@ def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: Compen
     (records, _), lines = measured()
     error = 0.01 * found.coulomb_torque * np.array([shape.place == "motor 1" for shape in found.shapes])
     sole = replace(found, covariance=np.outer(error, error))
-    response = estimate_compensated_response(records, sole, COULOMB, lines)
+    response = estimate_net_response(records, sole, COULOMB, lines)
     off = replace(sole, coulomb_torque=sole.coulomb_torque + error)
     change = estimate(list(compensated_records(records, off)), COULOMB, lines).G - response.G
     sign = np.sign(np.vdot(response.bias[2, 0], change).real)
@@ -53,8 +53,8 @@ def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: Compen
 def test_couplings_of_gears_turn_the_errors_with_the_response(found: CompensatedFriction) -> None:
     """Records on the link side of coupled gears: G is E^-1 G' E^-T of that on the shafts, and so are its errors."""
     (records, _), lines = measured()
-    shafts = estimate_compensated_response(records, found, COULOMB, lines)
-    links = estimate_compensated_response([to_links(each, E) for each in records], found, COULOMB, lines, E)
+    shafts = estimate_net_response(records, found, COULOMB, lines)
+    links = estimate_net_response([to_links(each, E) for each in records], found, COULOMB, lines, E)
     assert to_shafts(to_links(records[0], E), E).inputs == records[0].inputs
     inverse = np.linalg.inv(E)
     np.testing.assert_allclose(links.G, inverse @ shafts.G @ inverse.T, rtol=1e-6, atol=1e-9)
@@ -68,10 +68,10 @@ def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: Com
     (behind, *_), lines = measured_bristles("joint")
     left = identify_motor_friction([behind], AUTO, lines)
     assert left.compensated_motors() == ()
-    (note,) = [one for one in estimate_compensated_response(behind, left, AUTO, lines).notes if one.code == UNEXPLAINED]
+    (note,) = [one for one in estimate_net_response(behind, left, AUTO, lines).notes if one.code == UNEXPLAINED]
     assert note.severity == "warning"
     (records, _), lines = measured()
-    assert UNEXPLAINED not in {one.code for one in estimate_compensated_response(records, found, COULOMB, lines).notes}
+    assert UNEXPLAINED not in {one.code for one in estimate_net_response(records, found, COULOMB, lines).notes}
 
 
 @pytest.mark.slow
@@ -83,7 +83,7 @@ def test_distortion_of_an_arm_that_swings_is_not_warned_of() -> None:
         friction = identify_motor_friction([records], AUTO, lines)
         assert friction.compensated_motors() == ()
         for machine, warned in cases:
-            response = estimate_compensated_response(records, friction, AUTO, lines, robot=machine)
+            response = estimate_net_response(records, friction, AUTO, lines, robot=machine)
             assert (UNEXPLAINED in {one.code for one in response.notes}) is warned
 
 
@@ -98,7 +98,7 @@ def test_a_log_of_two_periods_that_begins_with_its_excitation_bends_no_spring(co
     begun = [replace(record, y=record.y + record.y.std(axis=0) * decaying) for record in records]
     friction = identify_motor_friction((begun,), AUTO, lines)
     np.testing.assert_allclose([friction.coulomb_friction(place)[0] for place in friction.places], coulomb, rtol=0.02)
-    response = estimate_compensated_response(begun, friction, AUTO, lines, robot=robot(coulomb))
+    response = estimate_net_response(begun, friction, AUTO, lines, robot=robot(coulomb))
     assert not [note for note in response.notes if note.severity == "warning"]
 
 

@@ -19,7 +19,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.logs.files.formats import naming
 from elastid.logs.responses.reading import link_side_response, read_table
 from elastid.nonlinear.basis_functions import notes_before_gears
-from elastid.nonlinear.compensate_friction import estimate_compensated_response, shaft_couplings, to_shafts
+from elastid.nonlinear.compensate_friction import estimate_net_response, shaft_couplings, to_shafts
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.record import Configuration, Record
@@ -70,7 +70,7 @@ def estimate_configuration(
     maybe with the controller of their references.
     """
     records = tuple(read_records(path, configuration))
-    response = estimate_compensated_response(records, friction, spec, lines, shaft_couplings(robot), robot)
+    response = estimate_net_response(records, friction, spec, lines, shaft_couplings(robot), robot)
     if recorded is not None and recorded.controller is not None and robot is not None:
         from elastid.logs.reference_loop import with_reference_loop  # these bring CasADi
         from elastid.logs.step_images import with_image_errors

@@ -60,13 +60,13 @@ def gain(index: ModificationIndex) -> str:
 
 
 def angle(index: ModificationIndex) -> str:
-    """Return offset of an axis, in one configuration or in all."""
+    """Return the offset of an axis, in one configuration or in all."""
     where = "" if "@" in index.name else " in all configurations"
     return f"angle of axis {axis(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{where}"
 
 
 def angles(index: ModificationIndex) -> str:
-    """Return offsets of an axis that differ between configurations, the largest first."""
+    """Return the offsets of an axis that differ between configurations, the largest first."""
     by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda pair: -abs(pair[0]))
     where = ", ".join(
         f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
@@ -87,7 +87,7 @@ def compliance(index: ModificationIndex) -> str:
 
 
 def payload(index: ModificationIndex) -> str:
-    """Return mass, centre and inertia of a body together; where a mass is added, its place."""
+    """Return the mass, centre and inertia of a body together; where a mass is added, its place."""
     body, mass, new = axis(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
     place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
@@ -96,7 +96,7 @@ def payload(index: ModificationIndex) -> str:
 
 
 def delay_phrase(index: ModificationIndex) -> str:
-    """Return delay or low pass of a channel, or of the motions relative to the torques."""
+    """Return the delay or low pass of a channel, or of the motions relative to the torques."""
     T = float(index.steps[0])
     form = next(form for form in FORMS if index.name.startswith(form))
     role, _, place = index.name.partition("@")[0].removeprefix(form).lstrip("_").partition("_")
@@ -120,7 +120,7 @@ def delay_phrase(index: ModificationIndex) -> str:
 
 
 def scale(index: ModificationIndex) -> str:
-    """Return factors of channels in another unit."""
+    """Return the factors of channels in another unit."""
     factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
     is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
     return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
@@ -135,13 +135,13 @@ def load(index: ModificationIndex) -> str:
 
 
 def coupling(index: ModificationIndex) -> str:
-    """Return turns of a motor with another axis."""
+    """Return the turns of a motor with another axis."""
     motor, joint = index.name.split("_")[1:3]
     return f"gear coupling of motor {motor} with axis {joint}, {float(index.steps[0]):+.3g} of its ratio"
 
 
 def words_of_one_posture(index: ModificationIndex) -> str:
-    """Return delay, torques or stiffness of one configuration."""
+    """Return the delay, torques or stiffness of one configuration."""
     if index.name.startswith("delay"):
         return delay_phrase(index)
     quantity = "gain of the torques" if index.name.startswith("torques") else f"stiffness of gear {axis(index)}"

@@ -73,7 +73,7 @@ CONFIGURATIONS = 32
 
 
 def spread_out(count: int) -> slice:
-    """Return so many of a number of configurations, spread over all of them."""
+    """Return the slice that selects at most CONFIGURATIONS of `count`, evenly spread."""
     return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
 
 

@@ -27,7 +27,7 @@ NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
 
 
 def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return derivatives to the delay of each output and input in s; a single one is the delay of all."""
+    """Return the derivatives with respect to the delay (s) of each output and input, or to a single one of all."""
     s, model, columns = 2j * np.pi * response.freq_hz[:, None, None], response.model, dict[str, ComplexArray]()
     for role, places, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
         for i, place in enumerate(places if len(places) > 1 else ()):
@@ -38,7 +38,7 @@ def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def gear_ratios(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return derivatives to the logarithm of each gear ratio."""
+    """Return the derivatives with respect to the logarithm of each gear ratio."""
     robot, model, G, slopes = response.robot, response.model, response.G, response.slopes
     values = named(model.parameters, response.theta)
     inverse, columns = np.linalg.inv(robot.mixing), {}
@@ -52,7 +52,7 @@ def gear_ratios(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def posture_angles(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return derivatives to the angle of each axis in this configuration alone, rad."""
+    """Return the derivatives with respect to the angle of each axis in this configuration alone, rad."""
     name = response.model.configuration.name
     zeros = {joint.name: f"zero_{joint.name}" for joint in response.robot.driven}
     return {f"angle_{joint}@{name}": response.slopes[zero] for joint, zero in zeros.items() if zero in response.slopes}
@@ -77,13 +77,13 @@ def of_one_posture(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def inertial(body: Body) -> list[str]:
-    """Return names of the mass, the centre of mass and the inertia of a body."""
+    """Return the names of the mass, the centre of mass and the inertia of a body."""
     entries = (f"I_{body.name}{suffix}" for suffix in body.inertia_entries)
     return [f"m_{body.name}", *(f"c_{body.name}_{axis}" for axis in "xyz"), *entries]
 
 
 def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
-    r"""Return derivatives to the change of each gear's stiffness with the torque tau that it carries.
+    r"""Return the derivatives with respect to the change of each gear's stiffness with its torque tau.
 
     load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
 
@@ -102,7 +102,7 @@ def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return derivatives to turns of motor i, link side, per turn of joint j, for joints without a gear coupling."""
+    """Return the derivatives with respect to turns of motor i per turn of joint j, if no gear couples them."""
     robot, model, G, s = response.robot, response.model, response.G, 2j * np.pi * response.freq_hz[:, None, None]
     driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
     places = model.outputs

@@ -94,7 +94,7 @@ class SecondSource:
 
 
 def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
-    """Return the source next to `alone`, any cause still _UNKNOWN; and T with the factor that explains it, else inf."""
+    """Return the source next to `alone`, without a cause; and T with the factor that explains it, else inf."""
     scale = alone.inflation_factor**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)

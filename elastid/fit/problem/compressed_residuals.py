@@ -66,7 +66,7 @@ class Full:
     R: ComplexArray | FloatArray
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
-        """Return sums of a block of lines. precision: data type of the moments."""
+        """Return the sums of a block of lines. precision: data type of the moments."""
         R, slope = self.R[part.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
@@ -90,7 +90,7 @@ class Packed:
 
     @classmethod
     def of(cls, R: ComplexArray | FloatArray) -> "Packed":
-        """Return packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
+        """Return the packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
         F, n_r = rows.shape
         filled = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
@@ -99,7 +99,7 @@ class Packed:
         return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
-        """Return sums as of `Full.sums`; callable only where the kernels are built."""
+        """Return the sums of `Full.sums`; callable only where the kernels are built."""
         (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
         n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
         sign = np.ones(n_b)

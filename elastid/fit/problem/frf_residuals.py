@@ -130,7 +130,7 @@ class Part(Kept):
 
 
 def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
-    """Return mixing, if there is any, applied to the elements of each line of values (..., F, n_y, n_u)."""
+    """Apply `mixing`, if there is any, to the elements of each line of values (..., F, n_y, n_u)."""
     if mixing is None:
         return values
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
@@ -161,7 +161,7 @@ def chunked(items: Sequence[Item]) -> list[tuple[Item, ...]]:
 
 
 def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
-    """Return execution of the chunks of all configurations: by others where these are many, else starts are shared."""
+    """Return the execution of the chunks: by other processes if these are many, else the starts are shared."""
     is_large = sum(response.n_lines for response in responses) >= MIN_LINES
     is_large &= len(chunked(responses)) >= 2 * execution.jobs
     return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else HERE
@@ -224,7 +224,7 @@ class ElasticFit:
         return Evaluation(V + b, 2 * g + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
 
     def rough(self, x: FloatArray) -> Evaluation:
-        """Return evaluation with J^T J from single precision, enough to step."""
+        """Evaluate V with J^T J from single precision, enough for a step."""
         return self.evaluate(x, np.float32)
 
     @cached_property
@@ -239,11 +239,11 @@ class ElasticFit:
         return self.loads.residual(self.parameters, x)
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
-        """Return whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
+        """Return the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
         return (self.block(part, x, part.mixing) for part in self.parts)
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        """Return residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
+        """Return the residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
         G, dG = part.columns.evaluate(part.theta(self.parameters, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)

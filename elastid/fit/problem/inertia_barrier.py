@@ -82,7 +82,7 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
 
 
 def impossible_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> list[BodyInertia]:
-    """Return inertias that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
+    """Return the inertias that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
     return [body for body in inertias if body.roundness(parameters, x) < -1e-9]
 
 

@@ -72,7 +72,7 @@ class NoiseShapes:
         return cls(own, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> "NoiseShapes":
-        """Return shapes on some of the lines."""
+        """Return the shapes on some of the lines."""
         return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
 
 
@@ -310,7 +310,7 @@ def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: flo
 
 
 def without_gaps(level: FloatArray) -> FloatArray:
-    """Return levels (F,) with zeros replaced by their neighbours."""
+    """Return the levels (F,) with zeros replaced by their neighbours."""
     known = np.flatnonzero(level)
     return np.interp(np.arange(len(level)), known, level[known])
 

@@ -58,7 +58,7 @@ class StaticLoads:
 
     @classmethod
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
-        """Return loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
+        """Return the loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
         listed = tuple(load.test for load in tests)
         readings = ([test.measured for test in listed], [test.deviations for test in listed])
@@ -75,7 +75,7 @@ class StaticLoads:
         return [i for i, test in enumerate(self.tests) for _ in range(test.n_readings)]
 
     def predicted(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return deflections (n,) in m and their slopes (n, n_x) to x (n_x,); LinAlgError without an equilibrium."""
+        """Return the deflections (n,) in m and their slopes (n, n_x) to x; LinAlgError without an equilibrium."""
         names = [load.configuration.name for load in self.robot.loads]
         deflections, slopes = self.robot.deflections([parameters.expand(x, name)[:-1] for name in names])
         rows = [slope @ parameters.jacobian(x, n)[self.robot.moved] for slope, n in zip(slopes, names, strict=True)]
@@ -87,7 +87,7 @@ class StaticLoads:
         return (self.measured - y) / self.std, -slopes / self.std[:, None]
 
     def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> "StaticLoads":
-        """Return loads with measurements (n,) about a model's deflections."""
+        """Return the loads with measurements (n,) about a model's deflections."""
         return replace(self, measured=predicted + self.std * rng.standard_normal(len(predicted)))
 
 

@@ -32,7 +32,7 @@ _OPTIONS: dict[str, Any] = {
 def ipopt(
     problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int
 ) -> Ending:
-    """Return end of IPOPT from x0 (n_x,), within its bounds; beginning: the problem there.
+    """Return the end of IPOPT from x0 (n_x,), within its bounds; beginning: the problem there.
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """
@@ -89,7 +89,7 @@ class _ScaledProblem:
         return self._cache[1]
 
     def guarded(self, z: ca.DM) -> Evaluation:
-        """Return evaluation for a callback, whose exceptions CasADi would swallow: the first is kept in `error`.
+        """Evaluate the problem for a callback. CasADi would swallow its exceptions: the first is kept in `error`.
 
         From then on the solver sees a flat function, with which it ends at once and silently.
         """

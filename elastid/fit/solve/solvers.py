@@ -68,7 +68,7 @@ def trust_region(
     problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int,
     fixed: BoolArray | None = None,
 ) -> Ending:  # fmt: skip
-    """Return end of the steps from x0 (n_x,), within its bounds; beginning: the problem there.
+    """Return the end of the steps from x0 (n_x,), within its bounds; beginning: the problem there.
 
     An iteration is one evaluation.  fixed (n_x,): variables that stay.
     """
@@ -250,7 +250,7 @@ def multistart(
     method: SolverName = "trust_region",
     execution: Execution | None = None,
 ) -> tuple[tuple[LocalOptimum, ...], int]:
-    """Return rough optima from starts (starts, n_x), best first, and the number of them that reached the best cost.
+    """Return the rough optima from starts (starts, n_x), best first, and the number of them that reached the best cost.
 
     The same under any execution; for several processes the problems must pickle. Raises FitError where none succeeds.
     """

@@ -41,7 +41,7 @@ def closed(
     model: LinearModel, theta: FloatArray, freq_hz: FloatArray, plain: ComplexArray, motors: ComplexArray,
     plain_images: ComplexArray | float = 0.0, motor_images: ComplexArray | float = 0.0,
 ) -> "ClosedLoop":  # fmt: skip
-    """Return close the loops around responses of `open_loops` at freq_hz (F,), whose images may stand apart."""
+    """Close the loops around responses of `open_loops` at freq_hz (F,), whose images may stand apart."""
     assert model.controller is not None
     loop, names = model.controller.at(freq_hz), model.controller.motors
     H = zero_order_hold(freq_hz / loop.rate_hz)[:, None, None]
@@ -80,7 +80,7 @@ class ClosedLoop:
     entering: ComplexArray
 
     def change(self, plain: ComplexArray, motors: ComplexArray) -> ComplexArray:
-        """Return dT by changes of G_y, channels included, and of G_m."""
+        """Return dT caused by changes of G_y, channels included, and of G_m."""
         return (plain - self.L @ motors) @ self.A
 
     def of_gain(self, gain: int, motor: str) -> ComplexArray:

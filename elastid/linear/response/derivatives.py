@@ -261,7 +261,7 @@ class _Bases:
     single: list[tuple[float, FloatArray] | None]
 
     def add(self, both: FloatArray, single: tuple[float, FloatArray] | None) -> tuple[int, float]:
-        """Return index of a matrix, which is added if it is new, and its factor. single: sign and y for rank one."""
+        """Return the index of a matrix, added if it is new, and its factor. single: sign and y for rank one."""
         sigma, known = float(np.linalg.norm(both)), self.E[: len(self.single)]
         E = both.ravel() / sigma
         products = known @ E

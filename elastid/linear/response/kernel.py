@@ -289,7 +289,7 @@ class Elimination:
 
     @classmethod
     def of(cls, coupled: BoolArray) -> "Elimination":
-        """Return elimination of a pattern (n, n) of coupled coordinates; next is the one that acts on the fewest."""
+        """Return the elimination order of a pattern (n, n) of coupled coordinates, fewest couplings first."""
         acts = (coupled | coupled.T) & ~np.eye(len(coupled), dtype=bool)
         filled, left, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []
         while left.any():
@@ -332,7 +332,7 @@ class Elimination:
 def solved_products(
     M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
 ) -> ComplexArray:
-    """Return products by LAPACK."""
+    """Return the products by LAPACK."""
     Z, of_lines = np.empty((len(omega), *K.shape), complex), omega[:, None, None]
     np.subtract(K, of_lines**2 * M, out=Z.real)
     np.multiply(of_lines, D, out=Z.imag)

@@ -114,12 +114,12 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
 
 
 def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:
-    """Return loops of a model whose inputs are references, closed at freq_hz (F,)."""
+    """Return the loops of a model whose inputs are references, closed at freq_hz (F,)."""
     return closed(model, theta, freq_hz, *(frequency_response(part, theta, freq_hz) for part in open_loops(model)))
 
 
 def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
-    r"""Return images (F, n_y, n_u) of sampled references in sampled positions, both at f_l = `model.controller.log_hz`.
+    r"""Return the images (F, n_y, n_u) of sampled references in sampled positions, both at f_l, `controller.log_hz`.
 
     .. math:: \sum_{m \ne 0} T(f + m f_l)
     """

@@ -95,7 +95,7 @@ class ArrayLog:
     arrays: Mapping[str, StoredArray]
 
     def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> "ArrayLog":
-        """Log with every read read_guarded a guard."""
+        """Log in which every read runs under a guard."""
 
         def read_guarded(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
             with guard():
