@@ -306,7 +306,7 @@ class MotionSignals:
         return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
 
     def pieces(self) -> Iterator[tuple["MotionSignals", slice]]:
-        """Parts whose kept samples together are all kept samples, with their samples; ends overlap by the filter."""
+        """Yield overlapping parts that divide the decimated samples between them, and the samples of each part."""
         step, n, log = self.decimation.step, len(self.position), self.motion
         reach, size = len(self.taps) + step, max(1, PIECE // step) * step
         for start in range(self.decimation.start, self.decimation.stop, size):
