@@ -44,7 +44,7 @@ over_catalogue = move[CATALOGUE].largest / move[IDENTIFIED].largest
 if __name__ == "__main__":
     for outcome in move.outcomes:
         print(f"{outcome.name:20s} largest {1e3 * outcome.largest:.3f} mm, vibration {1e3 * outcome.residual:.3f} mm")
-    print(f"torques take {100 * float((move.most / move.limits[3]).max()):.0f} % of their limits at most")
+    print(f"torques take {100 * float((move.max_torque / move.limits[3]).max()):.0f} % of their limits at most")
     from elastid.report.figures.use import move_figure
 
     figure = move_figure(move)
