@@ -40,7 +40,7 @@ def near(value: object, expected: object, part: float) -> bool:
 def _follows_a_move(v: dict[str, Any]) -> list[bool]:
     """The vibration is a third; draws enclose the error, within the limits of torque."""
     move, identified = v["move"], v["move"][v["IDENTIFIED"]]
-    enclosed = bool(np.all(identified.low <= identified.high) and np.all(move.most <= 900.0))
+    enclosed = bool(np.all(identified.low <= identified.high) and np.all(move.max_torque <= 900.0))
     return [identified.residual < move[v["RIGID"]].residual / 3, enclosed, not move.advice]
 
 
