@@ -27,8 +27,8 @@ from elastid.validation.frf_error import Agreement, Validation
 from elastid.validation.log_comparison import NO_COMPARISON, BandBalance, LogComparison, TorqueBalance
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
-    from elastid.friction_study.inverse_dynamics_regression import RigidBody
     from elastid.friction_study.result import FrictionResult
+    from elastid.friction_study.rigid_body_columns import RigidBody
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:

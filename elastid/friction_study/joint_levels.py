@@ -40,12 +40,12 @@ from elastid.friction_study.inverse_dynamics_regression import (
     regress_motion,
     regress_robot_motion,
     torque_components,
-    torques_in_file,
 )
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.motion_signals import MAX_STEADY_CHANGE, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.regressor import full_rate_columns
 from elastid.friction_study.result import RIGID_TERMS, SlidingFriction, joint_spring, noted
+from elastid.friction_study.rigid_body_columns import torques_in_file
 from elastid.friction_study.static_model_fit import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, Purpose

@@ -21,7 +21,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.commanded import DELAY, CommandedJoint
 from elastid.friction_study.constant_velocity import FrictionCurve
-from elastid.friction_study.inverse_dynamics_regression import MotionFriction, RigidBody
+from elastid.friction_study.inverse_dynamics_regression import MotionFriction
 from elastid.friction_study.presliding import (
     Elements,
     PreslidingFit,
@@ -29,6 +29,7 @@ from elastid.friction_study.presliding import (
     fit_presliding_responses,
     presliding_responses,
 )
+from elastid.friction_study.rigid_body_columns import RigidBody
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of

@@ -28,13 +28,13 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_study.inverse_dynamics_regression import (
     TORQUE_COMPONENTS,
     MotionFriction,
-    rigid_body_torques,
     torque_components,
 )
 from elastid.friction_study.joint_levels import motion_log, motion_logs, simulated_commands
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.regressor import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
+from elastid.friction_study.rigid_body_columns import rigid_body_torques
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
