@@ -6,12 +6,13 @@ none of them.
 
 from collections.abc import Iterable
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
 from elastid.base.display import capital
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from elastid.targets.target import Target
 
 GROUP = "elastid.targets"
@@ -47,5 +48,7 @@ def explained(tag: str = "") -> str:
     return "\n".join(f"{row.tag}\n  {capital(row.keeps)}.\n  Needs: {', '.join(row.needs)}." for row in rows)
 
 
-def _of_packages() -> tuple[EntryPoint, ...]:
-    return tuple(entry for entry in entry_points(group=GROUP) if entry.name not in MODULES)
+def _of_packages() -> "tuple[EntryPoint, ...]":
+    from elastid.base.entry_points import points  # reads files of all packages, which the first lines do without
+
+    return tuple(entry for entry in points(GROUP) if entry.name not in MODULES)
