@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from elastid.base.display import capital
-
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
@@ -44,6 +42,8 @@ def targets(tag: str) -> tuple["Target", ...]:
 
 def explained(tag: str = "") -> str:
     """Explain a target, or all of them: the files' content and the values that the target needs."""
+    from elastid.base.display import capital
+
     rows = [row for name in ([tag] if tag else tags()) for row in targets(name)]
     return "\n".join(f"{row.tag}\n  {capital(row.keeps)}.\n  Needs: {', '.join(row.needs)}." for row in rows)
 

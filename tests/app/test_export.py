@@ -1,12 +1,14 @@
 """elastid export: rows of targets, those of other packages, the same bytes twice."""
 
 import inspect
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from elastid.app.cli import run_command
 from elastid.app.target_table import MODULES, tags, targets
+from elastid.base.entry_points import points
 from elastid.targets.target import VALUES
 
 PACKAGE = """
@@ -23,7 +25,7 @@ TARGET = Target("stiffness", ("model",), "parameters as text", write_stiffness)
 
 
 @pytest.fixture
-def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A package with one target, as pip installs it."""
     (tmp_path / "stiffness_target.py").write_text(PACKAGE)
     info = tmp_path / "stiffness_target-1.0.dist-info"
@@ -31,6 +33,9 @@ def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stiffness-target\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[elastid.targets]\nstiffness = stiffness_target:TARGET\n")
     monkeypatch.syspath_prepend(str(tmp_path))
+    points.cache_clear()
+    yield
+    points.cache_clear()
 
 
 @pytest.mark.parametrize("tag", MODULES)
