@@ -1,17 +1,13 @@
 """Text logs: CSV and its relatives, with or without headings, decimal points or commas, units rows and comments."""
 
-import bz2
-import codecs
 import csv
-import gzip
-import lzma
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -20,6 +16,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.units import TABLE, usual_spelling
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.files.encodings import decoded, encoding_of, packing, raw_bytes, wide_encoding
 from elastid.logs.files.lines import LARGE_BYTES, FileLines
 from elastid.logs.files.log import Log, missing_channel
 
@@ -28,9 +25,6 @@ _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
 _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace", "|") for mark in _DECIMALS if mark != sign]
 
 
-# Compressed texts by their first bytes, and most bytes of one.
-_COMPRESSED: dict[bytes, Any] = {b"\x1f\x8b": gzip, b"BZh": bz2, b"\xfd7zXZ": lzma}
-_MAX_BYTES = 1 << 30
 MAX_WRONG_FRACTION = 0.01  # of rows with a cell that is no number, which are missing samples
 _HEAD_LINES, _LEAST_PROPERTIES = 100, 3  # lines in which data start, and those with a property and its numbers
 _SAMPLE_TIME = "SampleTime[ms]"  # property of TwinCAT Scope, below its column of times in ms
@@ -268,19 +262,19 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
     DataError for a file that is no text.
     """
     is_large = path.stat().st_size > LARGE_BYTES
-    raw = _raw(path, _HEAD_BYTES if is_large else -1)
+    raw = raw_bytes(path, _HEAD_BYTES if is_large else -1)
     if archive := next((name for mark, name in _ARCHIVES.items() if raw.startswith(mark)), ""):
         raise DataError("files/damaged", f"{archive} is not read. Unpack it, and give the path of the log", path)
-    if b"\0" in raw[:4096] and not _wide_encoding(raw):
+    if b"\0" in raw[:4096] and not wide_encoding(raw):
         raise DataError(
             "files/damaged",
             "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5",
             path,
         )
-    if is_large and b"\n" in raw and not _wide_encoding(raw) and _packing(path) is None:
-        encoding = _encoding(raw[: raw.rindex(b"\n")])
+    if is_large and b"\n" in raw and not wide_encoding(raw) and packing(path) is None:
+        encoding = encoding_of(raw[: raw.rindex(b"\n")])
         return FileLines.of(path, encoding, str), FileLines.of(path, encoding, partial(plain_numbers, text=text))
-    content = _decoded(_raw(path) if is_large else raw)
+    content = decoded(raw_bytes(path) if is_large else raw)
     lines, plain = content.splitlines(), plain_numbers(content, text)
     return lines, lines if plain is content else plain.splitlines()
 
@@ -317,8 +311,8 @@ def guess_format(path: Path) -> TextFormatSpec:
 
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
-    raw = _raw(path, _HEAD_BYTES)
-    lines = _decoded(raw).splitlines()
+    raw = raw_bytes(path, _HEAD_BYTES)
+    lines = decoded(raw).splitlines()
     lines = lines[-21:-1] if len(raw) == _HEAD_BYTES else lines[-20:]  # the last of 64 KiB may be cut
 
     def numeric_score(text: TextFormatSpec) -> int:
@@ -341,67 +335,6 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
 def described_format(text: TextFormatSpec) -> str:
     """A format as a study states it."""
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
-
-
-def _raw(path: Path, size: int = -1) -> bytes:
-    """The first bytes of a text, decompressed; DataError for a damaged one, and for one of more than _MAX_BYTES."""
-    packed = _packing(path)
-    if packed is None:
-        with path.open("rb") as file:
-            return file.read(size)
-    try:
-        with packed.open(path, "rb") as file:
-            raw: bytes = file.read(_MAX_BYTES + 1 if size < 0 else size)
-        if len(raw) > _MAX_BYTES:
-            raise ValueError(f"more than {_MAX_BYTES / 1e9:.3g} GB")
-    except Exception as error:  # of each module its own
-        raise DataError("files/damaged", f"{error}. Copy it again, or decompress it", path) from error
-    return raw
-
-
-def _packing(path: Path) -> Any:
-    """The module that unpacks a compressed text; None for any other."""
-    with path.open("rb") as file:
-        head = file.read(6)
-    return next((module for mark, module in _COMPRESSED.items() if head.startswith(mark)), None)
-
-
-def _decoded(raw: bytes) -> str:
-    """UTF-8, UTF-16 or 32, or the code page of Windows loggers in Europe."""
-    return raw.decode(_encoding(raw), errors="replace").removeprefix("\ufeff")
-
-
-# Japanese with a kana, and Chinese of common signs alone: pairs of bytes that hardly occur in European languages.
-_ASIAN = {
-    "cp932": re.compile(
-        rb"(?=[\0-\x7f]*+(?:[\x81-\x9f\xe0-\xea][@-\xfc][\0-\x7f]*+)*?(?:\x82[\x9f-\xf1]|\x83[@-\x96]))"
-        rb"(?:[\0-\x7f]|[\x81-\x9f\xe0-\xea][@-\xfc])*+"
-    ),
-    "gb2312": re.compile(rb"(?:[\0-\x7f]|[\xa1-\xa3\xb0-\xd7][\xa1-\xfe])*+"),
-}
-
-
-def _encoding(raw: bytes) -> str:
-    if wide := _wide_encoding(raw):
-        return wide
-    try:
-        raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return next((code for code, pattern in _ASIAN.items() if pattern.fullmatch(raw)), "cp1252")
-    return "utf-8-sig"
-
-
-_MARKS = {codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32", codecs.BOM_UTF16_LE: "utf-16"}
-_MARKS |= {codecs.BOM_UTF16_BE: "utf-16"}
-
-
-def _wide_encoding(raw: bytes) -> str:
-    """UTF-16 or 32 by its byte order mark, UTF-16 of Latin letters also by its zeros; empty for any other code."""
-    marked = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "")
-    sides = raw[1:200:2], raw[:200:2]
-    zeros = [len(side) > 20 and side.count(0) > 0.9 * len(side) for side in sides]
-    unmarked = "utf-16-le" if zeros[0] else "utf-16-be" if zeros[1] else ""
-    return marked or (unmarked if sum(zeros) == 1 else "")
 
 
 def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int:

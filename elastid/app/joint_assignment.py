@@ -1,0 +1,105 @@
+"""Assignment of the joints in logs to the driven joints of a robot, with their units and sides."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.base.units import dimension_and_size, of_translation
+from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
+from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.channel_guess import JointGuess, LogGuess
+from elastid.logs.channel_names import ChannelGuess, ChannelKey
+from elastid.logs.clocks import MAX_SAMPLES
+from elastid.logs.files.formats import opened_log
+from elastid.robot import Joint, Robot
+
+MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
+# Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
+Positions: TypeAlias = Mapping[ChannelKey, FloatArray]
+
+
+def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:
+    """The guess with its joints in the order of the robot's driven ones; DataError where they are not as many.
+
+    Units and sides of the gears that no name states are those of the first reading within all limits of the robot.
+    """
+    names, joints = robot.driven_names, guess.joints
+    if len(joints) != len(names):
+        raise DataError(
+            "records/channels",
+            f"the logs have torques and positions of {', '.join(joint.torque.name for joint in joints)}, but the robot "
+            f"model has motors {', '.join(names)}. Log all of them, or remove the other motors",
+        )
+    words = {name: rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in names}
+    by_name = {name: joint for name in names for joint in joints if re.search(words[name], joint.torque.name.lower())}
+    labels = [joint.torque.parts[1].lower() for joint in joints]
+    order = {label: [*map(int, label.split())] for label in labels if re.fullmatch(r"[\d ]+", label)}
+    ordered = joints
+    if len({joint.torque.key for joint in by_name.values()}) == len(names):
+        ordered = tuple(by_name.values())
+    elif len(order) == len(names):
+        ordered = tuple(
+            joint for _, joint in sorted(zip(order.values(), joints, strict=True), key=lambda pair: pair[0])
+        )
+    at = tuple(map(_at, robot.driven, ordered))
+    readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
+    fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
+    return replace(guess, joints=(fitting or readings)[0])
+
+
+def _at(joint: Joint, guess: JointGuess) -> JointGuess:
+    """The guess at a joint of the robot, in units of a translation where that slides."""
+    motion = guess.motion
+    if joint.slides and dimension_and_size(motion.unit)[0].startswith("rad"):
+        motion = replace(motion, unit=of_translation(dimension_and_size(motion.unit)[0]))
+    elif not joint.slides and "assumed" in motion.why:
+        motion = replace(motion, unit=QUANTITY_UNIT[motion.quantity])
+    return replace(guess, motion=motion)
+
+
+def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
+    """The joints with one unit for all positions that state none, and all signals on one side of the gears.
+
+    Torques are motor-side if at the link one of them would be too small for the inertia of its rotor.
+    """
+    result, is_before = [], on_motor
+    for joint, guess in zip(robot.driven, joints, strict=True):
+        motion, ratio = guess.motion, 1.0 if joint.slides else robot.ratio(joint.name)
+        if unit and motion.quantity == "position" and not joint.slides and "assumed" in motion.why:
+            or_motor = "" if on_motor or ratio == 1 else " or rad with side: motor"
+            motion = replace(motion, unit=unit, why=f"deg{or_motor}: link-side rad exceed the limits of the robot")
+        if on_motor and ratio != 1:
+            motion = replace(motion, ratio=ratio, why=f"{motion.why}; motor-side: link-side values exceed the limits")
+        is_before |= guess.relation.is_before_gear(joint, ratio, motion.to_si / guess.motion.to_si)
+        torque = replace(guess.torque, ratio=ratio, why=guess.torque.why + "; before the gear" * (ratio != 1))
+        result.append((guess.torque, replace(guess, torque=torque, motion=motion)))
+    return tuple(g if is_before or g.torque.quantity == "current" else replace(g, torque=t) for t, g in result)
+
+
+def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool:
+    """True if the motion leaves the limits of its joint in no log by more than joints of one state differ."""
+    extent = guess.motion.to_si * positions.get(guess.motion.key, np.zeros((1, 4)))[:, :2]
+    low, high = joint.limits.angle
+    return bool(np.min(extent) > low - MIN_TURN and np.max(extent) < high + MIN_TURN)
+
+
+def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
+    """Extent, mean and standard deviation of each position among motions in each measurement, of one log or several."""
+    known = [motion for motion in motions if motion.quantity == "position"]
+    moments = np.zeros((len(logs), 4, len(known)))
+    for i, paths in enumerate(logs):
+        for number, path in enumerate(paths, start=1):
+            of_file = [k for k, motion in enumerate(known) if motion.file == number]
+            ys = [ChannelSpec("y", "any", known[k].name, known[k].column, quantity="position") for k in of_file]
+            if ys:
+                with opened_log(path, form) as log:
+                    x = log.values(ys, slice(0, MAX_SAMPLES))
+                moments[i][:, of_file] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
+    return {motion.key: moments[:, :, i] for i, motion in enumerate(known)}
