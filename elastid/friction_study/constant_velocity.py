@@ -24,9 +24,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
+from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms
 from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
-from elastid.record import FrictionRecord
 
 MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
 # Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to

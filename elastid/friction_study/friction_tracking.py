@@ -13,6 +13,7 @@ from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Progress, silent
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import PlacedLaw, frictions
+from elastid.friction_record import FrictionRecord
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
     FollowedJoint,
@@ -23,7 +24,6 @@ from elastid.friction_study.extended_kalman_filter import (
 from elastid.friction_study.filter_consistency import LAGS, Consistency, consistency, filter_notes, unknown
 from elastid.friction_study.result import JointFriction, joint_spring
 from elastid.friction_study.spec import FilterSpec
-from elastid.record import FrictionRecord
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 

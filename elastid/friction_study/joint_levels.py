@@ -23,6 +23,7 @@ from elastid.base.display import digits, number
 from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.execution import Progress, silent
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
+from elastid.friction_record import FrictionRecord, FrictionRecords, Purpose
 from elastid.friction_study.commanded import (
     DELAY,
     CommandedJoint,
@@ -48,7 +49,7 @@ from elastid.friction_study.result import RIGID_TERMS, SlidingFriction, joint_sp
 from elastid.friction_study.rigid_body_columns import torques_in_file
 from elastid.friction_study.static_model_fit import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.record import Configuration, FrictionRecord, FrictionRecords, Purpose
+from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 from elastid.robot.friction_numbers import TERMS
 from elastid.robot.simplified import with_point_mass

@@ -25,8 +25,8 @@ from scipy.signal import butter, cont2discrete, lfilter, resample_poly, sosfiltf
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.statistics import runs
+from elastid.friction_record import FrictionRecord
 from elastid.model.formulation import ElasticJoint
-from elastid.record import FrictionRecord
 
 # Above, before a position is differentiated: speeds and ripple of a pass are slower.
 SMOOTHED_HZ = 60.0

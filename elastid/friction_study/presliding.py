@@ -44,10 +44,11 @@ from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.friction.stop_operator import Path, stop
+from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import Optimum, minimise
 from elastid.friction_study.motion_signals import MIN_COUNTS
 from elastid.model.formulation import ElasticJoint
-from elastid.record import Configuration, FrictionRecord, Record
+from elastid.record import Configuration, Record
 from elastid.robot.friction import MaxwellSlip
 
 # Few elements are tried up to this number.

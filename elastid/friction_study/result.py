@@ -19,6 +19,7 @@ from elastid.base.display import Display, as_html, as_text, digits, interval_of,
 from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.commanded import DELAY, CommandedJoint
 from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.inverse_dynamics_regression import MotionFriction
@@ -34,7 +35,7 @@ from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, locked_joint
-from elastid.record import FrictionRecord, FrictionRecords, motion_unit
+from elastid.record import motion_unit
 from elastid.robot import Friction, LuGre, Robot, channel_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of

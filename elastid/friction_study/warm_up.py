@@ -23,10 +23,10 @@ from scipy.linalg import solve_banded
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
 from elastid.base.errors import DataError, FitError, Note
+from elastid.friction_record import FrictionRecord, WarmUpLog
 from elastid.friction_study.constant_velocity import PassRegression, passes_of
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, minimise
 from elastid.friction_study.motion_signals import alike_speeds
-from elastid.record import FrictionRecord, WarmUpLog
 
 
 @frozen_value

@@ -25,6 +25,7 @@ from elastid.base.statistics import runs
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
+from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.friction_study.joint_levels import STILL, turns_against_gravity
 from elastid.friction_study.motion_signals import alike_speeds, detect_passes
 from elastid.linear.equilibrium import equilibrium
@@ -38,7 +39,7 @@ from elastid.logs.repair.outliers import without_lone
 from elastid.logs.rig import repaired_signals
 from elastid.logs.units_and_sides import check_values, in_joints, link_side
 from elastid.model.formulation import formulate
-from elastid.record import Configuration, FrictionRecord, FrictionRecords, Hold, WarmUpLog
+from elastid.record import Configuration, Hold
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 from elastid.simulation.controller import loop_of

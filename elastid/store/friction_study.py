@@ -4,9 +4,9 @@ from pathlib import Path
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan
+from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.friction_study.friction_tracking import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, SlidingFriction
-from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_dataclass, reader
 from elastid.store.values import write_artefact, writer

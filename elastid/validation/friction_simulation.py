@@ -25,6 +25,7 @@ from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import Plant
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.inverse_dynamics_regression import (
     TORQUE_COMPONENTS,
     MotionFriction,
@@ -37,7 +38,7 @@ from elastid.friction_study.result import JointFriction
 from elastid.friction_study.rigid_body_columns import rigid_body_torques
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
+from elastid.record import Configuration, drive_unit, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory

@@ -14,12 +14,12 @@ from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
+from elastid.friction_record import FrictionRecords
 from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
 from elastid.nonlinear.compensate_friction import compensate_friction
 from elastid.nonlinear.identify_friction import identify_motor_friction
-from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
 from elastid.robot.simplified import with_joints
 from elastid.simulation.spec import ControllerSpec

@@ -13,6 +13,7 @@ from plants.refusals import refused
 from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
 from elastid.base.arrays import FloatArray
+from elastid.friction_record import FrictionRecord
 from elastid.friction_study.presliding import (
     Elements,
     PreslidingFit,
@@ -23,7 +24,6 @@ from elastid.friction_study.presliding import (
     slipped,
 )
 from elastid.model.formulation import ElasticJoint
-from elastid.record import FrictionRecord
 
 JOINT = ElasticJoint(plant.MOTOR, plant.LINK, plant.STIFFNESS, plant.DAMPING)
 RATE, PERIOD, COUNT = plant.RATE_HZ, plant.PERIOD, plant.COUNT

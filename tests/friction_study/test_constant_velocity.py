@@ -17,6 +17,7 @@ from plants.refusals import refused
 
 from elastid.app.commanded_robot import robot_of_friction
 from elastid.base.arrays import FloatArray
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.constant_velocity import FrictionCurve, Pass, estimate_friction_curve, passes_of
 from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import (
@@ -28,7 +29,6 @@ from elastid.friction_study.result import (
 )
 from elastid.friction_study.spec import FilterSpec, LawSpec, PreslidingTestSpec, WarmUpSpec
 from elastid.friction_study.static_model_fit import StaticLaw
-from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.study import load_robot

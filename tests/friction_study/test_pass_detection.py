@@ -10,9 +10,9 @@ from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, 
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
+from elastid.friction_record import FrictionRecord
 from elastid.friction_study.constant_velocity import Pass, PassRegression, estimate_friction_curve, passes_of
 from elastid.friction_study.motion_signals import detect_passes
-from elastid.record import FrictionRecord
 
 SPEEDS = (0.02, 0.05, 0.2, 0.5, 1.0)
 

@@ -10,10 +10,10 @@ from plants.refusals import refused
 from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
+from elastid.friction_record import WarmUpLog
 from elastid.friction_study.motion_signals import alike_speeds
 from elastid.friction_study.result import numbers_of_heat
 from elastid.friction_study.warm_up import WarmUp, fit_warm_up, warm_up_note
-from elastid.record import WarmUpLog
 
 # 45 min and 8 W/K; the published law in Nm on the link side, speeds of the motor in rad/s.
 H, TIME_CONSTANT, AMBIENT = 8.0, 45 * 60.0, 34.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.record import FrictionRecord
+from elastid.friction_record import FrictionRecord
 
 RATE, RATIO, COUNTS = 500.0, 100.0, 65536
 

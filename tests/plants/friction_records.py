@@ -7,8 +7,8 @@ import numpy as np
 from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.plant import true_robot
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.result import true_numbers
-from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Robot
 from elastid.study import LoadedStudy, load
 

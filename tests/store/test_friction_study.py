@@ -6,7 +6,7 @@ import numpy as np
 from plants.friction_study import friction_result
 
 from elastid.base.errors import Note
-from elastid.record import FrictionRecord, WarmUpLog
+from elastid.friction_record import FrictionRecord, WarmUpLog
 from elastid.store.friction_study import (
     read_friction_records,
     read_friction_result,

@@ -10,10 +10,11 @@ from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import true_plant
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.inverse_dynamics_regression import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
-from elastid.record import Configuration, FrictionRecord, FrictionRecords, JointLoop
+from elastid.record import Configuration, JointLoop
 from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints

@@ -6,10 +6,10 @@ from plants.measured import EMPS, measured
 from plants.report_values import balance, waves
 from scipy.io import loadmat
 
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.inverse_dynamics_regression import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
-from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_simulation import friction_balances
 from elastid.validation.log_comparison import DRY, INERTIA, MOTION, VISCOUS, ComparedSignal
 

@@ -17,10 +17,11 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.load_tests import LoadsSpec, LoadTest
 from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
+from elastid.friction_record import FrictionRecord
 from elastid.linear.static_deflection import LoadedRobot
 from elastid.logs.rig import RecordedRig
 from elastid.model.formulation import formulate
-from elastid.record import FrictionRecord, Record
+from elastid.record import Record
 from elastid.response import Response
 from elastid.robot.robot import with_frames
 from elastid.store.artefacts import Stamp, read_stamp

@@ -23,7 +23,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
-from elastid.record import Configuration, Purpose
+from elastid.friction_record import Purpose
+from elastid.record import Configuration
 
 SHORTEST_S = 0.3  # of a plateau
 PAUSE_S = 0.5  # at rest between there and back

@@ -28,8 +28,8 @@ from elastid.experiment.simulated.plant import Plant, holding_torque, limit_note
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import HeatSpec, SimulatedSpec
 from elastid.friction.robot_friction import laws_of_joint
+from elastid.friction_record import FrictionRecord, WarmUpLog
 from elastid.linear.equilibrium import equilibrium
-from elastid.record import FrictionRecord, WarmUpLog
 from elastid.robot import Robot
 from elastid.robot.simplified import with_point_mass
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
