@@ -25,8 +25,8 @@ Floors, from the top; a room imports from the floors below it only:
 - api           functions from noun to noun
 - targets study models for other tools; YAML -> values, with file, line and column of every error
 - report store  page and figures; HDF5
-- design nonlinear logs use validation  plans within limits; friction out of records; logs -> records; maps of the
-  workspace and draws of robots; agreement
+- design nonlinear logs use validation  plans within limits; friction compensation; logs -> records; workspace maps and
+  posterior samples; comparison with measurements
 - friction_study               levels, laws, presliding and warm-up of friction; an extended Kalman filter follows it
 - experiment fit modal         plan and simulated rig; weights, least squares, solvers, diagnosis; modes of a structure
 - frf linear simulation        estimators; linearised robot and its responses; closed loop in time

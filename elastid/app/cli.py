@@ -423,10 +423,10 @@ def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
     elastid explain k_1 study.yml            place in the robot model and nominal value
     elastid explain k_1 --run runs/demo      estimate, interval and verdict in a run
     """
-    from elastid.app.explanation import explained
+    from elastid.app.explanation import explain_name
     from elastid.study.reference import overview
 
-    click.echo(printable(overview() if key is None else explained(key, study, folder)))
+    click.echo(printable(overview() if key is None else explain_name(key, study, folder)))
 
 
 def one_blas_thread() -> None:

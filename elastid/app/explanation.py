@@ -3,8 +3,7 @@
 import re
 from pathlib import Path
 
-from elastid.app.target_table import explained as explained_targets
-from elastid.app.target_table import tags
+from elastid.app.target_table import explain_targets, tags
 from elastid.base.display import capital
 from elastid.fit.diagnosis.hypotheses import explain_causes
 from elastid.nonlinear.basis_functions import SHEET
@@ -14,10 +13,10 @@ from elastid.study import load
 from elastid.study.reference import explain, explain_parameter
 
 
-def explained(asked: str, study: Path | None = None, folder: Path | None = None) -> str:
+def explain_name(asked: str, study: Path | None = None, folder: Path | None = None) -> str:
     """Explain a name, with its nominal value in a study and its estimate in the folder of a run."""
     if asked == "export" or asked in [f"export.{tag}" for tag in tags()]:
-        return explained_targets(asked.removeprefix("export").removeprefix("."))
+        return explain_targets(asked.removeprefix("export").removeprefix("."))
     if asked.partition(".")[0] == "causes":
         return explain_causes(asked.partition(".")[2])
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))

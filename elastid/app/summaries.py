@@ -176,8 +176,8 @@ def friction_study_summary(
 ) -> dict[str, Any]:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
-    torque: of motions, shares of the parts of the model.  log_comparison: errors of the model simulated along them.
-    left_out: the same of logs that were left out.  rigid_bodies: of joints that moved together.
+    log_comparison: torque fractions of the model's parts, and simulation errors along the logs.
+    left_out: the same quantities for validation logs.  rigid_bodies: base parameters of joints that moved together.
     """
     every = (*result.notes, *notes_of(result.joints))
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}

@@ -4,7 +4,6 @@ A further target is a file with a row `Target`, and its tag here. Modules stand 
 none of them.
 """
 
-from collections.abc import Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -30,22 +29,22 @@ def tags() -> tuple[str, ...]:
 
 def targets(tag: str) -> tuple["Target", ...]:
     """Return the rows of a tag, in the order of preference; none for an unknown tag."""
-    rows: Iterable[Target] = ()
     if tag in MODULES:
-        rows = import_module(MODULES[tag]).TARGETS
-    for entry in _of_packages():
-        if entry.name == tag:
-            loaded = entry.load()
-            rows = loaded if isinstance(loaded, tuple) else (loaded,)
-    return tuple(row for row in rows if row.tag == tag)
+        return tuple(row for row in import_module(MODULES[tag]).TARGETS if row.tag == tag)
+    from elastid.base.entry_points import load_row
+    from elastid.targets.target import Target
+
+    return tuple(load_row(entry, Target) for entry in _of_packages() if entry.name == tag)
 
 
-def explained(tag: str = "") -> str:
+def explain_targets(tag: str = "") -> str:
     """Explain a target, or all of them: the files' content and the values that the target needs."""
     from elastid.base.display import capital
 
     rows = [row for name in ([tag] if tag else tags()) for row in targets(name)]
-    return "\n".join(f"{row.tag}\n  {capital(row.keeps)}.\n  Needs: {', '.join(row.needs)}." for row in rows)
+    return "\n".join(
+        f"{row.tag}\n  {capital(row.keeps)}.\n  Arguments of its function: {', '.join(row.needs)}." for row in rows
+    )
 
 
 def _of_packages() -> "tuple[EntryPoint, ...]":

@@ -17,19 +17,20 @@ def points(group: str) -> tuple[EntryPoint, ...]:
 
 def registered(group: str, kind: type[Row]) -> tuple[Row, ...]:
     """Return the rows of a group; StudyError for an entry point that cannot be loaded or is of another type."""
-    return tuple(_loaded(point, kind) for point in points(group))
+    return tuple(load_row(point, kind) for point in points(group))
 
 
-def _loaded(point: EntryPoint, kind: type[Row]) -> Row:
+def load_row(point: EntryPoint, kind: type[Row]) -> Row:
+    """Return the row of an entry point; StudyError if it cannot be loaded or is of another type."""
     try:
         row = point.load()
-        problem = f"is {type(row).__name__} and not {kind.__module__}.{kind.__qualname__}"
+        problem = f"has type {type(row).__name__}; expected: {kind.__module__}.{kind.__qualname__}"
     except Exception as error:
         row, problem = None, f"cannot be loaded ({error})"
     if isinstance(row, kind):
         return row
     raise StudyError(
-        "install/missing-package",
-        f"{point.name} ({point.value}) of {point.group} in another package {problem}; update that package, or "
+        "install/entry-point",
+        f"entry point {point.name} ({point.value}) of group {point.group} {problem}. Update its package, or "
         "uninstall it",
     )

@@ -102,7 +102,7 @@ class Assembly:
         return replace(self, responses=responses, weights=weights, loads=None)
 
     def with_model_error(self, floor: float | None) -> "Assembly":
-        """Return the assembly with the weights of a floor."""
+        """Return the assembly with the weights of a relative model error."""
         spec, pairs = with_model_error(self.spec, floor), zip(self.responses, self.weights, strict=True)
         return replace(self, spec=spec, weights=tuple(each_at_home(partial(_weigh, spec), list(pairs), self.home)))
 
@@ -264,7 +264,7 @@ def is_distorted_by_friction(response: Response) -> bool:
 
 
 def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
-    """Return the least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one.
+    """Return the smallest model error with which V at an optimum is within its degrees of freedom; at most typical.
 
     Where images of a sampled reference were subtracted, at most their usual error.
     """

@@ -90,7 +90,7 @@ def identified(
     execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
 ) -> tuple[Result, dict[str, ComplexArray]]:  # fmt: skip
-    """Return `identify`, and the motion-induced bias (F, n_y, n_u) of each fitted response, by configuration."""
+    """Return the result of `identify`, and by configuration the motion-induced bias (F, n_y, n_u) of its response."""
     execution = execution or Execution()
     hypotheses = all_hypotheses() if hypotheses is None else hypotheses
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)

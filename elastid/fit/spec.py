@@ -33,7 +33,7 @@ class FactorSpec:
 def misnamed(
     spec: FactorSpec, known: Mapping[str, Collection[str]]
 ) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """Return the names that a factor has wrong: key path, noun, name.  known: by the key, those that exist.
+    """Yield key path, noun and name of each unknown name in a factor.  known: existing names by key.
 
     Outputs are not checked as long as none is known.
     """

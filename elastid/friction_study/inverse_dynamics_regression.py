@@ -92,13 +92,13 @@ COMPARED_PARAMETERS = ("inertia", "viscous", "coulomb")
 
 
 # Limits of the judgement of a motion (scripts/studies/results.csv).
-NOISE_ERROR = 0.1  # of the expected shift between both bands by noise of the position, whose spectrum is assumed white
-MAX_BIAS = 0.5  # of a number by noise of the position, over its std, with which the band is wide enough
-NARROW_BAND = 0.25  # of the passband, in which a true model has the same numbers
-MAX_SHIFT = 2.8  # of a number between both bands, over its std, that counts as an error of the model
-SPRING_SHIFT = 0.5  # of a number with a spring between motor and link, over its std, that is a misfit
-MAX_ERROR = 0.05  # std of a number over it, widened by errors of the model: above, it is a misfit
-SPRING_STD = 0.1  # relative, of the effect of the robot model's spring on the numbers
+NOISE_ERROR = 0.1  # relative std of the expected shift between both bands, since position noise may not be white
+MAX_BIAS = 0.5  # expected bias by position noise over the std, above which the passband is halved
+NARROW_BAND = 0.25  # second band over the passband; a true model has the same parameters in both
+MAX_SHIFT = 2.8  # shift of a parameter between both bands over its std, above which the model has an error
+SPRING_SHIFT = 0.5  # change of a parameter by a spring behind the motor over its std, above which it is a misfit
+MAX_ERROR = 0.05  # relative std with model errors, above which they are a misfit
+SPRING_STD = 0.1  # relative std of the effect of the robot model's spring on the parameters
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) 
         terms = replace(terms, by_direction=False)
         chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
     bias = noise_bias(signals, terms.at(chosen), chosen)
-    if _is_noisy(chosen, bias) and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
+    if _is_biased_by_noise(chosen, bias) and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
         try:
             slow = [MotionSignals.of(motion, half_hz) for motion in motions]
         except DataError:
@@ -247,7 +247,7 @@ def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFri
     }
 
 
-def _is_noisy(fit: Regression, bias: FloatArray) -> bool:
+def _is_biased_by_noise(fit: Regression, bias: FloatArray) -> bool:
     """True if the bias (n_x,) by noise of the position counts beside the std of a number."""
     return any(
         abs(bias[i]) > MAX_BIAS * fit.std(name) for i, name in enumerate(fit.names) if name in COMPARED_PARAMETERS
@@ -273,12 +273,11 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         friction = float(np.linalg.norm(fit.regression["viscous"] * v + fit.regression["coulomb"] * s))
         share = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
         dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
-        text = (
-            f"rigid body and friction do not explain {fit.regression.relative_error:.1%} of its torque, {share:.0%} of "
-        )
+        text = f"rms residual of the regression: {fit.regression.relative_error:.1%} of the torque, {share:.0%} of "
         text += "the friction torque" + dominates * (
             ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
-            "and the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
+            "and the friction parameters are valid only with this rigid body. Record constant-velocity runs of this "
+            "joint alone"
         )
         yield Note("friction/rigid-body", text, place, "warning" if dominates else "information")
 

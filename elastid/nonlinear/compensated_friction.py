@@ -37,8 +37,8 @@ class CompensatedFriction:
     covariance: FloatArray = labelled("covariance of the coefficients", "", "shape shape")
     configurations: tuple[str, ...]
     before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")
-    after: FloatArray = labelled("the same with friction compensated", "N*m", "configurations places")
-    residual_power_ratio: FloatArray = labelled("share of its power left in other realisations", "", "places")
+    after: FloatArray = labelled("unexplained torque after compensation, median line", "N*m", "configurations places")
+    residual_power_ratio: FloatArray = labelled("cross-validated residual power over initial power", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
     notes: tuple[Note, ...] = field(default=())
     swings: tuple[float, ...] = labelled("median motion between two reversals, link side", "rad", "places", default=())

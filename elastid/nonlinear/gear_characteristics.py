@@ -58,7 +58,7 @@ _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
 LOST = "stiffness, damping and friction stay those of the linear fit"
 
 
-def open_gears(
+def identify_gears(
     measured: Sequence[Iterable[Record]],
     responses: Sequence[Response],
     result: Result,

@@ -211,7 +211,7 @@ def _update_scales(
 
 
 def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> GearEstimate:
-    """Return no effects, at x (n_x,) as it is."""
+    """Return an estimate without effects at x (n_x,)."""
     drives, none = tuple(data.drives(parameters, x)), np.zeros(0)
     estimates = tuple(SmoothedMotion.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
     (A, *_), weighted_cost = normal_equations(data.lines, drives, estimates, len(x), none)

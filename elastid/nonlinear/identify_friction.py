@@ -280,7 +280,7 @@ def _no_friction(first: Record, why: str, wanted: Friction) -> CompensatedFricti
 
 
 def refusal(records: Sequence[Record]) -> str:
-    """Return why friction cannot be found in the records of a configuration; empty where it can."""
+    """Return the reason why friction is not identifiable from the records of a configuration, else ""."""
     first = records[0]
     if reason := unsuited(first):
         return reason

@@ -345,7 +345,7 @@ TARGETS = (
     Target(
         "actuators",
         ("actuators",),
-        "joint numbers for MJCF, Isaac Lab, URDF, Gazebo, Drake and ROS 2, with their mapping",
+        "joint parameters for MJCF, Isaac Lab, URDF, Gazebo, Drake and ROS 2, with their names there",
         write_actuators,
     ),
 )

@@ -121,5 +121,7 @@ def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) 
 TARGETS = (
     Target("csv", ("model",), "parameters with intervals, modes, fitted and measured FRFs as tables", write_csv),
     Target("csv", ("name", "responses", "modes"), "measured FRFs and modes as tables", write_responses_csv),
-    Target("csv", ("friction_result",), "parameters of friction and base parameters as tables", write_friction_csv),
+    Target(
+        "csv", ("friction_result",), "friction parameters and rigid-body base parameters as tables", write_friction_csv
+    ),
 )

@@ -173,6 +173,13 @@ def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, flo
 
 
 TARGETS = (
-    Target("observer", ("observers",), "filter of the friction of each joint, in C", write_observers),
-    Target("compensation", ("robot", "title", "known"), "motor friction over velocity, in C", write_compensation),
+    Target(
+        "observer", ("observers",), "friction observer (extended Kalman filter) of each joint, in C", write_observers
+    ),
+    Target(
+        "compensation",
+        ("robot", "title", "known"),
+        "motor friction torque as a function of velocity, in C",
+        write_compensation,
+    ),
 )

@@ -7,12 +7,12 @@ from pathlib import Path
 # Values that `write` of a target may take by name, and the meaning of each.
 VALUES = {
     "model": "FittedRobot with the identified parameters, of one robot or group of configurations",
-    "linear_model": "the same with the stiffness of each gear at zero torque",
-    "geared": "Robot with the gear effects, None without stage gears",
+    "linear_model": "FittedRobot with the stiffness of each gear at zero torque",
+    "geared": "Robot with the gear effects; None if the study has no section gears",
     "robot": "Robot with the identified friction and gear effects",
     "robot_file": "text of the robot model with the identified parameters",
-    "known": "lines with the 95 % interval of each parameter",
-    "actuators": "Actuators: numbers of the joints with intervals",
+    "known": "text rows with the 95 % interval of each parameter",
+    "actuators": "Actuators: joint parameters with intervals",
     "draws": "DrawnRobots: posterior samples",
     "responses": "measured Response of each configuration",
     "modes": "Modes of each response of a study without a robot",
@@ -20,7 +20,7 @@ VALUES = {
     "friction_result": "FrictionResult of a friction study",
     "observers": "FollowedFriction of each joint, by its name",
     "name": "name of the study",
-    "title": "the same, with the label of the group",
+    "title": "name of the study, with the label of the group of configurations",
     "warn": "function that prints a warning",
 }
 

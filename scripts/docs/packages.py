@@ -1,4 +1,4 @@
-"""Page for developers: the packages of elastid by floor, their subjects and imports, as a drawing and a table."""
+"""Page for developers: the packages of elastid by layer, their subjects and imports, as a drawing and a table."""
 
 import ast
 import tomllib
@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "elastid"
 
 
-def floors() -> list[list[str]]:
-    """Names of the packages by floor, the lowest last, from the import rules of pyproject.toml."""
+def layers() -> list[list[str]]:
+    """Names of the packages by layer, the lowest last, from the import rules of pyproject.toml."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
         "contracts"
     ]
@@ -30,7 +30,7 @@ def python_files(name: str) -> list[Path]:
 def imports() -> Counter[tuple[str, str]]:
     """Number of import statements from one package to another: (importer, imported)."""
     count = Counter[tuple[str, str]]()
-    for name in (name for floor in floors() for name in floor):
+    for name in (name for layer in layers() for name in layer):
         for path in python_files(name):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("elastid."):
@@ -39,9 +39,9 @@ def imports() -> Counter[tuple[str, str]]:
 
 
 def draw(path: Path) -> None:
-    """Draw the packages by floor without imports from base, the lowest; widths grow with the number of imports."""
+    """Draw the packages by layer without imports from base, the lowest; widths grow with the number of imports."""
     figure, axes = plt.subplots(figsize=(8, 9), layout="constrained")
-    place = {name: ((k + 0.5) / len(floor), -y) for y, floor in enumerate(floors()) for k, name in enumerate(floor)}
+    place = {name: ((k + 0.5) / len(layer), -y) for y, layer in enumerate(layers()) for k, name in enumerate(layer)}
     for (importer, imported), n in imports().items():
         if imported == "base":
             continue
@@ -51,7 +51,7 @@ def draw(path: Path) -> None:
     for name, (x, y) in place.items():
         box = {"boxstyle": "round", "facecolor": "white", "edgecolor": "0.3"}
         axes.text(x, y, name, ha="center", va="center", bbox=box, fontsize=9)
-    axes.set(xlim=(0, 1), ylim=(0.6 - len(floors()), 0.6))
+    axes.set(xlim=(0, 1), ylim=(0.6 - len(layers()), 0.6))
     axes.axis("off")
     figure.savefig(path, dpi=110)
     plt.close(figure)
@@ -61,7 +61,7 @@ def page(pictures: Path) -> str:
     """Page with drawing and table; a row for each package: subject, files, lines, packages that it imports."""
     draw(pictures / "packages.png")
     below, rows = imports(), ""
-    for name in (name for floor in floors() for name in floor):
+    for name in (name for layer in layers() for name in layer):
         files = python_files(name)
         first = PACKAGE / name / "__init__.py" if len(files) > 1 else files[0]
         docstring = ast.get_docstring(ast.parse(first.read_text(encoding="utf-8"))) or ""
@@ -72,12 +72,12 @@ def page(pictures: Path) -> str:
     return f"""Packages
 ========
 
-A package imports only from lower floors, without circles. ``lint-imports`` checks this rule in every test run. An arrow
+A package imports only from lower layers, without cycles. ``lint-imports`` checks this rule in every test run. An arrow
 points from the importing to the imported package. Its width grows with the number of import statements. All packages
 import ``base``, without an arrow.
 
 .. image:: /pictures/packages.png
-   :alt: The packages of elastid by floor, with an arrow for each import between two packages.
+   :alt: The packages of elastid by layer, with an arrow for each import between two packages.
 
 .. list-table::
    :header-rows: 1

@@ -1,10 +1,13 @@
 """elastid export: rows of targets, those of other packages, the same bytes twice."""
 
+import importlib
 import inspect
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from plants.refusals import refused
 
 from elastid.app.cli import run_command
 from elastid.app.target_table import MODULES, tags, targets
@@ -52,6 +55,15 @@ def test_explain_lists_targets_of_other_packages(installed_target: None, capsys:
     assert tags() == (*MODULES, "stiffness")
     assert run_command(["explain", "export.stiffness"]) == 0
     assert "Parameters as text" in capsys.readouterr().out
+
+
+def test_target_of_a_wrong_type_is_refused_with_its_package(installed_target: None, tmp_path: Path) -> None:
+    (tmp_path / "stiffness_target.py").write_text("TARGET = 3")
+    sys.modules.pop("stiffness_target", None)
+    importlib.invalidate_caches()
+    with refused("install/entry-point", holds=("stiffness", "stiffness_target")):
+        targets("stiffness")
+    sys.modules.pop("stiffness_target", None)
 
 
 def test_old_tag_is_answered_with_the_new_one(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:

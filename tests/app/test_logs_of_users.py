@@ -93,7 +93,7 @@ def test_archives_are_refused(mark: bytes, tmp_path: Path) -> None:
     ("heading", "code"),
     [("トルク[Nm]", "cp932"), ("力矩[Nm]", "gb2312"), ("Größe läge ÄÖ °C", "cp1252"), ("couple é à", "cp1252")],
 )
-def test_headings_in_old_codes_of_letters_are_decoded(heading: str, code: str, tmp_path: Path) -> None:
+def test_headings_in_legacy_encodings_are_decoded(heading: str, code: str, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(f"t,{heading},x\n0,1,2\n1,2,3\n", encoding=code)
     with opened_log(tmp_path / "log.csv", TextFormatSpec()) as log:
         assert heading in log.headings

@@ -433,7 +433,7 @@ def test_configurations_that_disagree_widen_to_their_jackknife() -> None:
     assert np.all(variance >= scatter)
 
 
-def test_block_variance_is_that_of_the_sum_of_few_blocks() -> None:
+def test_block_variance_matches_direct_sum() -> None:
     """Of three blocks t^2 3 / 2 sum (H^T g)^2, t of two degrees of freedom."""
     blocks = np.array([[1.0, 2.0], [0.5, -1.0], [-1.5, -1.0]])
     t = student.ppf(0.975, 2) / student.ppf(0.975, np.inf)

@@ -38,7 +38,7 @@ def found() -> CompensatedFriction:
 
 
 @pytest.mark.slow
-def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: CompensatedFriction) -> None:
+def test_coefficient_errors_match_response_changes(found: CompensatedFriction) -> None:
     """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest."""
     (records, _), lines = measured()
     error = 0.01 * found.coulomb_torque * np.array([shape.place == "motor 1" for shape in found.shapes])

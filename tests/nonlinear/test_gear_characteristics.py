@@ -10,7 +10,7 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
 from elastid.nonlinear.basis_functions import GearEffect
-from elastid.nonlinear.gear_characteristics import SlidingFriction, open_gears, sheet_of
+from elastid.nonlinear.gear_characteristics import SlidingFriction, identify_gears, sheet_of
 from elastid.nonlinear.gear_estimation import GearEstimate
 from elastid.nonlinear.gear_result import ARCMIN, NOT_EXPLAINED, NOT_OPENED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.spec import GearsSpec
@@ -124,7 +124,7 @@ def laid_open(gear: Gear) -> tuple[Result, GearResult]:
     """The linear fit of the plant's records, and its gear."""
     measured = records(gear)
     response, linear = linear_fit(gear, measured)
-    return linear, open_gears([measured], [response], linear, robot(gear), SPEC, GearsSpec(), planned=LINES)
+    return linear, identify_gears([measured], [response], linear, robot(gear), SPEC, GearsSpec(), planned=LINES)
 
 
 @pytest.mark.slow
@@ -153,6 +153,6 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
 
 def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit() -> None:
     rigid = stiffened(robot(Gear()), ["1"])
-    found = open_gears([], [], plain_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
+    found = identify_gears([], [], plain_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
     assert found.refused
     assert found.sheets == ()

@@ -76,7 +76,7 @@ def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(sign
     assert note.code == "nonlinear/friction-not-compensated"
 
 
-def test_the_torque_of_friction_is_not_held(found: CompensatedFriction) -> None:
+def test_friction_torque_has_no_zero_order_hold(found: CompensatedFriction) -> None:
     """At the lines the net torque is H U - sum f Phi, H being the hold of the torque alone."""
     configurations, lines = measured()
     record = configurations[0][0]

@@ -25,7 +25,7 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.basis_functions import ANSWERED
-from elastid.nonlinear.gear_characteristics import open_gears
+from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.content import ParameterRow, gear_line
@@ -49,7 +49,7 @@ def gears(study: Study, work: Work) -> Artefacts:
     with work.execution() as execution:
         start = on_straight_springs(robot, responses, result, model, study.seeded_fit, execution)
         spec = study.gears or GearsSpec()
-        opened = open_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
+        opened = identify_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
     final, summary = with_gears(result, opened), _summary(files_of["fit"].with_name("summary.json"))
     content = with_gear_section(summary, result, fitted_rows(study, final, friction, opened), opened)
     files: dict[str, Write] = {"summary.json": as_json(content)}

@@ -183,7 +183,7 @@ def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> C
 # The family of a misreading, its changes, the error, the fault that shows it, and the advice.
 _CHANNEL_ROWS: tuple[tuple[str, Changes, str, str, str], ...] = (
     ("sign", signs, "sign of a channel", "sign of torque 2", "check sign, scale and gear ratio of the channel"),
-    ("direction", directions, "direction in which a motor counts torque and motion", "mirrored motor",
+    ("direction", directions, "sign convention of a motor (torque and position)", "mirrored motor",
      "check the axis of its joint, the sign of its ratio and the signs of its channels"),
     ("exchanged channels", exchanged_channels, "channels exchanged", "channels y 1 and 2 exchanged",
      "check which channel is which"),

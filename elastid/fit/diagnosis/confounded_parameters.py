@@ -37,7 +37,7 @@ class UndetectableError:
 
 
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
-    r"""Return errors of held numbers, alone or with all of their kind by one factor, that move a parameter.
+    r"""Yield errors of fixed values, single or by a common factor, that shift a parameter.
 
     A gear ratio that is wrong by a little changes the response as stiffness and damping do: free parameters take it up.
     Of a number h, with S and the effects of the score test and the standard deviations of x,

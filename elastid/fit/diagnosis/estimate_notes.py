@@ -151,5 +151,5 @@ def contradictions(result: Result) -> tuple[Note, ...]:
 
 
 def listed(names: tuple[str, ...], chosen: BoolArray) -> str:
-    """Return names that are chosen, as a list in a sentence."""
+    """Return the selected names as a list for a sentence."""
     return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)

@@ -7,7 +7,7 @@ To add one, write a function and a row (`Hypothesis`), and name the row as an en
         return {"crosstalk_2": -response.G @ np.array([[0.0, 0.0], [1.0, 0.0]])}
 
     CROSSTALK = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), columns=crosstalk,
-                           advice="check the wiring of the current sensors")
+                           summary="torque of one motor in the channel of another", advice="check the wiring")
 
     # pyproject.toml: [project.entry-points."elastid.causes"]  crosstalk = "my_package:CROSSTALK"
 
@@ -154,7 +154,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # Channels and clocks.
     Hypothesis("gain", ("gain_u",), GAIN_U, True, gain, CHANNELS, "torque constant, unit or scale of a torque",
                "torque constant 2 20 % off"),
-    Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS, "unit or scale of a motion"),
+    Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS, "unit or scale of a position signal"),
     Hypothesis("controller gain", ("gain_kp", "gain_kd"), GAIN_U, True, gain, GAINS, "gain of a controller"),
     Hypothesis("time", ("delay", "low"), LATE, False, delay_phrase,
                "check time stamps, filters and hold of the channels; state their delay or low_pass_hz, or identify "
@@ -214,7 +214,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("compliance", ("torsion", "gear", "base"), Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
                phrase=compliance,
                advice="add it to the robot model with a spring, and compare: `elastid compare STUDY --search`",
-               summary="elasticity of a gear, a body or the base", plant="missing torsion",
+               summary="missing elasticity of a gear, a body or the base", plant="missing torsion",
                search=find_missing_springs),
     Hypothesis("gravity", phrase="{name} instead of the stated gravity",
                advice="check gravity in the robot model, and the mounting of the base",

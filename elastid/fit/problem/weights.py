@@ -56,7 +56,7 @@ class Whitening(Kept):
 
 
 def declared_model_error(response: Response, spec: WeightSpec) -> float:
-    """Return the floor that the study gives; without one 0 where all elements have noise, else the usual one."""
+    """Return the model error of the study; default: 0 if all elements have noise, else a typical model error."""
     if spec.model_error is not None:
         return spec.model_error
     known = response.uncertainty
@@ -156,7 +156,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
 
 
 def with_model_error(spec: FitSpec, floor: float | None) -> FitSpec:
-    """Return the spec with a floor."""
+    """Return the spec with a relative model error."""
     return replace(spec, weights=replace(spec.weights, model_error=floor))
 
 

@@ -32,7 +32,7 @@ _OPTIONS: dict[str, Any] = {
 def ipopt(
     problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int
 ) -> Ending:
-    """Return the end of IPOPT from x0 (n_x,), within its bounds; beginning: the problem there.
+    """Return the optimum that IPOPT reaches from x0 (n_x,) within bounds; beginning: the problem at x0.
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """

@@ -68,7 +68,7 @@ def trust_region(
     problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int,
     fixed: BoolArray | None = None,
 ) -> Ending:  # fmt: skip
-    """Return the end of the steps from x0 (n_x,), within its bounds; beginning: the problem there.
+    """Return the optimum that the steps reach from x0 (n_x,) within bounds; beginning: the problem at x0.
 
     An iteration is one evaluation.  fixed (n_x,): variables that stay.
     """

@@ -214,7 +214,7 @@ class Columns(Kept):
         return V, V.T @ E @ V
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
-        """Return block by block at theta (n_theta,)."""
+        """Yield the sensitivities at theta (n_theta,), one block of lines at a time."""
         rows, columns = self.elements
         (_, S), kernel = self._directions, self.kernel
         places = rows * len(kernel.model.inputs) + columns

@@ -148,7 +148,7 @@ class Kernel(Kept):
         return tuple(name for name in self.wanted if name in moved)
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
-        """Return block by block at theta (n_theta,), with directions Y (n, n_d)."""
+        """Yield the products at theta (n_theta,) with directions Y (n, n_d), one block of lines at a time."""
         model = self.model
         M, D, K = model.matrices(theta)
         (C, T), tilted = model.readout(theta), self._sides.tilted

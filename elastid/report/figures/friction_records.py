@@ -56,7 +56,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
         [Panel([*_over_velocity(friction, v, torque - rigid)], f"velocity in {speed}", f"friction in {unit}")],
         [Panel(over_time, "time in s", f"{quantity(slides)} in {unit}")],
     ]
-    error = f"{100 * friction.regression.relative_error:.3g} % of the {quantity(slides)} left"
+    error = f"{100 * friction.regression.relative_error:.3g} % of the {quantity(slides)} unexplained"
     title = f"{friction.motion.place}: friction over velocity, {error}"
     return style.matrix(title, rows)
 

@@ -24,7 +24,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear_characteristics import open_gears
+from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
@@ -161,7 +161,7 @@ def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> No
     worn = with_spring(backlash=1e-4, inner_stiffness=0.3 * gear.k)
     result = identify([response], worn, fit)
     start = on_straight_springs(worn, [response], result, EXACT, fit, Execution())
-    found = open_gears([measured], [response], *start, spec, GearsSpec(), planned=LINES)
+    found = identify_gears([measured], [response], *start, spec, GearsSpec(), planned=LINES)
     numbers = {number.name: number for number in found.numbers if number.is_significant}
     assert numbers["k_1"].value == pytest.approx(gear.k, rel=1e-3)
     assert numbers["lost_1"].value == pytest.approx(2 * 0.7 * 1e-4, rel=0.03)

@@ -59,7 +59,7 @@ def test_images_as_large_as_the_response_are_those_of_the_estimate(late: float) 
 
 
 @pytest.mark.parametrize(("taken", "acts"), [(None, HELD), (HELD, None)])
-def test_a_fit_hints_at_a_hold_that_is_taken_for_another(taken: ZohTorque | None, acts: ZohTorque | None) -> None:
+def test_fit_with_wrong_hold_names_the_correct_hold(taken: ZohTorque | None, acts: ZohTorque | None) -> None:
     """By half a sample at 1 kHz, late or early."""
     freq_hz = LINES * RATE_HZ / N
     H = (np.sinc(freq_hz / RATE_HZ) * np.exp(-1j * np.pi * freq_hz / RATE_HZ))[:, None, None]

@@ -219,7 +219,7 @@ def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path)
 def test_entry_point_without_a_cause_is_refused(installed_cause: Path) -> None:
     """The error has the name of the entry point and its value."""
     (installed_cause / "entry_points.txt").write_text("[elastid.causes]\nwrong = crosstalk_cause:crosstalk\n")
-    with refused("install/missing-package", holds=("wrong", "crosstalk_cause")):
+    with refused("install/entry-point", holds=("wrong", "crosstalk_cause")):
         all_hypotheses()
 
 

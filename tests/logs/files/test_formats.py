@@ -293,7 +293,7 @@ def test_an_entry_point_that_holds_no_format_is_named(
     """What cannot be imported, and what is something else."""
     _register(monkeypatch, name)
     (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
-    with refused("install/missing-package", holds=("doubles", name)):
+    with refused("install/entry-point", holds=("doubles", name)):
         contents(tmp_path / "log.csv", TEXT)
 
 
