@@ -9,7 +9,7 @@ import pytest
 from plants.refusals import refused
 
 from elastid.app import cli
-from elastid.app.explanation import explained
+from elastid.app.explanation import explain_name
 from elastid.base.section import Key
 from elastid.study import load, make_schema
 from elastid.study.reference import describe, explain, keys_below, keys_of, list_keys, list_sections, names_in, overview
@@ -68,9 +68,9 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
             *names_in(key.annotation),
         )
         assert all(" ".join(part.split()) in words for part in parts)
-    assert "60000 N*m/rad" in explained("k_2", ROOT / "configs" / "gear.yml")
-    assert all("\n" in explained(name) for name in ("fm_1", "delay", "h_1", "e1_2"))
-    channels = {explained(f"{name}_motor_1") for name in ("gain_kp", "gain_kd", "gain_u", "delay_r", "delay_u")}
+    assert "60000 N*m/rad" in explain_name("k_2", ROOT / "configs" / "gear.yml")
+    assert all("\n" in explain_name(name) for name in ("fm_1", "delay", "h_1", "e1_2"))
+    channels = {explain_name(f"{name}_motor_1") for name in ("gain_kp", "gain_kd", "gain_u", "delay_r", "delay_u")}
     assert len({text.partition("\n")[2] for text in channels}) == 5
     assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
     assert explain("fit.criterion") in explain("criterion").split("\n\n")
