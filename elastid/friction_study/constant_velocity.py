@@ -189,7 +189,7 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
         passes.append(
             Pass(
                 f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part], record.torque[part],
-                record.load_torque, float(known.mean()) if len(known) else np.nan, record.slides, record.load,
+                record.load_torque, float(known.mean()) if len(known) else np.nan, record.slides, record.load
             )
         )  # fmt: skip
     return tuple(passes)
@@ -220,11 +220,7 @@ class FrictionCurve:
 
     def __post_init__(self) -> None:
         if len(self.torque) and np.all(self.torque < 0):
-            raise DataError(
-                "friction/constant-velocity",
-                NEGATIVE.format(self.torque.min()),
-                f"levels of {self.place}",
-            )
+            raise DataError("friction/constant-velocity", NEGATIVE.format(self.torque.min()), f"levels of {self.place}")
 
     @property
     def n_conditions(self) -> int:

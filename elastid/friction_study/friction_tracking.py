@@ -103,7 +103,7 @@ def follow(
     notes = tuple(filter_notes(f"joint {name}", track, judged))
     return FollowedFriction(
         name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
-        judged, noise, joint, rate_hz, notes,
+        judged, noise, joint, rate_hz, notes
     )  # fmt: skip
 
 
@@ -175,7 +175,7 @@ def _followed(
     noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
     return follow(
         name, identified.slides, joints, motions, records[0].rate_hz, noise, spec.settle,
-        find_noise=spec.torque_std is None,
+        find_noise=spec.torque_std is None
     )  # fmt: skip
 
 

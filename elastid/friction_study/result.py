@@ -249,7 +249,7 @@ def _table(
         name = channel_name("gain", "u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
-            value + reach * std, learnt, truth.get(name),
+            value + reach * std, learnt, truth.get(name)
         )  # fmt: skip
 
 
@@ -322,7 +322,7 @@ def _joint(
     return JointFriction(
         name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
         None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), unidentified,
-        (*notes, *refused), levels.commanded,
+        (*notes, *refused), levels.commanded
     )  # fmt: skip
 
 
