@@ -48,7 +48,8 @@ def persistent_workers() -> Iterator[None]:
         yield
     finally:
         _AT_REST.reset(token)
-        dismiss(at_rest)
+        if at_rest:
+            dismiss(at_rest)
 
 
 def silent(done: int, total: int) -> None:

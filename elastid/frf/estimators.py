@@ -18,10 +18,9 @@ neither the (n_y + n_u) n_u square covariance of all spectra nor its Jacobian is
 Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt(dof) of itself.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
@@ -55,9 +54,6 @@ class Estimate:
         """s^2 sum_m W_m^T W_m^* (F, n_u, n_u): the input factor, where all errors V have the same covariance."""
         W = [W_m.mT for W_m in self.W]
         return self.scale**2 * added_cross_products(W, W)
-
-
-Estimator: TypeAlias = Callable[[MeanSpectra], Estimate]
 
 
 def arithmetic(data: MeanSpectra) -> Estimate:

@@ -11,7 +11,7 @@ Friction's sign along a velocity that is known at points of a period, by its mea
 The velocity of an inertia at the points depends on the means over cells alone, exact with their spectrum over sinc.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from typing import Literal, TypeAlias, TypeVar
@@ -20,10 +20,8 @@ import numpy as np
 from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import Note
 from elastid.friction.stop_operator import Path, bristle, stop
 from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
-from elastid.response import UNEXPLAINED
 
 Signal = TypeVar("Signal", FloatArray, BoolArray)
 
@@ -240,12 +238,3 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
     if effect.kind.startswith("ripple"):
         return [("motor", e)]
     return [("gear", motion.k * e + motion.d * slope * motion.velocity), ("motor", motion.torque * slope)]
-
-
-# Codes of notes on a fit and its responses that effects of gears answer.
-ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
-
-
-def notes_before_gears(notes: Iterable[Note], is_next: bool) -> tuple[Note, ...]:
-    """Return notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
-    return tuple(note for note in notes if not (is_next and note.code in ANSWERED))

@@ -14,8 +14,8 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import Result
-from elastid.fit.status_terms import DISTORTED, Status
-from elastid.nonlinear.basis_functions import ANSWERED, GearEffect
+from elastid.fit.status_terms import ANSWERED, DISTORTED, Status
+from elastid.nonlinear.basis_functions import GearEffect
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import with_laws

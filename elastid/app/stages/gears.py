@@ -23,8 +23,8 @@ from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
+from elastid.fit.status_terms import ANSWERED
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.basis_functions import ANSWERED
 from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
 from elastid.nonlinear.spec import GearsSpec
