@@ -189,8 +189,8 @@ def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
     """
     F = len(G)
     torque = (V.swapaxes(0, 1) @ np.linalg.pinv(G).swapaxes(1, 2)).swapaxes(0, 1)
-    level = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), AVERAGING_LINES)
-    torque = np.divide(torque, np.sqrt(level), out=np.zeros_like(torque), where=level > 0)
+    mean_power = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), AVERAGING_LINES)
+    torque = np.divide(torque, np.sqrt(mean_power), out=np.zeros_like(torque), where=mean_power > 0)
     spectrum = np.sum(squared_magnitude(np.fft.fft(torque, 2 * F, axis=1)), axis=0)
     R = np.abs(np.fft.ifft(spectrum, axis=0)[: F // 2]) ** 2
     lag = np.arange(1, len(R))[:, None]

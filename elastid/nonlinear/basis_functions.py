@@ -79,7 +79,7 @@ RIPPLE = SheetNumber("r", "torque ripple and cogging", "torque", "N*m")
 
 
 @dataclass(frozen=True)
-class Row:
+class EffectKind:
     """Properties that all effects of a kind have in common.
 
     place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
@@ -95,23 +95,23 @@ class Row:
     brakes: bool = False
 
 
-KINDS: dict[Kind, Row] = {
-    "friction": Row("motor", SheetNumber("Fc_m", "Coulomb friction before the gear", "torque", "N*m"), (0.01, 0.08),
-                    ("friction",), True),
-    "load": Row("motor", SheetNumber("Fcl_m", "load-dependent friction, per torque of the gear", "share", "1"), (0.01,),
-                ("load",), True),
-    "behind": Row("link", SheetNumber("Fb_", "Coulomb friction behind the gear", "torque", "N*m"), (0.01,),
-                  ("behind",), True),
-    "cubic": Row("gear", STIFFENING, (0.0,), SPRINGS),
-    "progressive": Row("gear", STIFFENING, (0.0,), SPRINGS),
-    "range": Row("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS),
-    "gap": Row("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True),
-    "stop": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
-    "bristle": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
-    "error sine": Row("gear", ERROR),
-    "error cosine": Row("gear", ERROR),
-    "ripple sine": Row("motor", RIPPLE),
-    "ripple cosine": Row("motor", RIPPLE),
+KINDS: dict[Kind, EffectKind] = {
+    "friction": EffectKind("motor", SheetNumber("Fc_m", "Coulomb friction before the gear", "torque", "N*m"),
+                           (0.01, 0.08), ("friction",), True),
+    "load": EffectKind("motor", SheetNumber("Fcl_m", "load-dependent friction, per torque of the gear", "share", "1"),
+                       (0.01,), ("load",), True),
+    "behind": EffectKind("link", SheetNumber("Fb_", "Coulomb friction behind the gear", "torque", "N*m"),
+                         (0.01,), ("behind",), True),
+    "cubic": EffectKind("gear", STIFFENING, (0.0,), SPRINGS),
+    "progressive": EffectKind("gear", STIFFENING, (0.0,), SPRINGS),
+    "range": EffectKind("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS),
+    "gap": EffectKind("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True),
+    "stop": EffectKind("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "bristle": EffectKind("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "error sine": EffectKind("gear", ERROR),
+    "error cosine": EffectKind("gear", ERROR),
+    "ripple sine": EffectKind("motor", RIPPLE),
+    "ripple cosine": EffectKind("motor", RIPPLE),
 }  # fmt: skip
 WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
 SECANT = SheetNumber("K", "secant stiffness over a third of the largest torque", "stiffness", "N*m/rad")
@@ -137,7 +137,7 @@ class GearEffect:
     is_edge: bool = False
 
     @property
-    def row(self) -> Row:
+    def row(self) -> EffectKind:
         """Row of its kind."""
         return KINDS[self.kind]
 

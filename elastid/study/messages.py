@@ -108,8 +108,8 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
     if kind == "missing" and isinstance(parent, dict) and path and path[-1] not in parent:
         return Problem(path, "this key is required", at_key=True)
     if kind == "unexpected_keyword_argument":
-        known = names_in(type_at(root, path[:-1]))
-        text = renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), known)}"
+        names = names_in(type_at(root, path[:-1]))
+        text = renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), names)}"
         return Problem(path, text, at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])

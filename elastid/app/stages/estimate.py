@@ -178,8 +178,8 @@ def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configura
     responses = {response.configuration.name: response for response in read_responses(path)}
     name = file.response or configuration.name
     if name not in responses:
-        known = ", ".join(responses) or "none"
-        raise DataError("responses/table", f"no response of configuration {name} in it; there are {known}", path)
+        names = ", ".join(responses) or "none"
+        raise DataError("responses/table", f"no response of configuration {name} in it; there are {names}", path)
     response = responses[name]
     angles, given = response.configuration.angles, configuration.angles
     if robot is None or not angles.size:  # at least one of the two studies has no robot

@@ -84,9 +84,9 @@ def score(evidence: Evidence) -> Scores:
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
     freed = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
     noise, V = evidence.noise_cost * lines, V + pull - free_drop(A, b, ~evidence.result.at_bound)
-    level = (noise or V) / max(counted - len(x), 1)
+    variance = (noise or V) / max(counted - len(x), 1)
     excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
-    return Scores(extended, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost)
+    return Scores(extended, test, freed, excess, V - noise - excess, variance, lines, evidence.noise_cost)
 
 
 def _with_priors(
