@@ -280,8 +280,8 @@ def _unused(
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
     sensors = [joint.sensor for joint in guess.joints if joint.sensor]
     used |= {channel.key for channel in (*guess.references, *sensors)}
-    known, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
-    if other := [one_line(name) for name in shapes if name not in known]:
+    named, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
+    if other := [one_line(name) for name in shapes if name not in named]:
         reasons["times, or no numbers that change"] = other
     for signal in [signal for signal in signals if signal.key not in used]:
         name = f"{signal.name} column {signal.column}".removesuffix(" column None")

@@ -315,10 +315,10 @@ class Influences:
         power = np.abs(unstacked(pair.T)) ** 2  # (F, 2)
         seen = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
         local = np.einsum("fp,fc->c", power, seen / self._free[:, None] * fit.data.variance) / 2
-        level = local * self._line_factor(unstacked(pair.T).T[:, :, None])
+        variance = local * self._line_factor(unstacked(pair.T).T[:, :, None])
         D = fit.data.columns(fit.poles[[r]], derivative=True)
         slope = (np.linalg.lstsq(R, Q.T @ D, rcond=1e-12)[0] / norms[:, None]).T
         b, C = fit.directions[r], self.pole_covariances[r]
         # Of Re and Im R_c by Re and Im lambda: minus the part of J inside the model.
         moved = np.einsum("ik,pic->pkc", slope[:, rows], b)
-        return np.asarray(np.sqrt(level + np.einsum("pkc,pq,qkc->c", moved, C, moved)))
+        return np.asarray(np.sqrt(variance + np.einsum("pkc,pq,qkc->c", moved, C, moved)))

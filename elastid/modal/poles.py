@@ -257,9 +257,9 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
-    (whole, outside), level = separate_determinations(fit), s_r * correlated_lines
+    (whole, outside), noise = separate_determinations(fit), s_r * correlated_lines
     return np.maximum(
-        p_value(whole, level, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, level, n_r, 1.0)
+        p_value(whole, noise, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, noise, n_r, 1.0)
     )
 
 
@@ -268,8 +268,8 @@ def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) ->
     trials = LIMITS.trials_per_line * len(fit.data.weight)
     while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
-        level = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
-        chance = p_value(drop, level, np.full(len(drop), 1e9), trials)
+        noise = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
+        chance = p_value(drop, noise, np.full(len(drop), 1e9), trials)
         good = chance < LIMITS.records_with_false_modes
         if not good.any():
             break

@@ -218,7 +218,7 @@ class Filters:
         return A, B, C, D
 
     def _of_motor(self, sections: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        """A chain of sections in controller canonical form, and of delays, each fed by the output of the previous one."""
+        """A chain of sections in controller canonical form and of delays, each fed by the previous one."""
         n, D = 2 * len(sections) + self.delay, 1.0
         A, B, C = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         for i, section in zip(range(0, n, 2), sections, strict=False):
