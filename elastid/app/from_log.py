@@ -22,14 +22,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.logs.channel_guess import (
-    MIN_SAMPLES,
-    LogGuess,
-    guess_commands,
-    guess_log,
-    signals_of,
-    wrong_cells,
-)
+from elastid.logs.channel_guess import MIN_SAMPLES, LogGuess, guess_commands, guess_log, signals_of, wrong_cells
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES, Clock, clock_of
 from elastid.logs.command_log import gains_in
