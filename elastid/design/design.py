@@ -1,6 +1,5 @@
 """The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,13 +12,15 @@ from elastid.base.execution import Execution
 from elastid.design.configuration_selection import choose_configurations
 from elastid.design.forecast import COULOMB_RATIO, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
-from elastid.design.predicted_response import Prospect
+from elastid.design.predicted_response import ExpectedResponse, Prospect
 from elastid.design.problem import DesignProblem, Measurement, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.spec import DesignSpec, n_free_configurations, unit_time_s
 from elastid.experiment.plan.plan import DesignedConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.parameter_selection import with_tolerances
+from elastid.fit.parameter_selection import ratio_std, ratio_within, with_tolerances
+from elastid.fit.presliding import with_relaxing_springs
+from elastid.fit.result_rows import Presliding
 from elastid.friction.robot_friction import coulomb_torques, frictions
 from elastid.linear.presliding import AMPLITUDES
 from elastid.record import Configuration, drive_unit
@@ -49,29 +50,31 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     return tuple(notes)
 
 
-def presliding(fitted: Sequence[Measurement], robot: Robot) -> tuple[Note, ...]:
-    """A note for each motor that is expected to reverse within 0.2 to 4 presliding distances, where friction deflects.
+def presliding(fitted: Sequence[Measurement], robot: Robot) -> tuple[Presliding, ...]:
+    """Presliding friction of each motor that is expected to reverse within 0.2 to 4 presliding distances.
 
-    The presliding distance is F_c / sigma_0 of the friction model of the motor.
+    The distance is F_c / sigma_0 of the friction model of the motor; the rate is E|w| over it.
     """
-    distances = {
-        law.place: float(law.curve()[0]) / law.at_rest()[0]
-        for law in frictions(robot)
-        if law.spec.lugre is not None or law.spec.maxwell_slip is not None
-    }
-    of_plan = np.median([prospect.reversal_distances(c, prospect.parameters.x) for prospect, c in fitted], axis=0)
-    notes = []
-    for place, motion in zip(robot.motor_locations, of_plan.tolist(), strict=True):
-        ratio = motion / distances.get(place, math.nan)
-        if AMPLITUDES[0] < ratio < AMPLITUDES[1]:
-            text = (
-                f"the distance between two reversals is {ratio:.2g} times the presliding distance (limit "
-                f"{AMPLITUDES[1]:g} times). Friction acts partly as a spring, and the stiffness is less certain than "
-                f"forecast. Raise excitation.torque_rms by a factor of {AMPLITUDES[1] / ratio:.2g}, or lower "
-                "excitation.band_hz"
-            )
-            notes.append(Note("design/presliding", text, place))
-    return tuple(notes)
+    distance, speed, _ = np.median([model.reversals(c, model.parameters.x) for model, c in fitted], axis=0)
+    laws = {law.place: law for law in frictions(robot) if law.spec.lugre or law.spec.maxwell_slip}
+    rows = []
+    for i, joint in enumerate(robot.driven):
+        if (law := laws.get(place := robot.motor_locations[i])) is None:
+            continue
+        stiffness, unit = law.at_rest()[0], "N/m" if joint.slides else "N*m/rad"
+        bending = float(law.curve()[0]) / stiffness
+        if AMPLITUDES[0] < distance[i] / bending < AMPLITUDES[1]:
+            rows.append(Presliding(place, unit, stiffness, 0.0, speed[i] / bending, 0.0, distance[i] / bending))
+    return tuple(rows)
+
+
+def _presliding_note(friction: Presliding) -> Note:
+    text = (
+        f"the distance between two reversals is {friction.amplitude:.2g} times the presliding distance (limit "
+        f"{AMPLITUDES[1]:g} times). Friction acts partly as a spring, which is part of the forecast. Raise "
+        f"excitation.torque_rms by a factor of {AMPLITUDES[1] / friction.amplitude:.2g}, or lower excitation.band_hz"
+    )
+    return Note("design/presliding", text, friction.place)
 
 
 @dataclass(frozen=True)
@@ -97,14 +100,33 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     plan = problem.plan(experiment, chosen, spectra)
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
-    parameters = with_tolerances(settled.parameters, settled.robot, settled.fit)
     fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
-    responses = [replace(model, parameters=parameters).expected(c, parameters.x) for model, c in fitted]
+    friction = presliding(fitted, truth)
+    responses = _expected(settled, fitted, friction)
     is_compensated = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
-    expected = forecast(responses, parameters.x, is_compensated)
-    notes = (*sticking(plan, truth, problem.simulated.carrier), *presliding(fitted, truth), *expected.notes)
+    expected = forecast(responses, responses[0].parameters.x, is_compensated)
+    notes = (*sticking(plan, truth, problem.simulated.carrier), *map(_presliding_note, friction), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
+
+
+def _expected(
+    problem: DesignProblem, fitted: Sequence[Measurement], friction: Sequence[Presliding]
+) -> list[ExpectedResponse]:
+    """Responses with the tolerances of the robot's file and its gears, and with presliding friction."""
+    robot, freq_hz = problem.robot, fitted[0][0].plan.freq_hz
+    springs = {row.spring: (row.stiffness, row.rate) for row in friction}
+    known = with_tolerances(problem.parameters, robot, problem.fit)
+    known = with_relaxing_springs(known, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
+    responses = []
+    for prospect, configuration in fitted:
+        _, _, travel = prospect.reversals(configuration, problem.parameters.x)
+        model = replace(prospect, parameters=known, presliding=tuple(springs))
+        expected = model.expected(configuration, known.x)
+        scatter = ratio_std(robot, dict(zip(robot.motor_locations, travel.tolist(), strict=True)))
+        response = ratio_within(replace(expected.response, ratio_std=scatter), robot)
+        responses.append(replace(expected, response=response))
+    return responses
 
 
 def completed_problem(problem: DesignProblem) -> DesignProblem:
@@ -135,10 +157,8 @@ def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configurati
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
     """Problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
-    values = {}
-    for joint, more in zip(problem.robot.driven, d, strict=True):
-        if joint.motor is not None:
-            values[f"fm_{joint.name}"] = joint.motor.viscous + float(more) / joint.motor.ratio**2
+    pairs = [(joint.name, joint.motor, more) for joint, more in zip(problem.robot.driven, d.tolist(), strict=True)]
+    values = {f"fm_{name}": motor.viscous + more / motor.ratio**2 for name, motor, more in pairs if motor is not None}
     unknown = {name: value for name, value in values.items() if name not in dict(problem.fitted_values)}
     return replace(
         problem, robot=problem.robot.with_parameters(values), fitted_values=(*problem.fitted_values, *unknown.items())

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from elastid.design.predicted_response import ExpectedResponse
 
 # Limits of the notes about a plan. False-alarm rates: not measured, a forecast has no noise.
-DIRECTION_STD = 1.0  # of an undetermined direction, in ln p or parts of a linear parameter's range
 MIN_COMPONENT = 0.2  # of an undetermined direction, from which on a parameter is named
 COULOMB_RATIO = 1 / 3  # to the rms torque: a multisine of peaks of three rms still slides
 
@@ -147,7 +146,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     ranges = [p.upper - p.lower for p in asked]
     linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x[:n], strict=True)]
     _, singular_values, Vt = np.linalg.svd(R * np.where([p.log for p in asked], 1.0, linear))
-    return Vt[singular_values < 1 / DIRECTION_STD]
+    return Vt[singular_values < 1]
 
 
 def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:

@@ -33,6 +33,7 @@ from elastid.friction.robot_friction import coulomb_torques
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
+from elastid.linear.presliding import RelaxingSpring
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
@@ -92,7 +93,7 @@ class Prospect:
 
     plan: of one configuration, in realisations that stand for all.  outputs and quantity: what is estimated.
     distortion: std of G over |G| in one realisation.  includes_friction: in the responses, with its damping and its
-    scatter; else COMPENSATED_FRICTION of the latter.
+    scatter; else COMPENSATED_FRICTION of the latter.  presliding: of motors, numbers of the fit's model.
     """
 
     robot: Robot
@@ -107,6 +108,7 @@ class Prospect:
     realisations: int
     carrier_velocity: FloatArray
     includes_friction: bool
+    presliding: tuple[RelaxingSpring, ...] = ()
 
     @property
     def R(self) -> ComplexArray:
@@ -116,7 +118,7 @@ class Prospect:
     @property
     def linearisation(self) -> Linearisation:
         """The linearisation of the fit's model."""
-        return Linearisation.of_robot(self.robot, self.model, self.parameters.names)
+        return Linearisation.of_robot(self.robot, self.model, self.parameters.names, self.presliding)
 
     def expected(self, configuration: Configuration, x: FloatArray) -> ExpectedResponse:
         """The response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
@@ -181,13 +183,17 @@ class Prospect:
         motion = self._motion(configuration, x)
         return self._friction(self._torques(configuration, motion)[1], motion)[0]
 
-    def reversal_distances(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """Mean distance (n_u,) of each motor between two reversals, rad, link side; infinite without reversals."""
-        motion = self._motion(configuration, x)
+    def reversals(self, configuration: Configuration, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Mean distance between two reversals, mean speed and travel (n_u,) of each motor, rad and s, link side.
+
+        The distance is infinite without reversals.
+        """
+        motion, rate_hz = self._motion(configuration, x), self.plan.rate_hz
         V = self._velocities(self._torques(configuration, motion)[1], motion)
         v = np.stack([synthesise(self.plan.lines, row, self.plan.period_samples) for row in V]) + self.carrier_velocity
         reversals = np.sum(np.signbit(v) != np.signbit(np.roll(v, 1, axis=1)), axis=(0, 1))
-        return quotient(np.abs(v).sum(axis=(0, 1)) / self.plan.rate_hz, reversals, math.inf)
+        travel = np.ptp(np.cumsum(v, axis=1), axis=1).max(axis=0) / rate_hz
+        return quotient(np.abs(v).sum(axis=(0, 1)) / rate_hz, reversals, math.inf), np.abs(v).mean(axis=(0, 1)), travel
 
     def _motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
         """Responses (F, n_u, n_u) of the motors to their torques, in `quantity`."""

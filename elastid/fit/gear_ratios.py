@@ -9,8 +9,10 @@ residuals r have along the whitened errors V:
 .. math:: h = V^T r \sim N\big(0,\; N D N + c N\big), \qquad N = V^T V - V^T J A^{-1} J^T V, \quad
           D = \mathrm{diag}\, s_j^2, \qquad \mathrm{cov}\, x = \sum_j E[s_j^2] \sum_q M_{jq} M_{jq}^T
 
-M_jq: the change of x by one standard deviation of the file's tolerance at angle q.  c: power of a whitened residual.
-Where V exceeds the noise and such ratios do not explain it, another error does, and s_j is the file's tolerance.
+The s_j of one robot are alike, ln s_j ~ N(m, 0.7^2) with a common m: a gear whose ratios agree by chance, as in two
+configurations, is as uncertain as the others show.  M_jq: the change of x by one standard deviation of the file's
+tolerance at angle q.  c: power of a whitened residual.  Where V exceeds the noise and such ratios do not explain it,
+another error does, and s_j is the file's tolerance.
 """
 
 import math
@@ -29,6 +31,7 @@ SAME_ANGLE = 1e-3
 # with transmission errors of 0 to 2 % of the ratio in 2, 3 and 5 postures (scripts/studies/results.csv).
 RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
 RATIO_PRIOR = np.log(3.0), 2.0
+ALIKE = 0.7  # std of the logarithm among the gears of a robot
 # Ratios are the cause of an excess up to this std over the tolerance (2 % of the ratio by default) and from this part.
 LARGEST_STD, EXPLAINED = 6.7, 0.8
 
@@ -91,8 +94,10 @@ def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -
     The root of the mean s_j^2 over its posterior, with the other gears at theirs, in three rounds; 1 of a gear at one
     angle, which shows no scatter. In forecasts h h^T is c N.
     """
-    c, s = 1.0 if math.isnan(variance) else variance, np.ones(len(names))
-    prior = -0.5 * ((np.log(RATIO_STD) - RATIO_PRIOR[0]) / RATIO_PRIOR[1]) ** 2
+    c, s, likelihood = 1.0 if math.isnan(variance) else variance, np.ones(len(names)), dict[str, FloatArray]()
+    prior = np.exp(-0.5 * ((np.log(RATIO_STD) - RATIO_PRIOR[0]) / RATIO_PRIOR[1]) ** 2)
+    among = np.exp(-0.5 * (np.log(np.divide.outer(RATIO_STD, RATIO_STD)) / ALIKE) ** 2)
+    among /= among.sum(axis=0)
     for name in [name for name in dict.fromkeys(names) if names.count(name) > 1] * 3:
         own = np.array(names) == name
         power, V = np.linalg.eigh(N[np.ix_(own, own)])
@@ -102,7 +107,9 @@ def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -
         square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[own], V.T @ h[own])
         C = others + RATIO_STD[:, None, None] ** 2 * np.diag(power**2)
         quadratic = np.trace(np.linalg.solve(C, np.broadcast_to(square, C.shape)), axis1=1, axis2=2)
-        log_w = prior - 0.5 * (np.linalg.slogdet(C)[1] + quadratic)
-        w = np.exp(log_w - log_w.max())
+        log_w = -0.5 * (np.linalg.slogdet(C)[1] + quadratic)
+        likelihood[name] = np.exp(log_w - log_w.max())
+        of_others = np.prod([among.T @ w for other, w in likelihood.items() if other != name], axis=0)
+        w = likelihood[name] * (among @ (prior * of_others))
         s[own] = np.sqrt(w @ RATIO_STD**2 / w.sum())
     return s

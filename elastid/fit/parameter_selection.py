@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import SEPARATOR, matching, posture_of
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
@@ -321,6 +322,18 @@ def _turns_all(robot: Robot, path: Path) -> bool:
     body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]
     axis = body.placement.rotation @ unit_axis(joint.axis)
     return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
+
+
+def ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatArray:
+    """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
+
+    An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
+    an n-th is left.  travel: of each motor, rad, link side.  0 of motors whose numbers are given at the link.
+    """
+    joints = () if robot is None else robot.driven
+    ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
+    turns = {place: max(1.0, ratios.get(place, 1.0) * moved / (2 * np.pi)) for place, moved in travel.items()}
+    return np.array([RATIO / turns[place] if ratios.get(place, 1.0) != 1 else 0.0 for place in travel])
 
 
 def ratio_within(response: Response, robot: Robot) -> Response:

@@ -258,7 +258,14 @@ def relaxation(joint: str) -> str:
 
 def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
     """Return the assembly with springs at motors, free from s and a."""
-    low, high = rate_band(assembly.responses)
+    parameters = with_relaxing_springs(assembly.parameters, springs, rate_band(assembly.responses))
+    linearisation = replace(assembly.linearisation, presliding=tuple(springs))
+    return replace(assembly, parameters=parameters, linearisation=linearisation)
+
+
+def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[float, float]) -> Parameters:
+    """Return the parameters, with stiffness and relaxation time of each spring in front of the delay."""
+    low, high = band
     times = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
     middle = Prior(1 / math.sqrt(low * high), TIME_STD)
     numbers: list[Parameter] = []
@@ -271,10 +278,9 @@ def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
             Parameter(damping, s / a, "N*m*s/rad", log=True, tie=Tie(stiffness, 1.0, time)),
             Parameter(time, start, "s", *times, True, prior=middle, ratio=True, is_nuisance=True),
         ]
-    every = assembly.parameters.parameters
+    every = parameters.parameters
     at = [p.name for p in every].index(DELAY)
-    linearisation = replace(assembly.linearisation, presliding=tuple(springs))
-    return replace(assembly, parameters=Parameters((*every[:at], *numbers, *every[at:])), linearisation=linearisation)
+    return Parameters((*every[:at], *numbers, *every[at:]))
 
 
 def _start(parameters: Parameters, fitted: Parameters, x: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.statistics import interpolated
+from elastid.fit.parameter_selection import ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -35,7 +36,6 @@ from elastid.nonlinear.variable_projection import MIN_UNEXPLAINED
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Response
 from elastid.robot import Robot
-from elastid.robot.tolerances import RATIO
 
 TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
 
@@ -56,11 +56,11 @@ def estimate_net_response(
     """
     net = tuple(compensated_records(records, friction, E))
     response = estimate(net, spec, planned_lines)
-    response = replace(response, ratio_std=ratio_std(records, robot))
+    response = replace(response, ratio_std=ratio_std(robot, _travel(records)))
     if friction is None:
         return response
     arm = partial(_arm_variance, net, response, spec, planned_lines, robot)
-    response = replace(response, notes=(*response.notes, *_unexplained(response, friction, arm)))
+    response = replace(response, notes=(*response.notes, *_unexplained(response, records, friction, arm)))
     if not friction.shapes:
         return response
     errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
@@ -69,26 +69,20 @@ def estimate_net_response(
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
 
 
-def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
-    """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
-
-    An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
-    an n-th is left. 0 of motors whose numbers are given at the link; a fit scales it to the tolerance of the file.
-    """
-    first, std = records[0], np.zeros(len(records[0].inputs))
-    joints = () if robot is None else robot.driven
-    ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
-    for j, place in enumerate(first.inputs):
-        if place in first.outputs and ratios.get(place, 1.0) != 1:
-            channel = first.outputs.index(place)
-            is_angle = first.quantities[channel] == "position"
-            travel = max(float(np.ptp(record.y[:, channel])) for record in records) if is_angle else 0.0
-            std[j] = RATIO / max(1.0, ratios[place] * travel / (2 * np.pi))
-    return std
+def _travel(records: Sequence[Record]) -> dict[str, float]:
+    """Largest motion of each motor in a record, rad, link side; 0 of motors whose angle is not logged."""
+    first, travel = records[0], dict.fromkeys(records[0].inputs, 0.0)
+    for channel, (place, quantity) in enumerate(zip(first.outputs, first.quantities, strict=True)):
+        if place in travel and quantity == "position":
+            travel[place] = max(float(np.ptp(record.y[:, channel])) for record in records)
+    return travel
 
 
 def _unexplained(
-    response: Response, friction: CompensatedFriction, arm: Callable[[], FloatArray | float]
+    response: Response,
+    records: Sequence[Record],
+    friction: CompensatedFriction,
+    arm: Callable[[], FloatArray | float],
 ) -> tuple[Note, ...]:
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
@@ -99,10 +93,14 @@ def _unexplained(
     ratio = float(np.median(total[used] / noise[used]))
     if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[used]) < MIN_UNEXPLAINED:
         return ()
+    rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
+    levels = [friction.coulomb_friction(place)[0] for place in response.inputs]
+    stuck = [place for place, F_c, most in zip(response.inputs, levels, rms / 3, strict=True) if F_c > most]
+    cure = " and ".join(stuck) + " sticks: raise the amplitude" if stuck else "add `gears: {}` to the study"
     text = (
         f"nonlinear distortion is {np.sqrt(ratio):.0f} times the noise, and motor friction does not explain "
         "it. Damping may be biased, and stiffness applies to this amplitude only. Check that channels, units, time and "
-        "load are the same in all records. If they are, add `gears: {}` to the study"
+        f"load are the same in all records. If they are, {cure}"
     )
     return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
 
@@ -240,7 +238,5 @@ def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion
 
 def shaft_couplings(robot: Robot | None) -> FloatArray | None:
     """Return E (n_u, n_u) from the link side to the motor shafts; None without gear couplings."""
-    if robot is None:
-        return None
-    E = robot.mixing
+    E = np.eye(1) if robot is None else robot.mixing
     return None if np.array_equal(E, np.eye(len(E))) else E

@@ -270,14 +270,11 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
     ]
     equations = normal_equations(late, np.concatenate([f, np.zeros(len(motors))]), np.concatenate([motor_of, motors]))
 
-    def power(motor: int, members: IntArray) -> float:
-        A, b = equations.A[:, members[:, None], members], equations.b[:, members]
-        return cross_validated_power(A, b, equations.c[:, motor], lambda A, b: inverse(A) @ b)
-
     powers = []
     for column, motor in enumerate(motors.tolist(), len(f)):
         acting = np.flatnonzero((motor_of == motor) & (f > 0))
-        powers.append((power(motor, np.append(acting, column)), power(motor, acting)))
+        both = np.append(acting, column), acting
+        powers.append([residual_power(equations, motor, part, lambda A, b: inverse(A) @ b) for part in both])
     late_power, power_at_0 = np.array(powers).T
     ratios = quotient(late_power, power_at_0, 1.0)
     return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-12)))))
@@ -337,10 +334,15 @@ def median_swing(motions: Sequence[Motion]) -> float:
     return float(np.median(swings)) if swings.size else 0.0
 
 
-def residual_power(equations: NormalEquations, motor: int, chosen: IntArray) -> float:
+def residual_power(
+    equations: NormalEquations,
+    motor: int,
+    chosen: IntArray,
+    solver: Callable[[FloatArray, FloatArray], FloatArray] = solve,
+) -> float:
     """Return the cross-validated residual power of a motor with the `chosen` basis functions."""
     A, b = equations.A[:, chosen[:, None], chosen], equations.b[:, chosen]
-    return cross_validated_power(A, b, equations.c[:, motor], solve)
+    return cross_validated_power(A, b, equations.c[:, motor], solver)
 
 
 def greedy(

@@ -10,6 +10,7 @@ from plants.refusals import refused
 
 import elastid
 from elastid.app.console import forecast_table
+from elastid.base.arrays import FloatArray
 from elastid.design.design import design, presliding, sticking
 from elastid.design.predicted_response import friction_linearisation
 from elastid.design.problem import DesignProblem
@@ -22,11 +23,13 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.compensate_friction import estimate_net_response
+from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.response import Response
 from elastid.robot import Body, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring, Tolerances
 from elastid.robot.simplified import with_joints
+from elastid.robot.tolerances import EXACT
 from elastid.simulation.spec import ControllerSpec
 
 # A planar arm without gravity.
@@ -68,7 +71,12 @@ PROBLEM = DesignProblem(
 def _measured(problem: DesignProblem, plan: Plan, seed: int) -> list[Response]:
     rig = SimulatedRig(problem.robot, problem.experiment, plan, seed)
     runs = {c.name: [e for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations}
-    return [estimate([rig.measure(run) for run in each], EstimatorSpec(), plan.lines) for each in runs.values()]
+    groups, spec = (
+        [[rig.measure(run) for run in each] for each in runs.values()],
+        EstimatorSpec(friction=problem.friction),
+    )
+    friction = identify_motor_friction(groups, spec, plan.lines) if problem.friction != "none" else None
+    return [estimate_net_response(group, friction, spec, plan.lines, None, problem.robot) for group in groups]
 
 
 def _with(**changes: object) -> DesignProblem:
@@ -281,13 +289,57 @@ def test_motors_that_reverse_within_their_presliding_distance_are_reported(ratio
     path = np.sum([np.abs(way).sum(axis=0) for way in ways], axis=0)
     turns = np.sum([(np.diff(np.sign(way), axis=0) != 0).sum(axis=0) for way in ways], axis=0)
     ((prospect, configuration),) = fitted
-    distance = prospect.reversal_distances(configuration, prospect.parameters.x)
+    distance, speed, travel = prospect.reversals(configuration, prospect.parameters.x)
     np.testing.assert_allclose(distance, path / turns, rtol=0.05)
-    stiffness = 0.1 * ratio / distance[1] / 30**2
-    friction = Friction(0.1 / 30, lugre=LuGre(stiffness))
-    robot = with_joints(TWO, lambda j: replace(j, motor=j.motor and replace(j.motor, friction=friction)))
-    notes = [note for note in presliding(fitted, robot) if note.place == "motor 2"]
-    assert [note.code for note in notes] == ["design/presliding"] * is_noted
+    np.testing.assert_allclose(travel, np.max([np.ptp(rig.measure(run).y, axis=0) for run in plan.experiments], 0), 0.1)
+    rows = [row for row in presliding(fitted, _bent(0.1, ratio, distance)) if row.place == "motor 2"]
+    assert len(rows) == is_noted
+    for row in rows:
+        assert row.amplitude == pytest.approx(ratio)
+        assert row.rate == pytest.approx(speed[1] * ratio / distance[1])
+
+
+def _bent(coulomb: float, ratio: float, distance: FloatArray) -> Robot:
+    """With bristles of so many Nm at both motors, which bend by `distance` (rad, link side) over `ratio`."""
+    laws = {str(i + 1): LuGre(coulomb * ratio / bending / 30**2) for i, bending in enumerate(distance.tolist())}
+    friction = {name: Friction(coulomb / 30, lugre=law) for name, law in laws.items()}
+    return with_joints(TWO, lambda j: replace(j, motor=j.motor and replace(j.motor, friction=friction[j.name])))
+
+
+def test_presliding_friction_and_tolerances_of_gears_widen_the_forecast() -> None:
+    """Two numbers more at each motor, against Coulomb's law without presliding; and ratios against exact ones."""
+    problem = replace(GIVEN, friction="auto", experiment=replace(GIVEN.experiment, realisations=2))
+    ((prospect, configuration),) = problem.fitted(make_plan(problem.excitation, problem.experiment, TWO, 0))
+    distance = prospect.reversals(configuration, prospect.parameters.x)[0]
+    rigid = design(_rough(problem, 0.6)).forecast
+    designed = design(replace(problem, robot=_bent(0.6, 3.0, distance)))
+    assert np.all(designed.forecast.relative > [1.1, 1.2, 1.0, 1.0] * rigid.relative)
+    assert [note.code for note in designed.forecast.notes] == ["design/presliding"] * 2
+    ratios, exact = (
+        design(replace(GIVEN, robot=replace(TWO, tolerances=Tolerances(ratio=ratio)))).forecast
+        for ratio in (0.003, EXACT)
+    )
+    assert np.all(ratios.relative[[0, 2]] > 1.3 * exact.relative[[0, 2]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.5, 3.0])
+def test_fits_with_presliding_friction_state_the_std_of_the_forecast(ratio: float) -> None:
+    """A third of the torque is friction; predicted over stated standard deviation of k is 0.7 to 1.4."""
+    postures = {"a": (0.3, 0.8), "b": (0, 1.8), "c": (-1, -0.4)}
+    quiet = SimulatedSpec(noise=NoiseSpec(torque_std=0.03, angle_std=1e-6), substeps=8)
+    experiment = ExperimentSpec(postures, 2, ramp=0.0, simulated=quiet)
+    problem = replace(
+        PROBLEM, design=None, friction="auto", experiment=experiment, fit=replace(PROBLEM.fit, weights=WeightSpec())
+    )
+    fitted = problem.fitted(make_plan(problem.excitation, problem.experiment, TWO, 0))
+    distance = np.median([model.reversals(c, model.parameters.x)[0] for model, c in fitted], axis=0)
+    bent = replace(problem, robot=replace(_bent(0.6, ratio, distance), tolerances=Tolerances()))
+    designed = design(bent)
+    result = fit_parameters(_measured(bent, designed.plan, 1), replace(TWO, tolerances=Tolerances()), bent.fit)
+    for name, std in zip(designed.forecast.parameters, designed.forecast.std, strict=True):
+        if name.startswith("k"):
+            assert 0.7 < std / result.std[name] < 1.4, (name, std / result.std[name])
 
 
 @pytest.mark.slow

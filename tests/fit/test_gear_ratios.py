@@ -1,11 +1,17 @@
 """Variance of gear ratios that differ between angles, from residuals that are linear in their errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fit.test_covariance import evidence_of
+from plants.data_sheet_arm import SPEC, arm, measure
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
+from elastid.fit.frf_problem import Assembly
+from elastid.fit.gear_ratios import RatioScatter, ratio_std, scatter_of_ratios
+from elastid.fit.parameter_selection import choose
+from elastid.fit.problem.systematic_errors import ratio_errors
 from elastid.fit.robust_covariance import LineSums, RatioSums
 
 Q, N, HALF = 40, 30, np.diag([2.0, 0.1])
@@ -54,3 +60,24 @@ def test_implausible_ratios_count_with_their_tolerance() -> None:
     found, dx = scatter(20.0)
     assert not found.explains
     np.testing.assert_allclose(found.covariance, dx.T @ dx)
+
+
+def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_response() -> None:
+    """Noise in them would be correlated with residuals, and look like a scatter of the ratios."""
+    responses = measure(arm(), np.random.default_rng(1), 0.05)
+    assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), list[FloatArray]()
+    (part, *_), G = assembly.at(parameters.x, SPEC.criterion).parts, responses[0]
+    for data in (G.G, 1.1 * G.G):
+        given = replace(G, G=data, ratio_std=np.full(2, 0.003))
+        errors.append(np.array([*ratio_errors(part, given, part.theta(parameters, parameters.x), None).values()]))
+    assert np.abs(errors[0]).max() > 0
+    np.testing.assert_array_equal(*errors)
+
+
+def test_a_gear_whose_ratios_agree_is_as_uncertain_as_the_others_show() -> None:
+    """Two angles say little of a scatter; those of the second gear are so many tolerances off, or agree, too."""
+    N, names, first = 1e4 * np.eye(4), ["1", "1", "2", "2"], [0.0, 0.05]
+    alone = ratio_std(N[:2, :2], 1e4 * np.array(first), names[:2], 1.0)[0]
+    wide, narrow = (ratio_std(N, 1e4 * np.array([*first, by, -by]), names, 1.0)[0] for by in (4.0, 0.05))
+    assert wide > 3 * alone
+    assert narrow < alone / 2

@@ -8,6 +8,7 @@ import pytest
 from plants.dry_friction import COULOMB as LEVELS
 from plants.dry_friction import measured, measured_bristles, measured_swing, robot
 
+from elastid.fit.parameter_selection import ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensate_friction import (
@@ -15,7 +16,6 @@ from elastid.nonlinear.compensate_friction import (
     compensate_friction,
     compensated_records,
     estimate_net_response,
-    ratio_std,
     to_links,
     to_shafts,
 )
@@ -111,12 +111,15 @@ def test_the_ratio_of_a_gear_is_that_of_whole_turns_the_better_the_more_turns_it
         )
         parent = name
     three = Robot("three", tuple(bodies))
-    t, places = np.arange(200) / 100, three.motor_locations
-    y = np.stack([0.005 * np.sin(2 * np.pi * t), 0.1 * np.pi * np.sin(2 * np.pi * t), t], axis=1)
-    posture = Configuration("a", np.zeros(3))
-    record = Record("r", posture, 0, 0, 100.0, 100, places, places, ("position",) * 3, np.zeros_like(y), y)
-    np.testing.assert_allclose(ratio_std([record], three), [0.003, 0.0003, 0.0], rtol=1e-3)
-    assert not ratio_std([record], None).any()
+    travel = dict(zip(three.motor_locations, (0.01, 0.2 * np.pi, 2.0), strict=True))
+    np.testing.assert_allclose(ratio_std(three, travel), [0.003, 0.0003, 0.0], rtol=1e-3)
+    assert not ratio_std(None, travel).any()
+    (records, _), lines = measured()
+    moved = np.max([np.ptp(record.y, axis=0) for record in records], axis=0)
+    response = estimate_net_response(records, None, COULOMB, lines, None, robot())
+    np.testing.assert_array_equal(
+        response.ratio_std, ratio_std(robot(), dict(zip(response.inputs, moved, strict=True)))
+    )
 
 
 def record() -> Record:

@@ -54,14 +54,15 @@ def ratio_errors(
     """
     errors, s = dict[str, ComplexArray](), np.asarray(2j * np.pi * response.freq_hz)
     late = np.exp(s * sum(of_name(part.kernel.model, theta, name) for name in ("delay", "delay_u")))
+    G = part.kernel.response(theta)  # noise of the measured one would be correlated with the residuals
     for j, std in enumerate(response.ratio_std.tolist()):
         if std > 0 and response.inputs[j] in response.outputs:
-            i, error = response.outputs.index(response.inputs[j]), np.zeros_like(response.G)
-            error[:, i] += std * response.G[:, i]
-            error[:, :, j] += std * response.G[:, :, j]
+            i, error = response.outputs.index(response.inputs[j]), np.zeros_like(G)
+            error[:, i] += std * G[:, i]
+            error[:, :, j] += std * G[:, :, j]
             impedance = _of_motor(part.kernel.model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
-            error -= 2 * std * impedance[:, None, None] * response.G[:, :, j, None] * response.G[:, i, None, :]
-            errors[response.inputs[j]] = mixed(mixing, error * part.error_gain)
+            error -= 2 * std * impedance[:, None, None] * G[:, :, j, None] * G[:, i, None, :]
+            errors[response.inputs[j]] = part.slopes(G, -error, mixing)
     return errors
 
 
