@@ -75,6 +75,8 @@ def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
     """The stamps (n,) with wrong ones interpolated, and the numbers of these; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 
+    if np.isnan(t).mean() > _MAX_WRONG_FRACTION:
+        return t[:0], np.zeros(0, np.int64)
     away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
     is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
     none = np.zeros(0, np.int64)
