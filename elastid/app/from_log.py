@@ -145,12 +145,14 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
         listed = ", ".join(f"{name} {n}" for n, name in lengths.items())
-        text = f"its signals have different numbers of samples ({listed}), and their rates are not stated"
-        return "records/clock", f"{text}. Export them at one rate"
+        text = f"its signals have different numbers of samples ({listed}), so that their rates or start times differ"
+        return "records/clock", f"{text}. Export all signals with one clock"
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
         missing = "power spectra have no phase and no input. Give --from the time histories of force and accelerations"
+    elif any(re.search(r"putData\{\d", signal.name) for signal in signals):
+        missing = "an iddata object of several experiments. Save each one, getexp(data, k), in a file of its own"
     elif signals and {signal.quantity for signal in signals} == {"acceleration"}:
         missing = (
             "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same "

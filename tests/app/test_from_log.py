@@ -69,7 +69,7 @@ def test_a_motion_becomes_a_study_of_friction_that_runs(motion: Path, tmp_path: 
         assert numbers[f"f_m{k}"] == pytest.approx(5, rel=0.01)
 
 
-@pytest.mark.parametrize(("column", "cell"), [(0, "-999"), (0, "nan"), (0, "65535"), (1, "100"), (1, "-999")])
+@pytest.mark.parametrize(("column", "cell"), [(0, "-999"), (0, "nan"), (0, "65535"), (1, "100"), (1, "#N/A")])
 def test_one_wrong_cell_changes_neither_kind_nor_rate(motion: Path, tmp_path: Path, column: int, cell: str) -> None:
     lines = motion.read_text().splitlines()
     cells = lines[2000].split(";")
@@ -224,9 +224,10 @@ def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp
         ({"t": 5 + np.arange(400) / 500}, ""),
         ({"t": 2.0 * np.arange(400)}, ""),
         ({"t": np.delete(np.arange(401) / 500, 99)}, "t"),
+        ({"t": 133_300_000_000_000_000 + 20_000 * np.delete(np.arange(401), 99)}, "t"),
         ({"fs": 500.0}, ""),
     ],
-    ids=["s", "ms", "gap", "rate"],
+    ids=["s", "ms", "gap", "filetime", "rate"],
 )
 def test_the_rate_is_that_of_the_clock_of_a_log(clock: dict[str, Any], time: str, tmp_path: Path) -> None:
     """Wherever it begins and whatever its unit; stamps of an even one need not be read."""
