@@ -332,7 +332,7 @@ class Elimination:
 def solved_products(
     M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
 ) -> ComplexArray:
-    """Return the products by LAPACK."""
+    """Return B^T Z^-1 Y (F, b, k) by LAPACK; Z = K + j omega D - omega^2 M, omega (F,) in rad/s."""
     Z, of_lines = np.empty((len(omega), *K.shape), complex), omega[:, None, None]
     np.subtract(K, of_lines**2 * M, out=Z.real)
     np.multiply(of_lines, D, out=Z.imag)
