@@ -116,13 +116,13 @@ def _expected(
     """Responses with the tolerances of the robot's file and its gears, and with presliding friction."""
     robot, freq_hz = problem.robot, fitted[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
-    known = with_tolerances(problem.parameters, robot, problem.fit)
-    known = with_relaxing_springs(known, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
+    within = with_tolerances(problem.parameters, robot, problem.fit)
+    parameters = with_relaxing_springs(within, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
     responses = []
     for prospect, configuration in fitted:
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)
-        model = replace(prospect, parameters=known, presliding=tuple(springs))
-        expected = model.expected(configuration, known.x)
+        model = replace(prospect, parameters=parameters, presliding=tuple(springs))
+        expected = model.expected(configuration, parameters.x)
         scatter = ratio_std(robot, dict(zip(robot.motor_locations, travel.tolist(), strict=True)))
         response = ratio_within(replace(expected.response, ratio_std=scatter), robot)
         responses.append(replace(expected, response=response))
@@ -188,16 +188,16 @@ def _choose(
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
     given = tuple(problem.experiment.configurations)
-    prospect, known = _prospect(problem)
-    return choose_configurations(criterion, prospect, count, known, candidates.configurations, given, execution)
+    prospect, prior = _prospect(problem)
+    return choose_configurations(criterion, prospect, count, prior, candidates.configurations, given, execution)
 
 
 def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
     """The prospect of a candidate, and the information (n_x, n_x) of the configurations given."""
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
-    known = problem.prior_information()
+    prior = problem.prior_information()
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.excluded_configurations):
-            known = known + problem.prospect(probe, q).information(configuration, problem.parameters.x)
-    return problem.prospect(probe, -1), known
+            prior = prior + problem.prospect(probe, q).information(configuration, problem.parameters.x)
+    return problem.prospect(probe, -1), prior

@@ -30,7 +30,7 @@ SAME_ANGLE = 1e-3
 # Standard deviations of ratios over the tolerance of the file, and mean and std of their logarithm beforehand, for rigs
 # with transmission errors of 0 to 2 % of the ratio in 2, 3 and 5 postures (scripts/studies/results.csv).
 RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
-RATIO_PRIOR = np.log(3.0), 2.0
+RATIO_PRIOR = np.log(5.0), 2.0
 ALIKE = 0.7  # std of the logarithm among the gears of a robot
 # Ratios are the cause of an excess up to this std over the tolerance (2 % of the ratio by default) and from this part.
 LARGEST_STD, EXPLAINED = 6.7, 0.8
@@ -68,9 +68,9 @@ def scatter_of_ratios(
     shifts = to_groups.T @ pull @ half
     N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ moved, 0.0
     for _ in range(3):
-        level = together * max((cost - drop) / max(expected, 1e-300), 1.0)
-        s = ratio_std(N, h, names, level)
-        e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(level) else level) * np.eye(len(s)), s * h)
+        variance = together * max((cost - drop) / max(expected, 1e-300), 1.0)
+        s = ratio_std(N, h, names, variance)
+        e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(variance) else variance) * np.eye(len(s)), s * h)
         drop = float(2 * h @ e - e @ N @ e)
     explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
     s = np.ones(len(s)) if is_excess and not explains else s
@@ -88,13 +88,13 @@ def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:
     return [(name, number[i]) for i, (name, _) in enumerate(joints)]
 
 
-def ratio_std(N: FloatArray, h: FloatArray, names: list[str], level: float) -> FloatArray:
+def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -> FloatArray:
     """Return the std s (n,) of each ratio over its tolerance; names (n,): the gear of each.
 
     The root of the mean s_j^2 over its posterior, with the other gears at theirs, in three rounds; 1 of a gear at one
     angle, which shows no scatter. In forecasts h h^T is c N.
     """
-    c, s, likelihood = 1.0 if math.isnan(level) else level, np.ones(len(names)), dict[str, FloatArray]()
+    c, s, likelihood = 1.0 if math.isnan(variance) else variance, np.ones(len(names)), dict[str, FloatArray]()
     prior = np.exp(-0.5 * ((np.log(RATIO_STD) - RATIO_PRIOR[0]) / RATIO_PRIOR[1]) ** 2)
     among = np.exp(-0.5 * (np.log(np.divide.outer(RATIO_STD, RATIO_STD)) / ALIKE) ** 2)
     among /= among.sum(axis=0)
@@ -104,7 +104,7 @@ def ratio_std(N: FloatArray, h: FloatArray, names: list[str], level: float) -> F
         V, power = V[:, power > 1e-9 * max(power[-1], 1e-300)], power[power > 1e-9 * max(power[-1], 1e-300)]
         across = V.T @ N[np.ix_(own, ~own)] * s[~own]
         others = across @ across.T + c * np.diag(power)
-        square = c * np.diag(power) if math.isnan(level) else np.outer(V.T @ h[own], V.T @ h[own])
+        square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[own], V.T @ h[own])
         C = others + RATIO_STD[:, None, None] ** 2 * np.diag(power**2)
         quadratic = np.trace(np.linalg.solve(C, np.broadcast_to(square, C.shape)), axis1=1, axis2=2)
         log_w = -0.5 * (np.linalg.slogdet(C)[1] + quadratic)

@@ -271,11 +271,11 @@ class _Model:
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
-        of_file, left = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
+        of_file, residuals = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
         for response in self.responses:
             error = (response.G - self.receptance(x, response)) / np.sqrt(response.variance / 2)
-            left += [error.real, error.imag]
-        return np.concatenate([*left, of_file])
+            residuals += [error.real, error.imag]
+        return np.concatenate([*residuals, of_file])
 
 
 def slipped(omega: FloatArray, response: "PreslidingResponse", per_bend: float) -> ComplexArray:
@@ -315,7 +315,7 @@ class PreslidingResponse:
             Record(
                 test.name, posture, i, 0, test.rate_hz, first.period_samples or len(test.torque), motor, motor,
                 ("position",), test.torque[:, None], test.position[:, None], hold=test.hold,
-                sliding=motor if test.slides else (), is_periodic=first.period_samples is not None,
+                sliding=motor if test.slides else (), is_periodic=first.period_samples is not None
             )
             for i, test in enumerate(records)
         ]  # fmt: skip

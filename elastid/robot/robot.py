@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
 from elastid.robot.body import BASE, TENSOR_LETTERS, TOOL, Body, Frame, Payload
 from elastid.robot.connections import Compensator, Loop
-from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
+from elastid.robot.gears import Gearbox, GearCouplings, check_gears, check_series, gearboxes, mixing
 from elastid.robot.joint import Joint
 from elastid.robot.measurement_chain import CHANNEL_NUMBERS, Chain, Channel
 from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
@@ -41,9 +41,9 @@ def check_unique_names(robot: "Robot") -> None:
 
 def check_body_exists(owner: str, name: str, robot: "Robot") -> None:
     """Raise ValueError unless the name is the base or a body of the tree."""
-    known = [BASE, *(body.name for body in robot.bodies)]
-    if name not in known:
-        raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, known)}")
+    names = [BASE, *(body.name for body in robot.bodies)]
+    if name not in names:
+        raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, names)}")
 
 
 def check_loops(robot: "Robot") -> None:
@@ -79,10 +79,10 @@ def check_carrier(joint: Joint, robot: "Robot") -> None:
 
 def check_tolerances(robot: "Robot") -> None:
     """ValueError for tolerances of a body, loop or payload that the robot does not have."""
-    known = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
+    names = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
     for entry in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
-        if entry.name not in known:
-            raise ValueError(f"tolerances: no body is called {entry.name}; {did_you_mean(entry.name, known)}")
+        if entry.name not in names:
+            raise ValueError(f"tolerances: no body is called {entry.name}; {did_you_mean(entry.name, names)}")
 
 
 # A frame's places: translation of its origin along its axes, and rotation about them.
@@ -94,6 +94,23 @@ def split_place(place: str) -> tuple[str, str, str]:
     kind, _, rest = place.partition(" ")
     name, _, axis = rest.rpartition(" ")
     return kind, name, axis
+
+
+# Keys that all forms of a robot have.
+# fmt: off
+Gravity: TypeAlias = Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "change it for a robot "
+    "on a wall or ceiling, unless `base` is rotated; [0, 0, 0] removes gravity from springs and postures.")]
+Frames: TypeAlias = Annotated[tuple[Frame, ...], Key("Named frames fixed to bodies, such as the tool.", "one for each "
+    "sensor or marker, and `tool` for the payload.")]
+OptionalPayload: TypeAlias = Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no "
+    "payload).", "change it instead of the last link for another tool, since the payload has its own parameters.")]
+Source: TypeAlias = Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "give "
+    "paper and table, date of a measurement, or the word synthetic; exports include it.")]
+RobotTolerances: TypeAlias = Annotated[FileTolerances, Key("Prior standard deviations of the values in this file: `{}` "
+    "for typical ones, or `exact` (default: typical for measured data, exact for a simulated robot unless `truth` "
+    "changes such a value).", "`exact` only if all numbers were identified or calibrated; otherwise the intervals "
+    "include the tolerances.")]
+# fmt: on
 
 
 @section
@@ -122,39 +139,30 @@ class Robot:
         "not confused.")]
     bodies: Annotated[tuple[Body, ...], Key("Rigid bodies of the robot, each listed after its parent.", "one per part "
         "that moves separately; springs in series are joints of one body.")]
-    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "change it for a robot on a "
-        "wall or ceiling; [0, 0, 0] removes gravity from springs and postures.")] = (0.0, 0.0, -9.81)
-    source: Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "give paper and "
-        "table, date of a measurement, or the word synthetic; exports include it.")] = ""
-    frames: Annotated[tuple[Frame, ...], Key("Named frames fixed to bodies, such as the tool.", "one for each sensor, "
-        "and `tool` for the payload.")] = ()
-    payload: Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no payload).",
-        "change it instead of the last link for another tool, since the payload has its own parameters.")] = None
+    gravity: Gravity = (0.0, 0.0, -9.81)
+    source: Source = ""
+    frames: Frames = ()
+    payload: OptionalPayload = None
     loops: Annotated[tuple[Loop, ...], Key("Closed loops: connections between bodies beyond the tree.",
         "for parallel linkages and closed gears; omit them in a first serial fit.")] = ()
     compensators: Annotated[tuple[Compensator, ...], Key("Gravity compensators: coil or gas springs that support part "
         "of the weight.", "give every compensator; otherwise the fit attributes its stiffness to the gear of the "
         "axis.")] = ()
-    gears: Annotated[tuple[GearCoupling, ...], Key("Gear couplings, by which one axis also rotates the motor of "
-        "another axis.", "for wrists with coupled motors; a missing coupling shows as torque of one motor on another "
-        "joint.")] = ()
+    gears: GearCouplings = ()
     chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters.", "if the phase "
         "falls faster with frequency than the delay explains.")] = Chain()
-    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the values in this file: `{}` for typical "
-        "ones, or `exact` (default: typical for measured data, exact for a simulated robot unless `truth` changes such "
-        "a value).", "`exact` only if all numbers were identified or calibrated; otherwise the intervals include the "
-        "tolerances.")] = None
+    tolerances: RobotTolerances = None
     # fmt: on
 
     def __post_init__(self) -> None:
         check_unique_names(self)
-        known = [BASE]
+        names = [BASE]
         for body in self.bodies:
-            if body.parent not in known:
+            if body.parent not in names:
                 raise ValueError(
-                    f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(known)}"
+                    f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(names)}"
                 )
-            known.append(body.name)
+            names.append(body.name)
         for frame in self.frames:
             check_body_exists(f"frame {frame.name}", frame.body, self)
         for compensator in self.compensators:
@@ -382,9 +390,9 @@ class Robot:
 
     def with_parameters(self, values: Mapping[str, float]) -> "Robot":
         """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
-        known = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
+        numbers = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         of_channels = self.channel_numbers
-        further = {name: of_channels[name] for name in values if name in of_channels and name not in known}
+        further = {name: of_channels[name] for name in values if name in of_channels and name not in numbers}
         if further:
             channels = {(channel.role, channel.at): channel for channel in self.chain.channels}
             for name, (channel, kind) in further.items():
@@ -393,11 +401,11 @@ class Robot:
             changed: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
             return changed.with_parameters({name: value for name, value in values.items() if name not in further})
         for name in values:
-            if name not in known:
+            if name not in numbers:
                 raise StudyError(
-                    "robot/unknown-name", f"robot {self.name} has no parameter {name}; there are {', '.join(known)}"
+                    "robot/unknown-name", f"robot {self.name} has no parameter {name}; there are {', '.join(numbers)}"
                 )
-        result: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
+        result: Robot = replaced(self, {numbers[name][1]: value for name, value in values.items()})
         return result
 
 
@@ -407,13 +415,14 @@ def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
     `tool`, where no frame has this name, is at the centre of mass of the last body.
     """
     for name in dict.fromkeys(names):
-        known = [frame.name for frame in robot.frames]
-        if name in known:
+        frame_names = [frame.name for frame in robot.frames]
+        if name in frame_names:
             continue
         bodies, last = [body.name for body in robot.bodies], robot.bodies[-1]
         if name not in (*bodies, TOOL):
             raise StudyError(
-                "robot/unknown-name", f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*known, *bodies])}"
+                "robot/unknown-name",
+                f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*frame_names, *bodies])}",
             )
         made = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
         robot = replace(robot, frames=(*robot.frames, made))

@@ -31,11 +31,11 @@ from elastid.friction_study.inverse_dynamics_regression import (
     MotionFriction,
     torque_components,
 )
-from elastid.friction_study.joint_levels import motion_log, motion_logs, simulated_commands
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.regressor import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
 from elastid.friction_study.rigid_body_columns import rigid_body_torques
+from elastid.friction_study.sliding_friction import motion_log, motion_logs, simulated_commands
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, drive_unit, motion_unit
@@ -102,11 +102,12 @@ TRACKING_HZ = 0.5
 class _Log:
     """A log of n samples along which the joints `moving`, of n_u, move: their regressions, records and signals.
 
-    rest (n_u,): angles of the posture, at which the others are held.
+    rest (n_u,): angles of the posture, at which the others are held.  E (n_u, n_u): `robot.mixing`.
     """
 
     n: int
     rest: FloatArray
+    E: FloatArray
     moving: tuple[int, ...]
     regressions: tuple[MotionFriction, ...]
     records: tuple[FrictionRecord, ...]
@@ -119,14 +120,18 @@ class _Log:
         n, rest = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
         signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
         moving = tuple(names.index(record.joint) for record in records)
-        return cls(min(len(records[0].position), n), rest, moving, regressions, records, signals)
+        return cls(min(len(records[0].position), n), rest, robot.mixing, moving, regressions, records, signals)
 
     def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
-        """Signals (n, n_u) of all joints from the moving joints. rest: values of the other joints."""
-        values = np.full((self.n, len(self.rest)), rest)
+        """Motions (n, n_u) of all joints from the moving motors. rest: values of the other joints."""
+        values = np.full((self.n, len(self.rest)), self.E @ rest if np.ndim(rest) else rest)
         for i, column in zip(self.moving, columns, strict=True):
             values[:, i] = column[: self.n]
-        return values
+        return np.asarray(np.linalg.solve(self.E, values.T).T)
+
+    def torques(self, columns: Iterable[FloatArray]) -> FloatArray:
+        """Torques (n, n_u) on all joints from the moving motors."""
+        return self.whole(columns) @ self.E.T @ self.E
 
     @property
     def position(self) -> FloatArray:
@@ -166,12 +171,12 @@ def _commanded_runs(
     robot: Robot, joints: Sequence[JointFriction], logs: Iterable[Mapping[str, FrictionRecord]]
 ) -> Iterator[LogSimulation]:
     """Runs along logs without torques, simulated from their commands alone."""
-    known = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
+    fits = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
     for records in logs:
-        log = {name: record for name, record in records.items() if name in known}
+        log = {name: record for name, record in records.items() if name in fits}
         if not log:
             continue
-        first, moved = next(iter(log.values())), simulated_commands(robot, log, known)
+        first, moved = next(iter(log.values())), simulated_commands(robot, log, fits)
         signals = tuple(
             ComparedSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
             for (name, record), simulated in zip(log.items(), moved.T, strict=True)
@@ -207,30 +212,31 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
     smooth, path = formulate(without_friction(plant.model.robot)), log.position
     rate, curvature = (log.whole(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration"))
-    torque = log.whole(record.torque for record in log.records)
+    torque = log.torques(record.torque for record in log.records)
     demand = feed_forward(smooth, q, path - path[0], rate, curvature)
-    rigid = log.whole(map(_rigid_torque, log.regressions, log.signals, log.records))
+    rigid = log.torques(map(_rigid_torque, log.regressions, log.signals, log.records))
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
-        held = tracking_gains(plant, TRACKING_HZ)
+        gains = tracking_gains(plant, TRACKING_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
-        held, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
+        gains, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
         position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
-        known = log.whole(still if record.disturbance is None else record.disturbance for record in log.records)
+        load = log.torques(still if record.disturbance is None else record.disturbance for record in log.records)
         velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
-        error = held.kp * (position[0] - path[0]) + held.kd * (velocity[0] - rate[0])
-        acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)
+        error = gains.kp * (position[0] - path[0]) + gains.kd * (velocity[0] - rate[0])
+        acting = load + np.where(gains.ki > 0, torque[0] - load[0] - error, 0.0)
     lacking = np.where(moving, demand - rigid, 0.0)
     commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, np.zeros_like(demand))
-    return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving, held, path[0], rate[0]))
+    return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving, gains, path[0], rate[0]))
 
 
 def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[ComparedSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
+    reading, u = moved.reading @ log.E.T, moved.u @ np.linalg.inv(log.E)
     for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
         kept = replace(
@@ -240,8 +246,8 @@ def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[
         motor, link = f"motor {record.joint}", f"joint {record.joint}"
         turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
         rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
-            (MOTION, motor, turning, record.position, moved.reading[:, i]),
-            (TORQUE, motor, driving, record.torque, moved.u[:, i]),
+            (MOTION, motor, turning, record.position, reading[:, i]),
+            (TORQUE, motor, driving, record.torque, u[:, i]),
             (LINK, link, turning, record.link_position, moved.q[:, model.index(link)]),
         )
         for kind, place, unit, y, y_twin in rows:
@@ -257,12 +263,12 @@ def predict_logs(
     execution: Execution,
 ) -> LogComparison:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
-    known, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
+    by_name, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
     for log in motion_logs(measured):
         for name, record in log.items():
             try:
-                judged.append(_along(robot, known.get(name), record, log))
+                judged.append(_along(robot, by_name.get(name), record, log))
             except DataError as error:
                 reasons.setdefault(name, []).append(f"{record.name}: {error}")
     missing = {name: "; ".join(texts) for name, texts in reasons.items()}

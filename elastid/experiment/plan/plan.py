@@ -271,20 +271,20 @@ def make_plan(
     given = [DesignedConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
     everyone = [
         (
-            level,
-            replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, level))),
+            index,
+            replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, index))),
         )
         for pick in (*given, *chosen)
-        for level in range(1, len(excitation.amplitudes) + 1)
+        for index in range(1, len(excitation.amplitudes) + 1)
     ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
     M, E = max(choice.realisations for _, choice in everyone), experiment.runs(n_u)
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
-    for q, (level, choice) in enumerate(everyone):
+    for q, (index, choice) in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
         spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
-            excitation.at_amplitude(level), robot, lines.excited, choice.configuration, draws, spectrum,
+            excitation.at_amplitude(index), robot, lines.excited, choice.configuration, draws, spectrum,
             closed_loop,
         )  # fmt: skip
         R[q, : len(draws)] = every[:, :E]
