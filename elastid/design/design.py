@@ -116,13 +116,13 @@ def _expected(
     """Responses with the tolerances of the robot's file and its gears, and with presliding friction."""
     robot, freq_hz = problem.robot, fitted[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
-    known = with_tolerances(problem.parameters, robot, problem.fit)
-    known = with_relaxing_springs(known, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
+    within = with_tolerances(problem.parameters, robot, problem.fit)
+    parameters = with_relaxing_springs(within, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
     responses = []
     for prospect, configuration in fitted:
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)
-        model = replace(prospect, parameters=known, presliding=tuple(springs))
-        expected = model.expected(configuration, known.x)
+        model = replace(prospect, parameters=parameters, presliding=tuple(springs))
+        expected = model.expected(configuration, parameters.x)
         scatter = ratio_std(robot, dict(zip(robot.motor_locations, travel.tolist(), strict=True)))
         response = ratio_within(replace(expected.response, ratio_std=scatter), robot)
         responses.append(replace(expected, response=response))

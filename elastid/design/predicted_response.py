@@ -180,7 +180,7 @@ class Prospect:
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
-        motion = self._motion(configuration, x)
+        motion = self._local(configuration, x)[2]
         return self._friction(self._torques(configuration, motion)[1], motion)[0]
 
     def reversals(self, configuration: Configuration, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -188,18 +188,12 @@ class Prospect:
 
         The distance is infinite without reversals.
         """
-        motion, rate_hz = self._motion(configuration, x), self.plan.rate_hz
+        motion, rate_hz = self._local(configuration, x)[2], self.plan.rate_hz
         V = self._velocities(self._torques(configuration, motion)[1], motion)
         v = np.stack([synthesise(self.plan.lines, row, self.plan.period_samples) for row in V]) + self.carrier_velocity
         reversals = np.sum(np.signbit(v) != np.signbit(np.roll(v, 1, axis=1)), axis=(0, 1))
         travel = np.ptp(np.cumsum(v, axis=1), axis=1).max(axis=0) / rate_hz
         return quotient(np.abs(v).sum(axis=(0, 1)) / rate_hz, reversals, math.inf), np.abs(v).mean(axis=(0, 1)), travel
-
-    def _motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
-        """Responses (F, n_u, n_u) of the motors to their torques, in `quantity`."""
-        theta = self.parameters.expand(x)
-        model = self.linearisation.at(configuration, theta[:-1], self.robot.motor_locations, self.quantity)
-        return frequency_response(model, theta, self.plan.freq_hz)
 
     def _velocities(self, U: ComplexArray, motion: ComplexArray) -> ComplexArray:
         """Velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""

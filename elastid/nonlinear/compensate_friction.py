@@ -71,11 +71,11 @@ def estimate_net_response(
 
 def _travel(records: Sequence[Record]) -> dict[str, float]:
     """Largest motion of each motor in a record, rad, link side; 0 of motors whose angle is not logged."""
-    first, travel = records[0], dict.fromkeys(records[0].inputs, 0.0)
-    for channel, (place, quantity) in enumerate(zip(first.outputs, first.quantities, strict=True)):
-        if place in travel and quantity == "position":
-            travel[place] = max(float(np.ptp(record.y[:, channel])) for record in records)
-    return travel
+    first, travel = records[0], np.max([np.ptp(record.y, axis=0) for record in records], axis=0).tolist()
+    rows = zip(first.outputs, first.quantities, travel, strict=True)
+    return dict.fromkeys(first.inputs, 0.0) | {
+        place: moved for place, quantity, moved in rows if quantity == "position" and place in first.inputs
+    }
 
 
 def _unexplained(
@@ -86,11 +86,9 @@ def _unexplained(
 ) -> tuple[Note, ...]:
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
-    used = response.noise.variance > 0
-    if not used.any():
-        return ()
     total, noise = response.total.variance, response.noise.variance
-    ratio = float(np.median(total[used] / noise[used]))
+    used = noise > 0
+    ratio = float(np.median(total[used] / noise[used])) if used.any() else 0.0
     if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[used]) < MIN_UNEXPLAINED:
         return ()
     rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
