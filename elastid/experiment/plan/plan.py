@@ -159,7 +159,7 @@ class Plan:
     cycle_samples: int = 1
     S_inverse: ComplexArray = labelled(
         "reference of a unit torque", "rad/(N*m)", "configurations freq_hz inputs inputs",
-        default_factory=lambda: np.zeros((0, 0, 0, 0), complex),
+        default_factory=lambda: np.zeros((0, 0, 0, 0), complex)
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -285,7 +285,7 @@ def make_plan(
         spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
             excitation.at_amplitude(level), robot, lines.excited, choice.configuration, draws, spectrum,
-            closed_loop,
+            closed_loop
         )  # fmt: skip
         R[q, : len(draws)] = every[:, :E]
     configurations, inputs = tuple(choice.configuration for _, choice in everyone), robot.motor_locations
