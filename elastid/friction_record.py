@@ -99,8 +99,8 @@ class FrictionRecord:
     @property
     def mean_temperature(self) -> float:
         """Mean of the samples that have one, degC; NaN without."""
-        known = np.zeros(0) if self.temperature is None else self.temperature[np.isfinite(self.temperature)]
-        return float(known.mean()) if len(known) else float("nan")
+        degc = np.zeros(0) if self.temperature is None else self.temperature[np.isfinite(self.temperature)]
+        return float(degc.mean()) if len(degc) else float("nan")
 
     def angles(self, n_u: int) -> FloatArray:
         """Angles (n_u,) of the posture in which the other joints are held; 0 where it is not known."""

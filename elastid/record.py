@@ -332,8 +332,8 @@ class Record:
         and costs 1.6 % of amplitude at a tenth of the rate; a response estimated without it has a delay and a wrong
         inertia instead. An encoder, sampled without a filter, adds images of the held torque (`images`).
         """
-        H = {held: zero_order_hold(np.multiply(freq_hz, held) / self.rate_hz) for held in set(self._hold_lengths)}
-        return np.stack([H[held] for held in self._hold_lengths], axis=1)
+        H = {n: zero_order_hold(np.multiply(freq_hz, n) / self.rate_hz) for n in set(self._hold_lengths)}
+        return np.stack([H[n] for n in self._hold_lengths], axis=1)
 
     @property
     def images(self) -> ZohTorque | None:
@@ -343,7 +343,7 @@ class Record:
         of the commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has
         passed the filter of a drive or an amplifier; a misfit by them names them.
         """
-        rates = tuple(self.rate_hz if math.isclose(held, 1.0, rel_tol=1e-5) else 0.0 for held in self._hold_lengths)
+        rates = tuple(self.rate_hz if math.isclose(n, 1.0, rel_tol=1e-5) else 0.0 for n in self._hold_lengths)
         sampled = self.sampled or tuple(quantity == "position" for quantity in self.quantities)
         return ZohTorque(rates, sampled) if any(rates) else None
 

@@ -245,8 +245,8 @@ class Response(Kept):
             if self.n_lines
         ]
         size = f"{len(self.outputs)} x {len(self.inputs)} at {self.n_lines} lines, {band}"
-        known = "" if self.uncertainty is not None else "; its noise is unknown: no covariance was estimated or given"
-        title = f"Response of {self.configuration.name}: {self.quantity} in {self.unit}, {size}{known}"
+        remark = "" if self.uncertainty is not None else "; its noise is unknown: no covariance was estimated or given"
+        title = f"Response of {self.configuration.name}: {self.quantity} in {self.unit}, {size}{remark}"
         return Display(title, ("output", "input", "|G|", "relative std, median"), rows)
 
     def _relative_std(self, i: int, j: int) -> str:
@@ -286,9 +286,9 @@ class Response(Kept):
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
 
-        known = {name: part for name, part in vars(self).items() if part is not None}
-        arrays = {name: known[name][keep] for name in ("freq_hz", "G", "leakage") if name in known}
-        parts = {name: known[name].lines(keep) for name in ("noise", "total", "quality") if name in known}
+        given = {name: part for name, part in vars(self).items() if part is not None}
+        arrays = {name: given[name][keep] for name in ("freq_hz", "G", "leakage") if name in given}
+        parts = {name: given[name].lines(keep) for name in ("noise", "total", "quality") if name in given}
         return replace(self, **arrays, **parts, bias=None if self.bias is None else self.bias[:, :, keep])
 
     def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> "Response":
@@ -302,8 +302,8 @@ class Response(Kept):
         rows = [index_of(place, self.outputs, "output") for place in outputs]
         columns = [index_of(place, self.inputs, "input") for place in inputs]
 
-        known = {"noise": self.noise, "total": self.total}
-        cut: dict[str, Any] = {n: part.elements(rows, columns) for n, part in known.items() if part is not None}
+        given = {"noise": self.noise, "total": self.total}
+        cut: dict[str, Any] = {n: part.elements(rows, columns) for n, part in given.items() if part is not None}
         return replace(
             self,
             **cut,
@@ -363,9 +363,9 @@ class Response(Kept):
         """
         axes = ("freq_hz", "output", "input")
         stds = {"noise_std": self.noise, "total_std": self.total}
-        known = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
+        given = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
         return installed("xarray", "notebook").Dataset(
-            {name: (axes, values) for name, values in {"G": self.G, **known}.items()},
+            {name: (axes, values) for name, values in {"G": self.G, **given}.items()},
             {"freq_hz": self.freq_hz, "output": list(self.outputs), "input": list(self.inputs)},
             {"unit": self.unit, "quantity": self.quantity, "configuration": self.configuration.name},
         )

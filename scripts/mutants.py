@@ -176,7 +176,8 @@ def in_copy(work: Callable[..., Any], *given: Any) -> Any:
 
 
 def install(mutant: Mutant) -> None:
-    """Gives the functions of a loaded module the code of the mutant."""
+    """Gives the functions of a loaded module the code of the mutant; tests freeze objects, which hides these."""
+    gc.unfreeze()
     codes, left = {}, [mutant.code()]
     while left:
         code = left.pop()
@@ -302,11 +303,9 @@ def judged(room: str, count: int, seed: int) -> dict[str, object]:
             survive[index] = bool(in_copy(survives_import, mutant, room, limit))
         if survive[index]:
             print("survives:", mutant, flush=True)
-    command = ["git", "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
-    seconds = round(time.monotonic() - begin)
-    counts = {"mutants": len(drawn), "killed": survive.count(False), "seed": seed}
-    return {"room": room, **counts, "commit": commit, "seconds": seconds}
+    said = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, check=True, capture_output=True, text=True)
+    counts = {"mutants": len(drawn), "killed": survive.count(False), "seed": seed, "commit": said.stdout.strip()}
+    return {"room": room, **counts, "seconds": round(time.monotonic() - begin)}
 
 
 def keep(row: dict[str, object]) -> None:

@@ -66,10 +66,10 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
     """
     is_whole = _has_whole_inertias(robot, result)
     identified = commanded_robot(robot, result) if _stands_on_base(robot, result) else with_armatures(robot, result)
-    found = [joint.joint for joint in result.joints if joint.friction is not None and joint.viscous is not None]
+    usable_joints = [joint.joint for joint in result.joints if joint.friction is not None and joint.viscous is not None]
     comments = [
         f"Robot {robot.name} with the friction that study {name} has identified at the motors of "
-        f"joints {', '.join(found) or 'none'}.",
+        f"joints {', '.join(usable_joints) or 'none'}.",
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
     ]
     if is_whole:

@@ -168,8 +168,8 @@ def _lines(title: str) -> Progress:
         if now - last >= INTERVAL_S and 0 < done < total:
             last = now
             left_s = (now - started) / done * (total - done)
-            left = f", about {left_s:.0f} s to go" if done >= MIN_DONE else ""
-            print(f"{printable(title)}: {done} of {total} done{left}", file=sys.stderr, flush=True)
+            remaining = f", about {left_s:.0f} s to go" if done >= MIN_DONE else ""
+            print(f"{printable(title)}: {done} of {total} done{remaining}", file=sys.stderr, flush=True)
 
     return progress
 

@@ -30,8 +30,8 @@ def explain_name(asked: str, study: Path | None = None, folder: Path | None = No
         rows.append(f"In this run: {f'{result[asked]} ({verdict})' if asked in result else fixed}.")
         rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(asked)) else "")
     if result is not None and gears.is_file():
-        found = read_gears(gears)
-        rows += [f"Stage gears: {row.sentence}." for row in found.numbers if row.name == asked] if found else []
+        numbers = () if (opened := read_gears(gears)) is None else opened.numbers
+        rows += [f"Stage gears: {row.sentence}." for row in numbers if row.name == asked]
     if folder is not None and friction.is_file():
         for row in filter(lambda row: row.name == asked, read_friction_result(friction).numbers):
             rows.append(f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}.")

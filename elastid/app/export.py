@@ -44,11 +44,11 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
     study = run.study
     results = (_Friction if study.friction else _Responses if study.robot is None else _Fit)(run, count)
     target = _target(study, tag, {name for name in VALUES if hasattr(results, name)})
-    for stage in dict.fromkeys(stage for need in target.needs for stage in STAGES.get(need, results.stages)):
+    for stage in dict.fromkeys(stage for name in target.arguments for stage in STAGES.get(name, results.stages)):
         run.require_stage(stage)
         run.require_result(stage)
     folder = clear_folder(run.folder, "export", tag)
-    values: dict[str, Values] = {need: getattr(results, need)() for need in target.needs}
+    values: dict[str, Values] = {name: getattr(results, name)() for name in target.arguments}
     gears = None if target.has_gear_effects or not isinstance(results, _Fit) else results.gears
     if gears is not None and gears.effects:
         omitted = "some effects of the gears are omitted (k and d are as estimated with them); robot and fmu have all"
@@ -60,7 +60,7 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
 
 
 def _target(study: Study, tag: str, available: Collection[str]) -> Target:
-    rows = [row for name in tags() for row in targets(name) if {*row.needs} <= {*available}]
+    rows = [row for name in tags() for row in targets(name) if {*row.arguments} <= {*available}]
     if target := next((row for row in rows if row.tag == tag), None):
         return target
     names = renamed(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))
@@ -172,9 +172,9 @@ class _Fit(_Responses):
         return {label: with_findings(m.robot, self.friction, self.gears) for label, m in self.linear.items()}
 
     def robot_file(self) -> Values:
-        known = self.known()
+        texts = self.known()
         return {
-            label: robot_of_fit(m.name, m.robot, self.friction, known[label], self.gears)
+            label: robot_of_fit(m.name, m.robot, self.friction, texts[label], self.gears)
             for label, m in self.linear.items()
         }
 

@@ -144,11 +144,11 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
     """Return the parameters in a member's summary, then its gear parameters."""
     summary = _summary(folder / MEMBERS / member.name)
     parameters, gears = summary.get("parameters", {}), (summary.get("gears") or {}).get("numbers", {})
-    known = {name: _numbers_of(number) for name, number in parameters.items()}
+    values = {name: _numbers_of(number) for name, number in parameters.items()}
     # Ends of ranges differ from robot to robot.
-    known |= {k: _numbers_of(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
+    values |= {k: _numbers_of(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
     units = {name: number["unit"] for name, number in (gears | parameters).items()}
-    for name, numbers in known.items():
+    for name, numbers in values.items():
         of = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
         yield of | {"unit": units[name]} | numbers
 
@@ -167,13 +167,13 @@ def _numbers_of(number: Mapping[str, Any]) -> Row:
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     seen = {row["parameter"] for row in rows if row["value"]}
-    known = [
+    dated = [
         row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in seen
     ]
-    days = [float(date.fromisoformat(row["date"]).toordinal()) for row in known]
+    days = [float(date.fromisoformat(row["date"]).toordinal()) for row in dated]
     return tuple(
         FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_noise"])
-        for row, day in zip(known, days, strict=True)
+        for row, day in zip(dated, days, strict=True)
     )
 
 

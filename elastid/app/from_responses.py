@@ -98,9 +98,9 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
     """Inputs and outputs, at the motors of a robot or at places named as in the file."""
     for i, guess in enumerate(table.inputs):
         place = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
-        known = guess.quantity or ("torque" if drives else "force")
-        why = guess.why if guess.quantity else f"a {known} is assumed"
-        yield channel_line("u", place, replace(guess, quantity=known, why=why))
+        quantity = guess.quantity or ("torque" if drives else "force")
+        why = guess.why if guess.quantity else f"a {quantity} is assumed"
+        yield channel_line("u", place, replace(guess, quantity=quantity, why=why))
     slope = float(np.polyfit(np.log(table.freq), np.log(np.abs(table.G).mean(axis=(1, 2)) + 1e-300), 1)[0])
     by_slope = "position" if slope < _POSITION else "velocity" if slope < _VELOCITY else "acceleration"
     for i, guess in enumerate(table.outputs):

@@ -55,22 +55,22 @@ def robot_of_fit(
     name: str,
     robot: Robot,
     friction: CompensatedFriction | None,
-    known: tuple[str, ...],
+    intervals: tuple[str, ...],
     gears: GearResult | None = None,
 ) -> str:
     """Return the file of a fitted robot: elastic parameters, friction, and effects of motors and gears.
 
-    known: lines on the intervals of its numbers.
+    intervals: lines on the intervals of its numbers.
     """
     comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
     if gears is not None and not gears.refused:
         comments.append(f"{MOTOR_SIDE}, of `gear` on that of the link; friction and gears were found in the records:")
         comments += [f"  {number.sentence}" for number in gears.numbers]
-        return yaml_text(with_effects(robot, gears), (*comments, *known))
+        return yaml_text(with_effects(robot, gears), (*comments, *intervals))
     laws = _taken_out(robot, friction)
     if laws:
         comments.append(f"{MOTOR_SIDE}; Coulomb friction of joints {', '.join(laws)} was found in the records.")
-    return yaml_text(with_laws(robot, laws), (*comments, *known))
+    return yaml_text(with_laws(robot, laws), (*comments, *intervals))
 
 
 def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: GearResult | None = None) -> Robot:
@@ -105,10 +105,10 @@ def _taken_out(robot: Robot, friction: CompensatedFriction | None) -> dict[str, 
 
 
 def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) -> Friction:
-    known, ratio = law_of(robot, joint), robot.ratio(joint)
-    if known is None or law.lugre is not None or law.maxwell_slip is not None:
+    given, ratio = law_of(robot, joint), robot.ratio(joint)
+    if given is None or law.lugre is not None or law.maxwell_slip is not None:
         return law
-    completed = replace(law, lugre=known.lugre, maxwell_slip=known.maxwell_slip)
+    completed = replace(law, lugre=given.lugre, maxwell_slip=given.maxwell_slip)
     try:
         through_gear(completed, ratio, to_motor=True).check_passive(viscous / ratio**2)
     except ValueError:

@@ -93,14 +93,14 @@ def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool
 
 def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
     """Extent, mean and standard deviation of each position among motions in each measurement, of one log or several."""
-    known = [motion for motion in motions if motion.quantity == "position"]
-    moments = np.zeros((len(logs), 4, len(known)))
+    positions = [motion for motion in motions if motion.quantity == "position"]
+    moments = np.zeros((len(logs), 4, len(positions)))
     for i, paths in enumerate(logs):
         for number, path in enumerate(paths, start=1):
-            of_file = [k for k, motion in enumerate(known) if motion.file == number]
-            ys = [ChannelSpec("y", "any", known[k].name, known[k].column, quantity="position") for k in of_file]
+            of_file = [k for k, motion in enumerate(positions) if motion.file == number]
+            ys = [ChannelSpec("y", "any", positions[k].name, positions[k].column, quantity="position") for k in of_file]
             if ys:
                 with opened_log(path, form) as log:
                     x = without_placeholders(log.values(ys, slice(0, MAX_SAMPLES)))
                 moments[i][:, of_file] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
-    return {motion.key: moments[:, :, i] for i, motion in enumerate(known)}
+    return {motion.key: moments[:, :, i] for i, motion in enumerate(positions)}

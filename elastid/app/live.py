@@ -170,8 +170,8 @@ class Session:
         measured = read_responses(self.plan(len(plans)).with_suffix("") / "frf.h5")
         shown = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
         shares = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
-        level = math.sqrt(np.mean(shares)) if shares else design.distortion
-        return replace(design, distortion=level)
+        distortion = math.sqrt(np.mean(shares)) if shares else design.distortion
+        return replace(design, distortion=distortion)
 
     def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
         """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
@@ -187,15 +187,15 @@ class Session:
                 )
             plan = read_plan(path)
         else:
-            design, known = self._design(plans), Known.before(problem)
+            design, prior = self._design(plans), Known.before(problem)
             if result is not None:
-                known = Known(result.parameters, result.x, result.covariance)
+                prior = Known(result.parameters, result.x, result.covariance)
             problem = replace(problem, design=design)
             candidates, robots = problem.candidates(design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:
                 left_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
                 proposal = next_experiment(
-                    problem, candidates, known, self.goal, robots, f"x{step}", self._seed(step), execution, left_s
+                    problem, candidates, prior, self.goal, robots, f"x{step}", self._seed(step), execution, left_s
                 )
             if words := self._refusal(proposal, plans, result):
                 return words
@@ -242,9 +242,9 @@ class Session:
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
         more = spent + max(proposal.option.more_s, proposal.plan.robot_time_s)
-        left = "" if result is None else f"{self.worst(self.goal.reached(result))}; "
+        shortfall = "" if result is None else f"{self.worst(self.goal.reached(result))}; "
         return (
-            f"{left}robot time used {spent:.4g} s of {self.budget_s:.4g} s, next experiment "
+            f"{shortfall}robot time used {spent:.4g} s of {self.budget_s:.4g} s, next experiment "
             f"{proposal.plan.robot_time_s:.4g} s, estimated total {more:.3g} s. Give --robot-time "
             f"{math.ceil(more / 10) * 10}"
         )

@@ -42,10 +42,10 @@ def robot_of(model: Any, name: str) -> Robot:
             continue
         seats.append((names[i], np.eye(3), np.zeros(3)))
         joints = tuple(_joint(model, j) for j in range(first, first + count))
-        known = float(model.body_mass[i]), tuple(model.body_ipos[i].tolist())
+        mass = float(model.body_mass[i]), tuple(model.body_ipos[i].tolist())
         turn = _rotation(model.body_iquat[i])
         inertia = six_numbers(turn @ np.diag(model.body_inertia[i]) @ turn.T)
-        bodies.append(Body(names[i], parent, placement, joints, *known, inertia))
+        bodies.append(Body(names[i], parent, placement, joints, *mass, inertia))
     for i in range(model.nsite):
         body, R, p = seats[int(model.site_bodyid[i])]
         placement = Placement.of(R @ _rotation(model.site_quat[i]), p + R @ model.site_pos[i])

@@ -95,8 +95,8 @@ def _of_result(path: Path) -> Model:
     fit, frf, gears, law = (folder / f"{stage}.h5" for stage in ("fit", "frf", "gears", "friction"))
     if fit.is_file():
         friction = read_friction(frf) if frf.is_file() else None
-        found = read_gears(gears if gears.is_file() else None)
-        return Model(with_findings(estimated_robot(read_fit(fit)), friction, found))
+        gear_result = read_gears(gears if gears.is_file() else None)
+        return Model(with_findings(estimated_robot(read_fit(fit)), friction, gear_result))
     if not law.is_file():
         text = "neither fit.h5 nor friction.h5 is there. Run the study first, or give a robot model"
         raise StudyError("files/missing", text, folder)

@@ -30,10 +30,11 @@ from elastid import __version__
 from elastid.app.console import Console
 from elastid.app.stage_table import Stage, files_of, stages_of, stages_of_study
 from elastid.base import kernels
-from elastid.base.errors import StudyError
+from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution, persistent_workers
 from elastid.base.files import path_below
 from elastid.base.workers import load_for_workers
+from elastid.fit.status_terms import ANSWERED
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import (
     changed_texts,
@@ -85,6 +86,10 @@ class Work:
     jobs: int = 1
     console: Console = field(default_factory=Console)
     has_gears: bool = False
+
+    def unanswered(self, notes: Iterable[Note]) -> tuple[Note, ...]:
+        """Notes on a fit and its responses, without those that the stage gears of this study answers or repeats."""
+        return tuple(note for note in notes if not (self.has_gears and note.code in ANSWERED))
 
     @contextmanager
     def execution(self, checkpoint: "Checkpoint | None" = None) -> Iterator[Execution]:

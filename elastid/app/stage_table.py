@@ -156,7 +156,7 @@ STAGES = (
         "measure constant_velocity", conclude="elastid.app.stages.friction:conclude"
     ),
     Stage(
-        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:follow_friction", "robot filter",
+        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:track_friction", "robot filter",
         "measure friction", needs="filter"
     ),
     Stage(

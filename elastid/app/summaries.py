@@ -23,7 +23,7 @@ from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.values import SCHEMA, json_value, write_json
-from elastid.validation.frf_error import Agreement, Validation
+from elastid.validation.frf_error import FrfError, Validation
 from elastid.validation.log_comparison import NO_COMPARISON, BandBalance, LogComparison, TorqueBalance
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
@@ -89,7 +89,7 @@ def summary(
     result: Result,
     rows: Sequence[ParameterRow],
     mode_rows: Sequence[ModeRow],
-    agreements: Sequence[Agreement],
+    agreements: Sequence[FrfError],
     notes: Sequence[Note],
     friction: CompensatedFriction | None = None,
 ) -> dict[str, Any]:
@@ -253,12 +253,12 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 def _log_comparison(log_comparison: LogComparison) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
-    signal, left = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
-    of_band = f"low_hz high_hz power {left}"
+    signal, fractions = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
+    of_band = f"low_hz high_hz power {fractions}"
     return {
         "torque": [
             section(balance, "place log")
-            | _shared(balance, balance, left)
+            | _shared(balance, balance, fractions)
             | {"bands": [_shared(balance, band, of_band) for band in balance.bands]}
             for balance in log_comparison.balances
         ],
@@ -329,9 +329,9 @@ def _friction_section(
             **section(row, "F_c=coulomb_torque std interval95=interval unit"),
             "coulomb": None if row.coulomb_torque is None else row.coulomb_torque / ratio[row.place],
             "shapes": [
-                section(shape, "kind threshold") | {"torque": level, "std": std}
-                for shape, level, std in fitted
-                if shape.place == row.place and level > 0
+                section(shape, "kind threshold") | {"torque": torque, "std": std}
+                for shape, torque, std in fitted
+                if shape.place == row.place and torque > 0
             ],
             "before": named(friction.configurations, friction.before[:, i]),
             "after": named(friction.configurations, friction.after[:, i]),

@@ -38,16 +38,15 @@ def targets(tag: str) -> tuple["Target", ...]:
 
 
 def explain_targets(tag: str = "") -> str:
-    """Explain a target, or all of them: the files' content and the values that the target needs."""
+    """Explain a target, or all of them: the files' content and the arguments of its function."""
     from elastid.base.display import capital
 
     rows = [row for name in ([tag] if tag else tags()) for row in targets(name)]
-    return "\n".join(
-        f"{row.tag}\n  {capital(row.keeps)}.\n  Arguments of its function: {', '.join(row.needs)}." for row in rows
-    )
+    texts = (f"{capital(row.content)}.\n  Arguments of its function: {', '.join(row.arguments)}." for row in rows)
+    return "\n".join(f"{row.tag}\n  {text}" for row, text in zip(rows, texts, strict=True))
 
 
 def _of_packages() -> "tuple[EntryPoint, ...]":
-    from elastid.base.entry_points import points  # reads files of all packages, which the first lines do without
+    from elastid.base.entry_points import group_entries  # reads files of all packages, which the first lines do without
 
-    return tuple(entry for entry in points(GROUP) if entry.name not in MODULES)
+    return tuple(entry for entry in group_entries(GROUP) if entry.name not in MODULES)

@@ -10,14 +10,14 @@ Row = TypeVar("Row")
 
 
 @cache
-def points(group: str) -> tuple[EntryPoint, ...]:
+def group_entries(group: str) -> tuple[EntryPoint, ...]:
     """Return the entry points of a group; cached, since the look-up reads a file of every installed package."""
     return tuple(entry_points(group=group))
 
 
 def registered(group: str, kind: type[Row]) -> tuple[Row, ...]:
     """Return the rows of a group; StudyError for an entry point that cannot be loaded or is of another type."""
-    return tuple(load_row(point, kind) for point in points(group))
+    return tuple(load_row(point, kind) for point in group_entries(group))
 
 
 def load_row(point: EntryPoint, kind: type[Row]) -> Row:

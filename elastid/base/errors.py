@@ -120,7 +120,7 @@ def check_theta(theta: Sized, names: Sequence[str]) -> None:
         raise ValueError(f"theta has {len(theta)} numbers for {len(names)} parameters: {', '.join(names)}")
 
 
-def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -> str:
+def did_you_mean(name: str, valid: Iterable[str], further: Iterable[str] = ()) -> str:
     """The known name nearest to an unknown one, or else all of them: the end of a message.
 
     further: known names that are too many to be listed.
@@ -130,7 +130,7 @@ def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -
     >>> did_you_mean("x", ["band_hz", "period"])
     'there are band_hz, period'
     """
-    names = list(known)
+    names = list(valid)
     close = get_close_matches(name, [*names, *further], n=1)
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names) or 'none'}"
 

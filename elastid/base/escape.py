@@ -85,9 +85,9 @@ def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
 
 def unused(name: str, taken: Iterable[str], separator: str = " ") -> str:
     """The name, with a number behind it where another one differs from it at most in case."""
-    known = {name.casefold() for name in taken}
+    folded = {name.casefold() for name in taken}
     number = 1
-    while (numbered := name if number == 1 else f"{name}{separator}{number}").casefold() in known:
+    while (numbered := name if number == 1 else f"{name}{separator}{number}").casefold() in folded:
         number += 1
     return numbered
 

@@ -48,7 +48,8 @@ def persistent_workers() -> Iterator[None]:
         yield
     finally:
         _AT_REST.reset(token)
-        dismiss(at_rest)
+        if at_rest:
+            dismiss(at_rest)
 
 
 def silent(done: int, total: int) -> None:
@@ -138,24 +139,24 @@ class Execution:
         if not self.is_shared(len(items)):
             yield from map(function, items)
             return
-        known: dict[int, Outcome] = {}
+        waiting: dict[int, Outcome] = {}
         index = 0
         with closing(_by_workers(function, items, self.jobs, at_home=True)) as results:
             for finished, outcome in results:
-                known[finished] = outcome
-                while index in known and known[index].error is None:
-                    yield known.pop(index).value
+                waiting[finished] = outcome
+                while index in waiting and waiting[index].error is None:
+                    yield waiting.pop(index).value
                     index += 1
-        if known:
-            yield known[index].result
+        if waiting:
+            yield waiting[index].result
 
     def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
         """`ordered`, resumed: values in the checkpoint under the names are known, new ones are kept there."""
         results = {index: self.checkpoint[name] for index, name in enumerate(names) if name in self.checkpoint}
-        todo, known = [index for index in range(len(items)) if index not in results], len(results)
+        todo, n_done = [index for index in range(len(items)) if index not in results], len(results)
 
         def with_known(done: int, total: int) -> None:
-            self.progress(done + known, total + known)
+            self.progress(done + n_done, total + n_done)
 
         shown = replace(self, progress=with_known)
         for place, value in shown.unordered(function, [items[index] for index in todo]):
@@ -173,16 +174,16 @@ def _by_workers(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, at_home: bool = False
 ) -> Generator[tuple[int, Outcome], None, None]:
     """Outcomes from workers; the item of a worker that dies is done again, by half as many."""
-    left, deaths = dict(enumerate(items)), 0
-    while left:
-        with closing(_outcomes(function, list(left.items()), max(1, jobs >> deaths), at_home)) as results:
+    remaining, deaths = dict(enumerate(items)), 0
+    while remaining:
+        with closing(_outcomes(function, list(remaining.items()), max(1, jobs >> deaths), at_home)) as results:
             for index, outcome in results:
                 if outcome.died:
                     deaths += 1
                     break
-                del left[index]
+                del remaining[index]
                 yield index, outcome
-        if left:
+        if remaining:
             _refuse_unguarded()
         if deaths == MOST_DEATHS:
             raise ElastidError(

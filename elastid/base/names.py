@@ -116,9 +116,9 @@ def check_different(noun: str, names: Iterable[str]) -> None:
     Traceback (most recent call last):
     ValueError: joint 'Arm' differs from 'arm' in case or in a blank alone; give it a name of its own
     """
-    known: dict[str, str] = {}
+    names_by_folded: dict[str, str] = {}
     for name in names:
-        earlier, known[_folded(name)] = known.get(_folded(name)), name
+        earlier, names_by_folded[_folded(name)] = names_by_folded.get(_folded(name)), name
         if earlier == name:
             raise ValueError(f"{noun} {name} is given twice; leave one out")
         if earlier is not None:

@@ -51,8 +51,8 @@ def chi_square_limit(dof: float, tail: float) -> float:
     return float(chdtri(dof, tail))
 
 
-def f_test(drop: float, added: int, left: float, dof: float) -> float:
-    """The p-value of `added` further parameters that lower a sum of squares by `drop` to `left` with `dof` left.
+def f_test(drop: float, added: int, residual: float, dof: float) -> float:
+    """The p-value of `added` further parameters that lower a sum of squares by `drop` to `residual` with `dof` left.
 
     A sum that rounding or a poor search lets grow has a p-value of 1.
 
@@ -63,7 +63,7 @@ def f_test(drop: float, added: int, left: float, dof: float) -> float:
     """
     from scipy.special import fdtrc
 
-    return float(fdtrc(added, dof, max(drop, 0.0) / added / max(left / dof, 1e-300)))
+    return float(fdtrc(added, dof, max(drop, 0.0) / added / max(residual / dof, 1e-300)))
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:
@@ -105,11 +105,11 @@ class Spread:
     def std(self) -> FloatArray:
         """E|dy|^2 ^ 1/2 (...), infinite where unknown."""
         power = np.sum(np.abs(self.errors) ** 2, axis=0)
-        known = np.sqrt(power if self.by == "linearisation" else power / max(len(self.errors), 1))
-        return np.where(self.unknown | np.isnan(known), np.inf, known)
+        std = np.sqrt(power if self.by == "linearisation" else power / max(len(self.errors), 1))
+        return np.where(self.unknown | np.isnan(std), np.inf, std)
 
-    def radii(self, level: float = LEVEL) -> tuple[FloatArray, FloatArray]:
-        """Distances (F, n_y, n_u) from y (F, n_y, n_u) within which the truth is with probability `level`.
+    def radii(self, probability: float = LEVEL) -> tuple[FloatArray, FloatArray]:
+        """Distances (F, n_y, n_u) from y (F, n_y, n_u) within which the truth is with probability `probability`.
 
         First at each line by itself, then at all lines of an element together.
         """
@@ -121,10 +121,10 @@ class Spread:
             size = np.where(np.isfinite(std[:, i, j]) & (std[:, i, j] > 0), std[:, i, j], 1.0)
             ratio = np.abs(normal @ errors if self.by == "linearisation" else errors) / size
             if ratio.size:
-                pointwise[:, i, j] *= np.quantile(ratio, level, axis=0)
-                together[:, i, j] *= np.quantile(ratio.max(axis=1), level)
-        known = np.isfinite(std)
-        return np.where(known, pointwise, np.inf), np.where(known, together, np.inf)
+                pointwise[:, i, j] *= np.quantile(ratio, probability, axis=0)
+                together[:, i, j] *= np.quantile(ratio.max(axis=1), probability)
+        finite = np.isfinite(std)
+        return np.where(finite, pointwise, np.inf), np.where(finite, together, np.inf)
 
 
 def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: FloatArray) -> Spread:
@@ -202,8 +202,8 @@ def identifiable_combinations(values: FloatArray, covariance: FloatArray, larges
         of_value = float(np.sqrt(weights @ covariance[np.ix_(members, members)] @ weights))
         if of_value < MAX_COMBINATION_STD * std[i]:
             value = float(weights @ values[members])
-            known = Combination(tuple(members), tuple(weights.tolist()), value, of_value, float(std[i]))
-            combinations.setdefault(known.members, known)
+            combination = Combination(tuple(members), tuple(weights.tolist()), value, of_value, float(std[i]))
+            combinations.setdefault(combination.members, combination)
     return tuple(combinations.values())
 
 

@@ -89,9 +89,9 @@ class _Message(bytearray):
 class _Pickler(pickle.Pickler):
     """Replace values that the other end has by their names; new: values to send."""
 
-    def __init__(self, message: _Message, known: set[bytes]) -> None:
+    def __init__(self, message: _Message, sent: set[bytes]) -> None:
         super().__init__(message, pickle.HIGHEST_PROTOCOL)
-        self._known, self.new = known, dict[bytes, Any]()
+        self._known, self.new = sent, dict[bytes, Any]()
 
     def reducer_override(self, value: Any) -> Any:
         """Name of a value that the other end has, with names of its parts if it stays there."""

@@ -43,20 +43,20 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(obstacles(spec, robot, angles))
-    left = np.ones(len(angles), dtype=np.bool_)
+    allowed = np.ones(len(angles), dtype=np.bool_)
     refused: dict[str, int] = {}
     for reason, bad in reasons:
-        if (left & bad).any():
-            refused[reason] = int((left & bad).sum())
-        left &= ~bad
-    if not left.any():
+        if (allowed & bad).any():
+            refused[reason] = int((allowed & bad).sum())
+        allowed &= ~bad
+    if not allowed.any():
         raise StudyError(
             "design/candidates",
             f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}. Give others, or "
             "relax the constraints that reject them",
             "design.candidates",
         )
-    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist()), refused)
+    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(allowed).tolist()), refused)
 
 
 def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -179,10 +179,10 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
 
 
 def visible(
-    criterion: DesignCriterion, H: FloatArray, known: FloatArray, parameters: Parameters
+    criterion: DesignCriterion, H: FloatArray, prior: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
     """The criterion on the parameters that the candidates together inform, and information (n_x, n_x) for the rest."""
-    pooled = H.mean(axis=0) + known
+    pooled = H.mean(axis=0) + prior
     length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
     length[length == 0] = 1.0
     eigenvalues, V = np.linalg.eigh(pooled / np.outer(length, length))

@@ -97,11 +97,11 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     plan = problem.plan(experiment, chosen, spectra)
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
-    known = with_tolerances(settled.parameters, settled.robot, settled.fit)
+    parameters = with_tolerances(settled.parameters, settled.robot, settled.fit)
     fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
-    responses = [replace(model, parameters=known).expected(c, known.x) for model, c in fitted]
+    responses = [replace(model, parameters=parameters).expected(c, parameters.x) for model, c in fitted]
     is_compensated = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
-    expected = forecast(responses, known.x, is_compensated)
+    expected = forecast(responses, parameters.x, is_compensated)
     notes = (*sticking(plan, truth, problem.simulated.carrier), *presliding(fitted, truth), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
@@ -168,16 +168,16 @@ def _choose(
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
     given = tuple(problem.experiment.configurations)
-    prospect, known = _prospect(problem)
-    return choose_configurations(criterion, prospect, count, known, candidates.configurations, given, execution)
+    prospect, prior = _prospect(problem)
+    return choose_configurations(criterion, prospect, count, prior, candidates.configurations, given, execution)
 
 
 def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
     """The prospect of a candidate, and the information (n_x, n_x) of the configurations given."""
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
-    known = problem.prior_information()
+    prior = problem.prior_information()
     for q, configuration in enumerate(probe.configurations):
         if configuration.name in set(problem.experiment.configurations) - set(problem.excluded_configurations):
-            known = known + problem.prospect(probe, q).information(configuration, problem.parameters.x)
-    return problem.prospect(probe, -1), known
+            prior = prior + problem.prospect(probe, q).information(configuration, problem.parameters.x)
+    return problem.prospect(probe, -1), prior

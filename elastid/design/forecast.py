@@ -122,9 +122,11 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     by_noise = covariance_by_noise(covariance, n)
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
-    known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
+    values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
     return Forecast(
-        *known, (*notes, *correlated(names, by_noise)), variance_fractions=fractions if n < len(x) else np.zeros((0, 0))
+        *values,
+        (*notes, *correlated(names, by_noise)),
+        variance_fractions=fractions if n < len(x) else np.zeros((0, 0)),
     )
 
 

@@ -64,45 +64,45 @@ class DesignCriterion:
         return float(self._of_covariance(C).mean()), gradient / len(M)
 
 
-def optimal_weights(H: FloatArray, criterion: DesignCriterion, known: FloatArray) -> "Powers":
+def optimal_weights(H: FloatArray, criterion: DesignCriterion, prior: FloatArray) -> "Powers":
     """The shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
 
-    known (S, d, d): earlier information, divided by the number of experiments to be shared.
+    prior (S, d, d): earlier information, divided by the number of experiments to be shared.
     """
     group = [[CandidateInformation(of_guess) for of_guess in H]]
-    return best_powers([group], np.ones((1, 1, H.shape[1], 1)), criterion, known, 0.0, MAX_GAP / 4)
+    return best_powers([group], np.ones((1, 1, H.shape[1], 1)), criterion, prior, 0.0, MAX_GAP / 4)
 
 
 def best_experiments(
-    H: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray
+    H: FloatArray, count: int, criterion: DesignCriterion, prior: FloatArray
 ) -> tuple[IntArray, float]:
     """Numbers (Q,) of whole experiments of each candidate, `count` in all, and efficiency against the best shares.
 
-    Drawn from the shares, then exchanged one by one: the best of several starts.  known (S, d, d): earlier information.
+    Drawn from the shares, then exchanged one by one: the best of several starts.  prior (S, d, d): earlier information.
     """
-    best = optimal_weights(H, criterion, known / count)
+    best = optimal_weights(H, criterion, prior / count)
     weights = best.P[0, :, 0]
-    _, gradient = criterion.slope(known / count + np.tensordot(weights, H, (0, 1)))
+    _, gradient = criterion.slope(prior / count + np.tensordot(weights, H, (0, 1)))
     searched = np.argsort(-_gains(H, gradient) - weights, kind="stable")[:400]
     share = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
-    ends = [_exchanged(start, H[:, searched], known, criterion) for start in draw.multinomial(count, share, 6)]
+    ends = [_exchanged(start, H[:, searched], prior, criterion) for start in draw.multinomial(count, share, 6)]
     numbers = np.zeros(len(weights), dtype=np.int64)
     numbers[searched], value = max(ends, key=lambda end: end[1])
     return numbers, float(np.exp(min(0.0, value - np.log(count) - best.value - best.gap)))
 
 
 def _exchanged(
-    numbers: IntArray, H: FloatArray, known: FloatArray, criterion: DesignCriterion
+    numbers: IntArray, H: FloatArray, prior: FloatArray, criterion: DesignCriterion
 ) -> tuple[IntArray, float]:
     """Numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
     numbers = numbers.astype(np.int64)
-    value = float(criterion.value(known + np.tensordot(numbers, H, (0, 1))))
+    value = float(criterion.value(prior + np.tensordot(numbers, H, (0, 1))))
     improved = True
     while improved:
         improved = False
         for leaves in np.flatnonzero(numbers):
-            rest = known + np.tensordot(numbers, H, (0, 1)) - H[:, leaves]
+            rest = prior + np.tensordot(numbers, H, (0, 1)) - H[:, leaves]
             enters, reached = _best_addition(rest, H, criterion, int(leaves))
             if reached > value + 1e-9:
                 numbers[leaves] -= 1
@@ -197,24 +197,24 @@ def best_powers(
     groups: Groups,
     cost: FloatArray,
     criterion: DesignCriterion,
-    known: FloatArray,
+    prior: FloatArray,
     least: float,
     tolerance: float = MAX_GAP,
 ) -> Powers:
     """Best powers of each group, whose configurations all have the same.
 
-    cost (K, n_o, F, n_u): c of each group; every input and line must have one.  known (S, n_x, n_x): earlier
+    cost (K, n_o, F, n_u): c of each group; every input and line must have one.  prior (S, n_x, n_x): earlier
     information.  least: epsilon.
     """
     even = even_powers(cost)
-    best = Powers(even, float(criterion.value(_information(groups, even, known))), 0.0)
+    best = Powers(even, float(criterion.value(_information(groups, even, prior))), 0.0)
     if least >= 1:
         return best
     room = 1 - least * _used(cost, even)
     share, price, bound = (1 - least) * even, np.ones_like(room), np.inf
     for update in range(MAX_UPDATES):
         P = least * even + share
-        M = _information(groups, P, known)
+        M = _information(groups, P, prior)
         value, gradient = criterion.slope(M)
         if value > best.value:
             best = replace(best, P=P, value=value)
@@ -236,14 +236,14 @@ def best_powers(
 def even_powers(cost: FloatArray) -> FloatArray:
     """P (K, F, n_u), the same at all lines of an input, with which every input goes as far as a limit allows."""
     per_input = cost.sum(axis=2)
-    level = 1 / per_input.max(axis=1)
+    powers = 1 / per_input.max(axis=1)
     for _ in range(30):
-        used = np.einsum("kol,kl->ko", per_input, level)
+        used = np.einsum("kol,kl->ko", per_input, powers)
         # Of the limits that bound an input (it has a tenth of what is used, or more), the one that is used most.
-        counts = per_input * level[:, None, :] > 0.1 * used[..., None]
-        level = level / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
-    level = level / np.einsum("kol,kl->ko", per_input, level).max(axis=1, keepdims=True)
-    return np.repeat(level[:, None, :], cost.shape[2], axis=1)
+        counts = per_input * powers[:, None, :] > 0.1 * used[..., None]
+        powers = powers / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
+    powers = powers / np.einsum("kol,kl->ko", per_input, powers).max(axis=1, keepdims=True)
+    return np.repeat(powers[:, None, :], cost.shape[2], axis=1)
 
 
 def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
@@ -251,9 +251,9 @@ def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("kofl,kfl->ko", cost, P))
 
 
-def _information(groups: Groups, P: FloatArray, known: FloatArray) -> FloatArray:
+def _information(groups: Groups, P: FloatArray, prior: FloatArray) -> FloatArray:
     """M (S, n_x, n_x)."""
-    M = known.copy()
+    M = prior.copy()
     for group, powers in zip(groups, P, strict=True):
         for configuration in group:
             M += np.stack([source.information(powers) for source in configuration])

@@ -70,9 +70,9 @@ class DesignProblem:
         """
         given = () if self.design is not None else tuple(self.experiment.configurations)
         parameters = choose(self.fit, self.robot, [name for name in given if name not in self.excluded_configurations])
-        known = dict(self.fitted_values)
+        fit = dict(self.fitted_values)
         return parameters.with_values(
-            {p.name: min(max(known[p.stands_for], p.lower), p.upper) for p in parameters.free if p.stands_for in known}
+            {p.name: min(max(fit[p.stands_for], p.lower), p.upper) for p in parameters.free if p.stands_for in fit}
         )
 
     @property
@@ -244,9 +244,9 @@ def _best(
         )
     sources = [prospect.source(c, x) for prospect, c in measurements]
     H = [source.information(P) for source, P in zip(sources, even_powers(cost), strict=True)]
-    known = problem.prior_information()
-    criterion, ground = visible(problem.criterion, np.array(H), known, first.parameters)
+    prior = problem.prior_information()
+    criterion, ground = visible(problem.criterion, np.array(H), prior, first.parameters)
     groups = [[[source] for source in sources]] if together else [[[source]] for source in sources]
     cost = cost.mean(axis=0, keepdims=True) if together else cost
-    best = best_powers(groups, cost, criterion, (known + ground)[None], problem.excitation.least)
+    best = best_powers(groups, cost, criterion, (prior + ground)[None], problem.excitation.least)
     return np.asarray(np.sqrt(best.P / E))

@@ -146,9 +146,9 @@ class MultisineSpec:
             return (tuple(item for item in given if not isinstance(item, tuple)),)
         return tuple(item[0] if len(item) == 1 else item for item in lists)
 
-    def at_amplitude(self, level: int) -> "MultisineSpec":
+    def at_amplitude(self, index: int) -> "MultisineSpec":
         """Multisine with one of its amplitudes, counted from 1."""
-        return self if len(self.amplitudes) == 1 else replace(self, torque_rms=self.amplitudes[level - 1])
+        return self if len(self.amplitudes) == 1 else replace(self, torque_rms=self.amplitudes[index - 1])
 
     @property
     def period_samples(self) -> int:

@@ -41,9 +41,9 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
 from elastid.fit.problem.frf_residuals import ElasticFit, chunked, each_at_home
+from elastid.fit.problem.least_squares import exceeds_noise
 from elastid.fit.problem.systematic_errors import find_factors
 from elastid.fit.problem.weights import Weights
-from elastid.fit.residual_test import exceeds_noise
 from elastid.fit.robust_covariance import (
     LineSums,
     block_variance,
@@ -159,7 +159,7 @@ def estimate_uncertainty(
         friction=friction_variance(fit.parameters, responses, is_compensated),
     )  # fmt: skip
     covariance = every.covariance(half)
-    known = every.random_fraction(covariance, is_excess) / every.random
+    random_fraction = every.random_fraction(covariance, is_excess) / every.random
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     fraction, band_hz = information(power, [part.freq_hz for part in parts], sums.load_power)
@@ -168,8 +168,8 @@ def estimate_uncertainty(
         expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=fraction, information_band_hz=band_hz,
         disagreement=disagreement([part.disagreement for part in parts], len(half)),
         shift=np.where(unreached, 0.0, np.sqrt(blocks / (every.random + np.diag(every.model_error)))),
-        averaging_fraction=averaging * known,
-        persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(every.ratios)) * known,
+        averaging_fraction=averaging * random_fraction,
+        persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(every.ratios)) * random_fraction,
         costs=np.array([part.cost for part in parts]), power=power, ratios=ratios,
     )  # fmt: skip
 
@@ -266,8 +266,8 @@ def sum_up(
     for sums in each_at_home(partial(sum_lines, bare, x, factors, half), configurations, home):
         pulls |= {key: pulls.get(key, 0.0) + pull for key, pull in sums.model_error_pull.items()}
         parts.append(replace(sums, model_error_pull={}))
-    known = half[:, :n_x], singular_values, unreached[:n_x], prior_J @ half.T, static_J @ half.T, static_r
-    return Sums(tuple(parts), *known, pulls, fit.n_residuals, fit.problem.dof)
+    arrays = half[:, :n_x], singular_values, unreached[:n_x], prior_J @ half.T, static_J @ half.T, static_r
+    return Sums(tuple(parts), *arrays, pulls, fit.n_residuals, fit.problem.dof)
 
 
 def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
@@ -278,11 +278,11 @@ def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
     parts = sums.parts
     meat = sums.prior_J.T @ sums.prior_J + sums.static_J.T @ sums.static_J
     power = float(np.count_nonzero(np.any(sums.prior_J, axis=1)) + len(sums.static_J))
-    level, spread = sum(part.cost for part in parts) / max(sums.dof, 1), 2 * power
+    variance, spread = sum(part.cost for part in parts) / max(sums.dof, 1), 2 * power
     for part in parts:
         if part.noise is None:
-            meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
-            spread += 2 * level**2 * part.n_residuals
+            meat, power = meat + variance * part.rows.T @ part.rows, power + variance * part.n_residuals
+            spread += 2 * variance**2 * part.n_residuals
         else:
             meat, power = meat + part.noise, power + part.noise_power
             spread += part.noise_spread

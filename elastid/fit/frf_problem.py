@@ -259,8 +259,8 @@ def is_distorted_by_friction(response: Response) -> bool:
     noise, total = response.noise, response.total
     if noise is None or total is None or is_friction_compensated(response):
         return False
-    known = (noise.variance > 0) & np.isfinite(total.variance)
-    return bool(known.any()) and float(np.median(total.variance[known] / noise.variance[known])) > DISTORTED
+    used = (noise.variance > 0) & np.isfinite(total.variance)
+    return bool(used.any()) and float(np.median(total.variance[used] / noise.variance[used])) > DISTORTED
 
 
 def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:

@@ -65,9 +65,9 @@ def scatter_of_ratios(
     shifts = to_groups.T @ pull @ half
     N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ moved, 0.0
     for _ in range(3):
-        level = together * max((cost - drop) / max(expected, 1e-300), 1.0)
-        s = ratio_std(N, h, names, level)
-        e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(level) else level) * np.eye(len(s)), s * h)
+        variance = together * max((cost - drop) / max(expected, 1e-300), 1.0)
+        s = ratio_std(N, h, names, variance)
+        e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(variance) else variance) * np.eye(len(s)), s * h)
         drop = float(2 * h @ e - e @ N @ e)
     explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
     s = np.ones(len(s)) if is_excess and not explains else s
@@ -85,13 +85,13 @@ def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:
     return [(name, number[i]) for i, (name, _) in enumerate(joints)]
 
 
-def ratio_std(N: FloatArray, h: FloatArray, names: list[str], level: float) -> FloatArray:
+def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -> FloatArray:
     """Return the std s (n,) of each ratio over its tolerance; names (n,): the gear of each.
 
     The root of the mean s_j^2 over its posterior, with the other gears at theirs, in three rounds; 1 of a gear at one
     angle, which shows no scatter. In forecasts h h^T is c N.
     """
-    c, s = 1.0 if math.isnan(level) else level, np.ones(len(names))
+    c, s = 1.0 if math.isnan(variance) else variance, np.ones(len(names))
     prior = -0.5 * ((np.log(RATIO_STD) - RATIO_PRIOR[0]) / RATIO_PRIOR[1]) ** 2
     for name in [name for name in dict.fromkeys(names) if names.count(name) > 1] * 3:
         own = np.array(names) == name
@@ -99,7 +99,7 @@ def ratio_std(N: FloatArray, h: FloatArray, names: list[str], level: float) -> F
         V, power = V[:, power > 1e-9 * max(power[-1], 1e-300)], power[power > 1e-9 * max(power[-1], 1e-300)]
         across = V.T @ N[np.ix_(own, ~own)] * s[~own]
         others = across @ across.T + c * np.diag(power)
-        square = c * np.diag(power) if math.isnan(level) else np.outer(V.T @ h[own], V.T @ h[own])
+        square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[own], V.T @ h[own])
         C = others + RATIO_STD[:, None, None] ** 2 * np.diag(power**2)
         quadratic = np.trace(np.linalg.solve(C, np.broadcast_to(square, C.shape)), axis1=1, axis2=2)
         log_w = prior - 0.5 * (np.linalg.slogdet(C)[1] + quadratic)

@@ -110,8 +110,8 @@ def identified(
             result = replace(result, notes=(*result.notes, *contradicted))
             result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
-            known = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
-            return result, known
+            effects = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
+            return result, effects
     except FitError as error:
         if not isinstance(error, NoRestError) or robot.tolerances is None:
             if not loads:
@@ -219,13 +219,13 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
         )
     for response in responses:
         _check_robot(response, robot)
-    known = dict[int, str]()  # names of configurations by the hash of their numbers: there may be thousands
+    first_name = dict[int, str]()  # names of configurations by the hash of their numbers: there may be thousands
     for response in (response for response in responses if response.uncertainty is not None):
         name, numbers = response.configuration.name, hash((response.inputs, response.outputs, response.G.tobytes()))
-        if known.setdefault(numbers, name) != name:
+        if first_name.setdefault(numbers, name) != name:
             raise DataError(
                 "fit/responses",
-                f"the responses of {known[numbers]} and {name} are the same numbers: "
+                f"the responses of {first_name[numbers]} and {name} are the same numbers: "
                 "one measurement under two names, or one file for two postures; leave one of them out",
             )
     if len({response.has_rate for response in responses}) > 1:
@@ -240,13 +240,13 @@ def _check_robot(response: Response, robot: Robot) -> None:
     if refused := robot.count_refusal(angles.size):
         raise DataError("fit/responses", f"{where}: {refused}" + (f"; {advice}" if angles.size else ""))
     at_tool = any(map(is_load, response.inputs))
-    known = robot.load_locations if at_tool else robot.motor_locations
+    locations = robot.load_locations if at_tool else robot.motor_locations
     if response.controller is not None:
-        known = tuple(f"{REFERENCE}{name}" for name in robot.driven_names)
-    if missing := [name for name in response.inputs if name not in known]:
+        locations = tuple(f"{REFERENCE}{name}" for name in robot.driven_names)
+    if missing := [name for name in response.inputs if name not in locations]:
         has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
         both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""
-        raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(known)}; {advice}", where)
+        raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(locations)}; {advice}", where)
     refused, still = "", ", ".join(place for place in response.outputs if place.startswith("motor "))
     if response.motors != "free" and not at_tool:
         refused = f"torques of its motors, which are {response.motors}, cannot act on them"
@@ -422,8 +422,8 @@ def _estimate(
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, near)
     fit, end = optimum.fit, optimum.end
     is_compensated = any(map(is_friction_compensated, assembly.responses))
-    known = fit, optimum.responses, optimum.weights, end.x
-    uncertainty = estimate_uncertainty(*known, execution, is_compensated=is_compensated)
+    arguments = fit, optimum.responses, optimum.weights, end.x
+    uncertainty = estimate_uncertainty(*arguments, execution, is_compensated=is_compensated)
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
     expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof

@@ -141,13 +141,13 @@ def _profile(
     """Both ends in x of the interval of one parameter, infinite where the data give no bound; least: V at x."""
     curvature = max(float(A_inverse[place, place]), 1e-300)
     stated = float(variance[place]) if 0 < variance[place] < math.inf else curvature
-    tangent, level = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(stated / curvature)
-    reach, end = QUANTILE_95 * math.sqrt(stated), partial(_end, problem, x, least, tangent, level, place)
+    tangent, threshold = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(stated / curvature)
+    reach, end = QUANTILE_95 * math.sqrt(stated), partial(_end, problem, x, least, tangent, threshold, place)
     return end(-reach), end(reach)
 
 
 def _end(
-    problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, level: float, place: int, reach: float
+    problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, threshold: float, place: int, reach: float
 ) -> float:
     """End where sqrt(V_p - V) crosses its level, sought from x + reach on; infinite without one before a bound."""
     from scipy.optimize import brentq  # slow to load, and seldom needed
@@ -155,21 +155,21 @@ def _end(
     bounds, last = problem.parameters.x_bounds, x
     side, limit = math.copysign(1.0, reach), float(bounds[int(reach > 0)][place] - x[place])
 
-    known = {0.0: -level}
+    excess_at = {0.0: -threshold}
 
     def excess(distance: float) -> float:
         nonlocal last
-        if distance in known:
-            return known[distance]
+        if distance in excess_at:
+            return excess_at[distance]
         begin = np.clip(last + (x[place] + distance - last[place]) * tangent, *bounds)
         begin[place] = x[place] + distance
         beginning = problem.evaluate(begin)
         if not math.isfinite(beginning.cost):  # no model there
-            return level
+            return threshold
         end = trust_region(problem, begin, beginning, ROUGH, 60, np.arange(len(x)) == place)
         last = end.x
-        known[distance] = math.sqrt(max(0.0, end.evaluation.cost - least)) - level
-        return known[distance]
+        excess_at[distance] = math.sqrt(max(0.0, end.evaluation.cost - least)) - threshold
+        return excess_at[distance]
 
     far = min(reach, limit, key=abs)
     while excess(far) < 0:
@@ -189,11 +189,11 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        names, left = choose_profiles(problem.parameters, variance)
-        further = f"; {', '.join(left)}: still symmetric, add them to fit.profile"
+        names, omitted = choose_profiles(problem.parameters, variance)
+        further = f"; {', '.join(omitted)}: still symmetric, add them to fit.profile"
         text = (
             f"{', '.join(names)}: interval by profile likelihood, because the std is above 10 % and the cost is not "
-            f"quadratic{further * bool(left)}"
+            f"quadratic{further * bool(omitted)}"
         )
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
@@ -221,5 +221,5 @@ def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple
     std = np.sqrt(variance)
     rough = [i for i, p in enumerate(parameters.of_interest) if p.log and ROUGH_STD < std[i] < math.inf]
     worst = sorted(rough, key=lambda i: -float(std[i]))
-    chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
-    return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in left)
+    chosen, omitted = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
+    return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in omitted)

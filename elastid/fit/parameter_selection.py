@@ -230,8 +230,8 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
     return Parameter(name, start, unit, *_bounds(name, start, asked, log), log, prior=prior)
 
 
-def _prior(prior: PriorSpec | None, known: float) -> Prior | None:
-    return None if prior is None else Prior(known if prior.mean is None else float(prior.mean), prior.std)
+def _prior(prior: PriorSpec | None, value: float) -> Prior | None:
+    return None if prior is None else Prior(value if prior.mean is None else float(prior.mean), prior.std)
 
 
 def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[float, float]:
@@ -256,16 +256,16 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     has_references = channel_name(DELAY, "r") in parameters.names
     unused = ("gain_u_",) if has_references else ("gain_kp_", "gain_kd_")
     tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
-    known = {parameter.name: parameter for parameter in parameters}
+    by_name = {parameter.name: parameter for parameter in parameters}
     asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
     asked |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
     numbers: list[Parameter] = []
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
-        number = known.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
+        number = by_name.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
         given = tolerances.get(name)
         if given is None or name in asked or (number.value == 0 and given.kind not in ("center_of_mass", "angle")):
-            numbers += [number] * (name in known)
+            numbers += [number] * (name in by_name)
         elif given.factor:
             factors[given.factor] = replace(_within(Parameter(given.factor, 1.0, log=True), given.std), ratio=True)
             numbers.append(replace(number, tie=Tie(given.factor, number.value)))

@@ -75,11 +75,11 @@ class Family:
     ) -> "Family":  # fmt: skip
         """Return the family; StudyError for unknown locations.  where: configuration whose group parameters apply."""
         robot, frame = _with_frames(robot, request)
-        held = replace(robot, payload=request.payload) if isinstance(request.payload, Payload) else robot
+        loaded = replace(robot, payload=request.payload) if isinstance(request.payload, Payload) else robot
         members = (name for doubt in doubts for name in doubt.members)
-        linearisation = Linearisation.of_robot(held, spec, (*parameters.names, *members))
+        linearisation = Linearisation.of_robot(loaded, spec, (*parameters.names, *members))
         names, base = (*linearisation.model.parameters, DELAY), np.append(linearisation.model.theta, 0.0)
-        carried = held.payload.numbers if isinstance(request.payload, Payload) and held.payload else ()
+        carried = loaded.payload.numbers if isinstance(request.payload, Payload) and loaded.payload else ()
         estimated = Estimated.of(parameters, x, covariance, names, base, where, doubts, (*carried, DELAY))
         inputs = request.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
         outputs = request.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
@@ -89,8 +89,8 @@ class Family:
             *(f"accelerometer {name} {axis}" for name in _accelerometers(outputs) for axis in "xyz"),
             *(place for place in outputs if not place.startswith(("frame ", "accelerometer "))),
         )
-        _check_ports(held, inputs, outputs, request.motors)
-        return cls(linearisation, held, request, estimated, tuple(dict.fromkeys(places)), inputs, outputs, frame)
+        _check_ports(loaded, inputs, outputs, request.motors)
+        return cls(linearisation, loaded, request, estimated, tuple(dict.fromkeys(places)), inputs, outputs, frame)
 
     @property
     def model(self) -> ElasticModel:
@@ -176,12 +176,12 @@ class Family:
         return JointLoop.gain_derivatives(given, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
 
 
-def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configuration]) -> Configuration:
+def as_configuration(posture: Posture, robot: Robot, configurations: Sequence[Configuration]) -> Configuration:
     """Return a posture (numbers, mapping from joints, or name of a fitted configuration) as a configuration."""
     if isinstance(posture, Configuration):
         return posture
     if isinstance(posture, str):
-        return known[index_of(posture, [posture.name for posture in known], "fitted configuration")]
+        return configurations[index_of(posture, [posture.name for posture in configurations], "fitted configuration")]
     names = robot.driven_names
     if isinstance(posture, Mapping):
         for name in posture:
@@ -219,7 +219,7 @@ def _with_frames(robot: Robot, request: PredictionPorts) -> tuple[Robot, str]:
     """The robot with a frame for the one that was asked for, and for each body that is named like one."""
     frame = request.frame or default_frame(robot)
     if isinstance(frame, Frame):
-        others = tuple(known for known in robot.frames if known.name != frame.name)
+        others = tuple(other for other in robot.frames if other.name != frame.name)
         robot, frame = replace(robot, frames=(*others, frame)), frame.name
     return with_frames(robot, filter(None, [frame, *map(_frame_of, (*request.inputs, *request.outputs))])), frame
 

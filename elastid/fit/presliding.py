@@ -190,19 +190,19 @@ class _State:
             values, place = fit.parameters.as_dict(end.x), fit.parameters.free_names.index(relaxation(joint))
             margin = np.min(np.abs([ends[place] - end.x[place] for ends in fit.parameters.x_bounds]))
             if margin > 1e-3:  # else it is a spring or a damper
-                found = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in every}
-                yield replace(self, springs=found, fit=fit, x=end.x, cost=end.cost)
+                springs = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in every}
+                yield replace(self, springs=springs, fit=fit, x=end.x, cost=end.cost)
 
 
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
     """Add springs motor by motor, by the largest predicted drop, if V falls by more than chance."""
-    by_chance, left = chi_square_limit(2, LIMITS.false_alarm_rate), list(joints)
+    by_chance, remaining = chi_square_limit(2, LIMITS.false_alarm_rate), list(joints)
     first = state
-    while left:
-        predicted = [state.predicted(joint) for joint in left]
+    while remaining:
+        predicted = [state.predicted(joint) for joint in remaining]
         if not max(predicted) > PREDICTED * by_chance * state.level:
             break
-        joint = left.pop(int(np.argmax(predicted)))
+        joint = remaining.pop(int(np.argmax(predicted)))
         best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
         state = best if state.cost - best.cost > by_chance * best.level else state
     # What compensated friction leaves is not Gaussian.
@@ -231,12 +231,12 @@ def _columns(
 
 def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
     """Median of a motor's torque over its angle, or over the motion that it moves most, N m/rad."""
-    found = []
+    ratios = []
     for G in (response for response in responses if place in response.inputs):
         motions = np.abs(G.G[:, :, G.inputs.index(place)])
         i = G.outputs.index(place) if place in G.outputs else int(np.argmax(motions.mean(axis=0)))
-        found.append((2 * np.pi * G.freq_hz) ** MOTION_ORDER[G.quantity] / np.maximum(motions[:, i], 1e-300))
-    return float(np.median(np.concatenate(found)))
+        ratios.append((2 * np.pi * G.freq_hz) ** MOTION_ORDER[G.quantity] / np.maximum(motions[:, i], 1e-300))
+    return float(np.median(np.concatenate(ratios)))
 
 
 def _rates(responses: Sequence[Response]) -> FloatArray:
@@ -277,9 +277,9 @@ def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
     return replace(assembly, parameters=Parameters((*every[:at], *numbers, *every[at:])), linearisation=linearisation)
 
 
-def _start(parameters: Parameters, known: Parameters, x: FloatArray) -> FloatArray:
-    """x (n_x,) of parameters: as in x of `known`, else their start."""
-    values = named(known.free_names, x)
+def _start(parameters: Parameters, fitted: Parameters, x: FloatArray) -> FloatArray:
+    """x (n_x,) of parameters: as in x of `fitted`, else their start."""
+    values = named(fitted.free_names, x)
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 
 
@@ -306,7 +306,7 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
     def rows(values: FloatArray) -> FloatArray:
         return values[kept] if len(values) == len(kept) else values
 
-    found = tuple(_presliding(result, spring, assembly) for spring in springs)
+    presliding = tuple(_presliding(result, spring, assembly) for spring in springs)
     parameters = Parameters(tuple(p for p in result.parameters if p.name not in names))
     robot = replace(assembly.linearisation, presliding=())
     parts = (
@@ -323,10 +323,10 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
         starts=tuple(replace(start, x=rows(start.x), x_start=rows(start.x_start)) for start in result.starts),
         indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
         linear=tuple(part.kernel.model for part in parts),
-        presliding=found,
+        presliding=presliding,
     )
     is_large = before.exceeds_noise or _has_moved(before, without)
-    return replace(without, notes=(*result.notes, *(_note(each, is_large) for each in found)))
+    return replace(without, notes=(*result.notes, *(_note(each, is_large) for each in presliding)))
 
 
 def _has_moved(before: Result, after: Result) -> bool:
@@ -357,16 +357,17 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
         yield float(np.pi * np.sqrt((omega**2 @ power) / max(float(omega**4 @ power), 1e-300)))
 
 
-def _note(found: Presliding, is_large: bool) -> Note:
+def _note(spring: Presliding, is_large: bool) -> Note:
+    k, a = f"{spring.stiffness:.3g} +- {spring.stiffness_std:.2g}", f"{spring.rate:.3g} +- {spring.rate_std:.2g}"
     text = (
-        f"{found.place}: presliding friction of {found.stiffness:.3g} +- {found.stiffness_std:.2g} {found.unit} (link "
-        f"side), relaxing at {found.rate:.3g} +- {found.rate_std:.2g} 1/s, is part of the model and of the intervals"
+        f"{spring.place}: presliding friction of {k} {spring.unit} (link side), relaxing at {a} 1/s, is part of the "
+        "model and of the intervals"
     )
     if not is_large:
         return Note("fit/presliding", text, severity="information")
-    if AMPLITUDES[0] < found.amplitude < AMPLITUDES[1]:
+    if AMPLITUDES[0] < spring.amplitude < AMPLITUDES[1]:
         text += (
-            f". The motion between two reversals is about {found.amplitude:.2g} of the presliding distance (limit "
+            f". The motion between two reversals is about {spring.amplitude:.2g} of the presliding distance (limit "
             f"{AMPLITUDES[1]:g})"
         )
     advice = "Do not use the Coulomb torque of this motor. To identify it, increase the amplitude of the excitation"

@@ -13,8 +13,7 @@ from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_y
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
+from elastid.fit.problem.least_squares import LocalOptimum, exceeds_noise, max_cost_ratio
 from elastid.fit.result_rows import (
     NO_NUMBERS,
     NO_PAIRS,
@@ -475,8 +474,8 @@ class Result:
         from elastid.fit.posture import Family
 
         spec = self.equations or ModelSpec()
-        known = self.parameters, self.x, self.covariance_of_prediction
-        return Family.of(self.known_robot, spec, *known, ports, where, self.doubts)
+        estimates = self.parameters, self.x, self.covariance_of_prediction
+        return Family.of(self.known_robot, spec, *estimates, ports, where, self.doubts)
 
     @property
     def known_robot(self) -> Robot:

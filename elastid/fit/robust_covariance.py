@@ -247,9 +247,9 @@ def sum_blocks(
     for band, g in zip(slices, pulls, strict=True):
         noise = 0.5 * np.sum(J[band].conj().transpose(0, 2, 1) @ S[band] @ J[band], axis=0).real
         values, vectors = np.linalg.eigh(noise)
-        known = values > 1e-9 * max(float(values[-1]), 1e-300)
-        total += float(np.sum((vectors[:, known].T @ g) ** 2 / values[known]))
-        every, rank = every + noise, rank + int(np.count_nonzero(known))
+        positive = values > 1e-9 * max(float(values[-1]), 1e-300)
+        total += float(np.sum((vectors[:, positive].T @ g) ** 2 / values[positive]))
+        every, rank = every + noise, rank + int(np.count_nonzero(positive))
     return pulls, every, (total, rank)
 
 
@@ -269,8 +269,8 @@ def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArra
 def _moved_without(part: LineSums) -> FloatArray:
     """The change of z (n_x,) without a configuration, in the directions that the others determine."""
     values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
-    known = values > 1e-10  # less is known from this configuration alone
-    return np.asarray(vectors[:, known] @ ((vectors[:, known].T @ part.pull.sum(axis=1)) / values[known]))
+    reached = values > 1e-10  # less is known from this configuration alone
+    return np.asarray(vectors[:, reached] @ ((vectors[:, reached].T @ part.pull.sum(axis=1)) / values[reached]))
 
 
 def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:

@@ -31,17 +31,17 @@ class FactorSpec:
 
 
 def misnamed(
-    spec: FactorSpec, known: Mapping[str, Collection[str]]
+    spec: FactorSpec, names: Mapping[str, Collection[str]]
 ) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """Yield key path, noun and name of each unknown name in a factor.  known: existing names by key.
+    """Yield key path, noun and name of each unknown name in a factor.  names: existing names by key.
 
     Outputs are not checked as long as none is known.
     """
     for i, name in enumerate(spec.configurations):
-        if name not in known["configurations"]:
+        if name not in names["configurations"]:
             yield ("configurations", i), "configuration", name
     for key, name in (("output", spec.output), ("input", spec.input)):
-        if name and known[key] and name not in known[key]:
+        if name and names[key] and name not in names[key]:
             yield (key,), key, name
 
 

@@ -2,6 +2,8 @@
 
 from typing import Literal, TypeAlias
 
+from elastid.response import UNEXPLAINED
+
 # misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
 Status: TypeAlias = Literal[
@@ -37,6 +39,9 @@ CAUSES = (
     "fit/frequency-unit", "fit/likely-cause", "fit/inconsistent-responses", "fit/loads", "fit/tool",
     "fit/prior-contradicted", "fit/tolerances",
 )  # fmt: skip
+
+# Codes of notes on a fit and its responses that effects of gears answer.
+ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 
 NO_CAUSE = "no tested cause explains the residuals above the noise"
 

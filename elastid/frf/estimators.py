@@ -18,10 +18,9 @@ neither the (n_y + n_u) n_u square covariance of all spectra nor its Jacobian is
 Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt(dof) of itself.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
@@ -55,9 +54,6 @@ class Estimate:
         """s^2 sum_m W_m^T W_m^* (F, n_u, n_u): the input factor, where all errors V have the same covariance."""
         W = [W_m.mT for W_m in self.W]
         return self.scale**2 * added_cross_products(W, W)
-
-
-Estimator: TypeAlias = Callable[[MeanSpectra], Estimate]
 
 
 def arithmetic(data: MeanSpectra) -> Estimate:
@@ -193,8 +189,8 @@ def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
     """
     F = len(G)
     torque = (V.swapaxes(0, 1) @ np.linalg.pinv(G).swapaxes(1, 2)).swapaxes(0, 1)
-    level = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), AVERAGING_LINES)
-    torque = np.divide(torque, np.sqrt(level), out=np.zeros_like(torque), where=level > 0)
+    mean_power = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), AVERAGING_LINES)
+    torque = np.divide(torque, np.sqrt(mean_power), out=np.zeros_like(torque), where=mean_power > 0)
     spectrum = np.sum(squared_magnitude(np.fft.fft(torque, 2 * F, axis=1)), axis=0)
     R = np.abs(np.fft.ifft(spectrum, axis=0)[: F // 2]) ** 2
     lag = np.arange(1, len(R))[:, None]

@@ -238,12 +238,12 @@ def gather_spectra(
             if every is not None and len(realisations) == 1:
                 scatter.append(every.z * every.scale - mean)
         R = [reference_spectrum(spectra, lines) for spectra in group] if with_reference else []
-        known = [spectrum for spectrum in R if spectrum is not None]
+        references = [spectrum for spectrum in R if spectrum is not None]
         before, power, dof = power, sums.power(), sums.dof - sum(block.dof for block in blocks)
         block = Block(
             U=Z[:, n_y:].transpose(2, 1, 0),
             Y=Z[:, :n_y].transpose(2, 1, 0),
-            R=np.stack(known, axis=2) if len(known) == len(group) else None,
+            R=np.stack(references, axis=2) if len(references) == len(group) else None,
             periods=periods,
             input_noise=(power - before)[:, n_y:] / dof,
             dof=dof,

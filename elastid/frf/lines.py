@@ -26,9 +26,9 @@ _LARGEST_STEP, _STEP_FRACTION, _MIN_MOVING_FRACTION, _MIN_STEP = 10.0, 0.95, 0.2
 
 def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> list[RecordSpectra]:
     """Spectra of each record; with its driver, in which unstated lines are found, unless it is large."""
-    known = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
+    is_stated = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
     every = [RecordSpectra(record) for record in records]
-    return [part if known or part.is_large else replace(part, driver=part.dft(part.driver_role)) for part in every]
+    return [part if is_stated or part.is_large else replace(part, driver=part.dft(part.driver_role)) for part in every]
 
 
 def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:
@@ -104,11 +104,11 @@ def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
     return mean_of_neighbours(noise, 1 + 2 * round(2 / dof))
 
 
-def _envelope(lines: IntArray, level: FloatArray) -> FloatArray:
+def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
     """Highest level of a line's half octave, up to the first steep fall on the way from the strongest."""
     octave = np.floor(2 * np.log2(lines / lines[0])).astype(int)
     peaks = np.zeros(octave[-1] + 1)
-    np.maximum.at(peaks, octave, level)
+    np.maximum.at(peaks, octave, amplitude)
     strongest = int(np.argmax(peaks))
     envelope = np.full(len(peaks), peaks[strongest])
     for way in (range(strongest - 1, -1, -1), range(strongest + 1, len(peaks))):
@@ -122,11 +122,11 @@ def _envelope(lines: IntArray, level: FloatArray) -> FloatArray:
     return np.asarray(envelope[octave])
 
 
-def _followed(lines: IntArray, level: FloatArray, excited: BoolArray, step: int) -> BoolArray:
+def _followed(lines: IntArray, amplitude: FloatArray, excited: BoolArray, step: int) -> BoolArray:
     """The found lines and those reached from them, `step` lines at a time, without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
     is_excited = np.zeros(len(by_line), dtype=np.bool_)
-    by_line[lines + step], is_excited[lines + step] = level, excited
+    by_line[lines + step], is_excited[lines + step] = amplitude, excited
     while True:
         reach = _MIN_SHARE_OF_NEIGHBOURS * by_line * is_excited
         near = np.maximum(np.roll(reach, step), np.roll(reach, -step))

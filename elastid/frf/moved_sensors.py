@@ -62,10 +62,10 @@ def stacked(responses: Sequence[Response]) -> Response:
 
 
 def _covariance(parts: Sequence[Covariance | None]) -> Covariance | None:
-    known = [part for part in parts if part is not None]
-    if len(known) < len(parts):
+    stated = [part for part in parts if part is not None]
+    if len(stated) < len(parts):
         return None
-    variance = np.concatenate([part.variance for part in known], axis=1)
+    variance = np.concatenate([part.variance for part in stated], axis=1)
     return Covariance(
-        variance, min(part.dof for part in known), averaging_lines=max(part.averaging_lines for part in known)
+        variance, min(part.dof for part in stated), averaging_lines=max(part.averaging_lines for part in stated)
     )

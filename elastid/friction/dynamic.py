@@ -45,11 +45,11 @@ class Bristle:
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """v - sigma_0 |v| z / g(v)."""
-        return v - self.sigma_0 * ca.fabs(v) * z / curve.level(v)
+        return v - self.sigma_0 * ca.fabs(v) * z / curve.torque(v)
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """z e^-a + v step phi_1(-a), a = sigma_0 |v| step / g: exact at constant v, and |z| <= F_s / sigma_0 always."""
-        return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.level(v), step)
+        return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.torque(v), step)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """Spring and damper to ground; friction model with numeric parameters."""
@@ -69,7 +69,7 @@ class Stop:
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """z + v step, at most F_c / sigma_0: exact at constant v."""
-        bound = curve.level(v) / self.sigma_0
+        bound = curve.torque(v) / self.sigma_0
         return ca.fmax(-bound, ca.fmin(bound, z + v * step))
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
@@ -103,31 +103,30 @@ class MaxwellElements:
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """dz_i/dt of the deflections, zeros for the directions: they jump."""
-        deflection, slips, bound, sign = self._slipping(v, z, curve)
-        slope = self.C / curve.level(v)
+        deflection, slips, bound, sign, slope = self._slipping(v, z, curve)
         return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.nu)))
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Exact where an element slips or sticks all the time; one that reaches its bound stays there until the end."""
-        deflection, slips, bound, sign = self._slipping(v, z, curve)
-        slope = self.C / curve.level(v)
+        deflection, slips, bound, sign, slope = self._slipping(v, z, curve)
         slid = exponential_step(deflection, slope * bound * sign, slope, step)
         moved = deflection + v * step
         arrives = sign * moved >= bound
         stuck = ca.if_else(arrives, sign * bound, moved)
         direction = ca.if_else(ca.logic_or(slips, arrives), sign, 0.0)
-        held = ca.if_else(sign == 0, z[len(self.nu) :], direction)
-        return ca.vertcat(ca.if_else(slips, slid, stuck), held)
+        last_direction = ca.if_else(sign == 0, z[len(self.nu) :], direction)
+        return ca.vertcat(ca.if_else(slips, slid, stuck), last_direction)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """All elements stick."""
         return sum(self.sigma_0), sum(self.sigma_1)
 
-    def _slipping(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Deflections, true where they slip at v, their bounds zbar > 0, sgn(v)."""
+    def _slipping(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ...]:
+        """Deflections, true where they slip at v, their bounds zbar > 0, sgn(v), C / g(v)."""
         n = len(self.nu)
         deflection, direction, sign = z[:n], z[n:], ca.sign(v)
-        bound = ca.DM(np.divide(self.nu, self.sigma_0)) * curve.level(v)
+        torque = curve.torque(v)
+        bound = ca.DM(np.divide(self.nu, self.sigma_0)) * torque
         beyond = ca.logic_and(sign != 0, sign * deflection >= bound)
         slips = ca.logic_or(ca.logic_and(direction != 0, direction == sign), beyond)
-        return deflection, slips, bound, sign
+        return deflection, slips, bound, sign, self.C / torque

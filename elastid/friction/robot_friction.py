@@ -78,7 +78,7 @@ class PlacedLaw:
     def sliding(self, v: float, load: float = 0.0, temperature: float | None = None) -> float:
         """tau_f of steady sliding at v > 0, link side, without the viscous friction of motor or joint."""
         curve = self.symbols(self.curve(load, temperature).tolist())
-        return float(curve.level(v) + curve.growing(v))
+        return float(curve.torque(v) + curve.growing(v))
 
     def _check(self, F_c: float, F_s: float, nu_s: float | None, load: float, temperature: float | None) -> None:
         torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")

@@ -54,12 +54,12 @@ class Curve:
     delta_v: Expression = 0.0
     exponent: float = 2.0
 
-    def level(self, v: Expression) -> ca.SX:
+    def torque(self, v: Expression) -> ca.SX:
         """g(v), Nm: torque of steady sliding at v, without the parts that grow with v."""
-        level = self.F_c + (self.F_s - self.F_c) * self._falling(v * self.inverse_nu_s)
+        torque = self.F_c + (self.F_s - self.F_c) * self._falling(v * self.inverse_nu_s)
         if not is_absent(self.F_l):
-            level += self.F_l * self._falling(v * self.inverse_nu_l)
-        return level if is_absent(self.delta_c) else level + self.delta_c * ca.sign(v)
+            torque += self.F_l * self._falling(v * self.inverse_nu_l)
+        return torque if is_absent(self.delta_c) else torque + self.delta_c * ca.sign(v)
 
     def growing(self, v: Expression) -> ca.SX:
         """alpha_3 v |v| + alpha_T v + delta_v |v|, Nm."""
@@ -122,7 +122,7 @@ class Tustin:
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """tau_f(v)."""
-        return curve.level(v) * ca.tanh(v / self.v_s) + curve.growing(v)
+        return curve.torque(v) * ca.tanh(v / self.v_s) + curve.growing(v)
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Empty: there is no state."""
@@ -191,9 +191,9 @@ def slopes(
 
     By complex steps, exact to rounding (Squire and Trapp, SIAM Review 40, 1998).  linear: others are ignored.
     """
-    known, step = {name: value for name, value in linear.items() if name in LINEAR}, 1e-100
+    linear_terms, step = {name: value for name, value in linear.items() if name in LINEAR}, 1e-100
     moved = ({**eta, name: eta.get(name, 0.0) + 1j * step} for name in names)
-    torques = [columns(conditions, tuple(known), at, T_0) @ [*known.values()] for at in moved]
+    torques = [columns(conditions, tuple(linear_terms), at, T_0) @ [*linear_terms.values()] for at in moved]
     slopes = [torque.imag / step for torque in torques]
     return np.reshape(slopes, (len(names), len(conditions.speed))).T
 

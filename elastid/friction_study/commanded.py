@@ -16,6 +16,7 @@ that of the influences d_k of m logs where it is larger beyond chance:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -210,7 +211,12 @@ class _Problem:
         ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
 
-    @property
+    def errors(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
+        """Errors (n_k, m_k) of the means of each log, simulated with numbers (m, 6)."""
+        of_logs = self.simulated(numbers[None], np.array([delay_s]))
+        return [q - sim[:, 0] for q, sim in zip(self.measured, of_logs, strict=True)]
+
+    @cached_property
     def measured(self) -> list[FloatArray]:
         """Means (n_k, m_k) of the positions of each log."""
         return [folded(log.position, self.window).mean(axis=1)[self._settled(log)] for log in self.logs]
@@ -219,7 +225,8 @@ class _Problem:
         first = min(float(np.max(SETTLE * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
         return slice(int(first) // self.window, len(log.position) // self.window)
 
-    def free(self) -> BoolArray:
+    @cached_property
+    def is_free(self) -> BoolArray:
         """Numbers (m, 6) that are unknown: gravity where it changes with the angle."""
         turns = {
             joint: turn for log in self.logs for joint, turn in zip(log.joints, log.has_gravity.tolist(), strict=True)
@@ -246,24 +253,22 @@ def _upper_end(log: CommandedLog) -> float:
 def fit_commanded(logs: Sequence[CommandedLog]) -> CommandedFit:
     """Numbers of the joints of logs at one rate; DataError where the search finds no response of the loop."""
     problem = _Problem.of(logs)
-    measured, is_free = problem.measured, problem.free()
-    numbers, delay_s = _start(problem, measured)
+    numbers, delay_s = _start(problem)
     cost = np.inf
     for _ in range(MAX_ITERATIONS):
-        end, before, part = _linearised(problem, measured, numbers, delay_s, is_free), cost, 1.0
+        end, before, part = _linearised(problem, numbers, delay_s), cost, 1.0
         cost = end.cost
         if before - cost < TOLERANCE * len(problem.joints):
             break
         for _ in range(8):  # halvings
-            moved, late = _moved(numbers, delay_s, part * end.step, is_free)
-            lower = _cost(problem, measured, moved, late)
-            if lower < cost:
+            moved, late = _moved(numbers, delay_s, part * end.step, problem.is_free)
+            if _log_squares(problem, problem.errors(moved, late)) < cost:
                 break
             part /= 2
         else:
             break
         numbers, delay_s = moved, late
-    return _fit(problem, measured, numbers, delay_s, is_free)
+    return _fit(problem, numbers, delay_s)
 
 
 def _scales(problem: _Problem) -> FloatArray:
@@ -282,11 +287,6 @@ def _moved(numbers: FloatArray, delay_s: float, step: FloatArray, is_free: BoolA
     moved[:, 0] = np.maximum(moved[:, 0], np.where(numbers[:, 0] > 0, numbers[:, 0] / 4, numbers[:, 0]))  # inertia
     moved[:, 2] = np.maximum(moved[:, 2], 0.0)  # Coulomb friction
     return moved, delay_s + float(np.clip(step[-1], -0.02, 0.02))
-
-
-def _cost(problem: _Problem, measured: Sequence[FloatArray], numbers: FloatArray, delay_s: float) -> float:
-    of_logs = problem.simulated(numbers[None], np.array([delay_s]))
-    return _log_squares(problem, [q - sim[:, 0] for q, sim in zip(measured, of_logs, strict=True)])
 
 
 def _log_squares(problem: _Problem, errors: Sequence[FloatArray]) -> float:
@@ -316,16 +316,14 @@ class _Linearised:
     scores: tuple[FloatArray, ...]
 
 
-def _linearised(
-    problem: _Problem, measured: Sequence[FloatArray], numbers: FloatArray, delay_s: float, is_free: BoolArray
-) -> _Linearised:
-    scales = PERTURBATION * _scales(problem)
+def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearised:
+    is_free, scales = problem.is_free, PERTURBATION * _scales(problem)
     changes = [np.zeros_like(scales), *(np.where(np.arange(len(NUMBERS)) == j, scales, 0.0) for j in range(6))]
     candidates = np.stack([numbers + change for change in [*changes, changes[0]]])
     delays = np.full(len(candidates), delay_s)
     delays[-1] += DELAY_STEP_S
     simulated = problem.simulated(candidates, delays)
-    errors = [q - sim[:, 0] for q, sim in zip(measured, simulated, strict=True)]
+    errors = [q - sim[:, 0] for q, sim in zip(problem.measured, simulated, strict=True)]
     variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
     place = np.full(is_free.shape, -1)
     place[is_free] = np.arange(n_x - 1)
@@ -345,12 +343,12 @@ def _linearised(
     return _Linearised(step, float(np.sum(np.log(np.maximum(variance, 1e-300)))), inverse, tuple(scores))
 
 
-def _start(problem: _Problem, measured: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+def _start(problem: _Problem) -> tuple[FloatArray, float]:
     """Numbers (m, 6) and the delay of the best of START_DELAYS, each with its regression of the torque of the gains."""
     candidates = np.stack([_regressed(problem, delay) for delay in START_DELAYS.tolist()])
     simulated = problem.simulated(candidates, START_DELAYS)
     costs = [
-        _log_squares(problem, [q - sim[:, k] for q, sim in zip(measured, simulated, strict=True)])
+        _log_squares(problem, [q - sim[:, k] for q, sim in zip(problem.measured, simulated, strict=True)])
         for k in range(len(START_DELAYS))
     ]
     best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
@@ -387,23 +385,18 @@ def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
     return numbers
 
 
-def _fit(
-    problem: _Problem, measured: Sequence[FloatArray], numbers: FloatArray, delay_s: float, is_free: BoolArray
-) -> CommandedFit:
-    end = _linearised(problem, measured, numbers, delay_s, is_free)
-    of_logs = problem.simulated(numbers[None], np.array([delay_s]))
-    rms = np.sqrt(_mean_squares(problem, [q - sim[:, 0] for q, sim in zip(measured, of_logs, strict=True)]))
+def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> CommandedFit:
+    end, is_free = _linearised(problem, numbers, delay_s), problem.is_free
+    rms = np.sqrt(_mean_squares(problem, problem.errors(numbers, delay_s)))
     if not np.all(np.isfinite(rms)):
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
-    covariance = _covariance(end, problem, measured, names)
+    covariance = _covariance(end, problem, names)
     return CommandedFit(names, problem.joints, np.append(numbers[is_free], delay_s), covariance, rms)
 
 
-def _covariance(
-    end: _Linearised, problem: _Problem, measured: Sequence[FloatArray], names: Sequence[tuple[str, str]]
-) -> FloatArray:
+def _covariance(end: _Linearised, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
     """Covariance (n_x, n_x) of the numbers, over time, in the order of the angle, and between logs."""
     m, rate_hz = len(end.scores), problem.commanded.rate_hz / problem.window
     counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
@@ -417,7 +410,7 @@ def _covariance(
         angle = np.concatenate(
             [
                 q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q))
-                for log, q in zip(problem.logs, measured, strict=True)
+                for log, q in zip(problem.logs, problem.measured, strict=True)
             ]
         )
         wider[places] = state_widening(end.inverse, every, angle[:, None], variance, dofs)[places]

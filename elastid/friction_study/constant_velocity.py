@@ -109,8 +109,8 @@ class PassRegression:
         if not has_ripple:
             return regression
         first, others = regression._with_waves(np.arange(2)), np.arange(2, N_WAVES)
-        left = first.y - first.A @ first.solve()[0]
-        return first._with_waves(others[harmonic_peaks(left, first.waves[:, others])])
+        residual = first.y - first.A @ first.solve()[0]
+        return first._with_waves(others[harmonic_peaks(residual, first.waves[:, others])])
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
         """Numbers (n_x,) and covariance (n_x, n_x)."""
@@ -130,24 +130,24 @@ class PassRegression:
         names = [name for i in waves.tolist() for name in wave_names(i)]
         return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
 
-    def _autocovariance(self, left: FloatArray) -> FloatArray:
+    def _autocovariance(self, residual: FloatArray) -> FloatArray:
         """Autocovariance of all passes' residuals, by lag in rows, up to the first not above chance."""
-        values = [float(left @ left / len(left))]
-        for lag in range(1, min(201, len(left))):
+        values = [float(residual @ residual / len(residual))]
+        for lag in range(1, min(201, len(residual))):
             together = self.of_pass[lag:] == self.of_pass[:-lag]
-            count, total = int(together.sum()), float(left[lag:] @ (left[:-lag] * together))
+            count, total = int(together.sum()), float(residual[lag:] @ (residual[:-lag] * together))
             if not count or total / count < 2 * values[0] / np.sqrt(count):
                 break
             values.append(total / count)
         return np.array(values)
 
 
-def harmonic_peaks(left: FloatArray, waves: ComplexArray) -> BoolArray:
+def harmonic_peaks(residual: FloatArray, waves: ComplexArray) -> BoolArray:
     """True for each of the waves (n, n_h) that stands out of the residuals (n,)."""
     size = np.sum(np.abs(waves) ** 2, axis=0)
-    power = np.abs(left @ waves) ** 2 / np.maximum(size, 1e-300)
+    power = np.abs(residual @ waves) ** 2 / np.maximum(size, 1e-300)
     # Of noise the power is exponential, its median ln 2 of its mean: 12 means have a chance of 6e-6 each.
-    return np.asarray((power > 12.0 / np.log(2) * np.median(power)) & (size > 0.01 * len(left)))
+    return np.asarray((power > 12.0 / np.log(2) * np.median(power)) & (size > 0.01 * len(residual)))
 
 
 def turn_waves(
@@ -185,11 +185,11 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
         margin = min(int(record.rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
         part = slice(start + margin, stop - margin)
         degc = np.zeros(0) if record.temperature is None else record.temperature[part]
-        known = degc[np.isfinite(degc)]
+        measured = degc[np.isfinite(degc)]
         passes.append(
             Pass(
                 f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part], record.torque[part],
-                record.load_torque, float(known.mean()) if len(known) else np.nan, record.slides, record.load
+                record.load_torque, float(measured.mean()) if len(measured) else np.nan, record.slides, record.load
             )
         )  # fmt: skip
     return tuple(passes)
@@ -297,8 +297,8 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
     def fitted(*columns: FloatArray) -> Optimum:
         A = W @ np.stack(columns, axis=1)
         x = np.linalg.lstsq(A, W @ o, rcond=None)[0]
-        left = W @ o - A @ x
-        return Optimum(np.asarray(x), float(left @ left), A, left)
+        residual = W @ o - A @ x
+        return Optimum(np.asarray(x), float(residual @ residual), A, residual)
 
     fit, slope = fitted(np.ones_like(v)), 0.0
     if len(o) >= 4 and np.ptp(v) > 0:

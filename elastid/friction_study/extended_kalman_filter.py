@@ -50,7 +50,7 @@ TOLERANCES: Mapping[str, float] = {
 
 
 @dataclass(frozen=True)
-class FollowedJoint:
+class TrackedJoint:
     """Inertias, spring and damper, and the friction from which a filter starts; all on one side of the gear, SI.
 
     link_inertia, stiffness, damping: 0 for a joint that is rigid, with all of its inertia in motor_inertia.
@@ -143,14 +143,14 @@ class FilterNoise:
     drift: Mapping[str, float] = field(default_factory=dict)
     slip: float = 0.1
 
-    def vector(self, joint: FollowedJoint, rate_hz: float) -> FloatArray:
+    def vector(self, joint: TrackedJoint, rate_hz: float) -> FloatArray:
         """The arguments (4 + n_followed,) of a filter's step: variances of a sample."""
         fade = math.exp(-2 / (rate_hz * joint.correlation_s)) if joint.correlation_s > 0 else 1.0
         drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
         return np.array([self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.slip**2, *drift])
 
 
-def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
+def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     """(x (n,), P (n, n + m), u, g, y, noise (4 + n_followed,)) -> (x, P, innovation e, its variance S).
 
     P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
@@ -178,10 +178,10 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     S = towards[0] + noise[0]
     gain = towards / S
     e = y - predicted[0]
-    left = ca.SX.eye(n)
-    left[:, 0] -= gain
-    joseph = ca.tril2symm(ca.tril(left @ spread @ left.T + noise[0] * gain @ gain.T))
-    results = map(ca.densify, (predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S))
+    reduction = ca.SX.eye(n)
+    reduction[:, 0] -= gain
+    joseph = ca.tril2symm(ca.tril(reduction @ spread @ reduction.T + noise[0] * gain @ gain.T))
+    results = map(ca.densify, (predicted + gain * e, ca.horzcat(joseph, reduction @ cross), e, S))
     return ca.Function(
         "filter_step", [x, P, u, g, y, noise], [*results],
         ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True}
@@ -224,7 +224,7 @@ class Track:
     moves (n,): as of `JointSamples`; all where hardly any does.
     """
 
-    joint: FollowedJoint
+    joint: TrackedJoint
     rate_hz: float
     x: FloatArray
     std: FloatArray
@@ -249,7 +249,7 @@ class Track:
 
 
 def first_estimate(
-    joint: FollowedJoint, angle: float, load: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0)
+    joint: TrackedJoint, angle: float, load: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[FloatArray, FloatArray]:
     """x and P of `filter_step` at an angle, spring bent by the load, bristle anywhere, friction by PRIOR.
 
@@ -284,7 +284,7 @@ class KalmanFilter:
     samples: about how many it will filter in all, as machine code from many on.
     """
 
-    def __init__(self, joint: FollowedJoint, rate_hz: float, samples: int = 0) -> None:
+    def __init__(self, joint: TrackedJoint, rate_hz: float, samples: int = 0) -> None:
         self.joint, self.rate_hz = joint, rate_hz
         self._block = compiled(filter_step(joint, rate_hz), samples).mapaccum("filter", _BLOCK, 2)
 
@@ -318,8 +318,8 @@ class KalmanFilter:
                 every = evaluated(self._block, [x, P.T, *block, given], shapes)
                 states, spread, e, S = (output[: n - begin] for output in every)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, own]
-                held = np.sum(spread[:, n_x:, own] ** 2, axis=1)
-                numbers[:, here] = states[:, own], np.sqrt(variance), variance - held
+                considered = np.sum(spread[:, n_x:, own] ** 2, axis=1)
+                numbers[:, here] = states[:, own], np.sqrt(variance), variance - considered
                 innovations[:, here] = e, S
                 x, P = states[-1], spread[-1].T.copy()
             time_s[start + 1 : start + n + 1] = motion.start_s + np.arange(1, n + 1) / self.rate_hz

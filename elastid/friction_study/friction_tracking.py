@@ -16,9 +16,9 @@ from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
-    FollowedJoint,
     JointSamples,
     KalmanFilter,
+    TrackedJoint,
     estimate_noise,
 )
 from elastid.friction_study.filter_consistency import LAGS, Consistency, consistency, filter_notes, unknown
@@ -29,7 +29,7 @@ from elastid.robot.friction_numbers import with_laws
 
 
 @frozen_value
-class FollowedFriction:
+class TrackedFriction:
     """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
 
     unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
@@ -47,7 +47,7 @@ class FollowedFriction:
     nis: FloatArray
     consistency: Consistency
     noise: FilterNoise
-    filtered: FollowedJoint
+    filtered: TrackedJoint
     rate_hz: float
     notes: tuple[Note, ...] = ()
 
@@ -61,19 +61,20 @@ class FollowedFriction:
         return "innovations consistent with the intervals"
 
 
-def follow(
+def track_friction(
     name: str,
     slides: bool,
-    joints: Sequence[FollowedJoint],
+    joints: Sequence[TrackedJoint],
     motions: Sequence[JointSamples],
     rate_hz: float,
     guess: FilterNoise,
     settle_s: float,
     find_noise: bool,
-) -> FollowedFriction:
-    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones.
+) -> TrackedFriction:
+    """Track the friction of a joint along its motions; DataError for motions shorter than settle_s.
 
-    joints: one, or several with other bristles, one of which the innovations choose where no experiment identified it.
+    find_noise: estimate the noise from innovations of the longest motion, instead of `guess`.  joints: one, or several
+    with other bristles, one of which the innovations choose where no experiment identified it.
     """
     duration_s = sum(len(motion.angle) for motion in motions) / rate_hz
     if duration_s <= settle_s + LAGS / rate_hz:
@@ -101,30 +102,30 @@ def follow(
         for stds in (0.0, -QUANTILE_95, QUANTILE_95)
     )
     notes = tuple(filter_notes(f"joint {name}", track, judged))
-    return FollowedFriction(
+    return TrackedFriction(
         name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
         judged, noise, joint, rate_hz, notes
     )  # fmt: skip
 
 
-def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
+def with_tolerances(joint: TrackedJoint, identified: JointFriction) -> TrackedJoint:
     """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
-    known, shared = dict(joint.tolerances), identified.shared
+    tolerances, shared = dict(joint.tolerances), identified.shared
     if "inertia" in shared and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
-        known["inertia"] = shared["inertia"][1] / shared["inertia"][0]
+        tolerances["inertia"] = shared["inertia"][1] / shared["inertia"][0]
     if gravity := [shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared]:
         size, std = np.linalg.norm(gravity, axis=0).tolist()
-        known["gravity"] = std / max(size, 1e-300)
-    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
+        tolerances["gravity"] = std / max(size, 1e-300)
+    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in tolerances.items()})
 
 
-def follow_joints(
+def track_joints(
     robot: Robot,
     joints: Sequence[JointFriction],
     records: Sequence[FrictionRecord],
     spec: FilterSpec,
     progress: Progress = silent,
-) -> tuple[tuple[FollowedFriction, ...], tuple[Note, ...]]:
+) -> tuple[tuple[TrackedFriction, ...], tuple[Note, ...]]:
     """The friction of joints over the records in which each moves alone; notes on those that cannot be followed.
 
     StudyError where none can.
@@ -136,7 +137,7 @@ def follow_joints(
         progress(done, len(joints))
         of_joint = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
         try:
-            followed.append(_followed(robot, joint, of_joint, spec))
+            followed.append(_track_joint(robot, joint, of_joint, spec))
         except StudyError as error:
             notes.append(Note("filter/record", str(error)))
     if not followed:
@@ -144,9 +145,9 @@ def follow_joints(
     return tuple(followed), tuple(notes)
 
 
-def _followed(
+def _track_joint(
     robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
-) -> FollowedFriction:
+) -> TrackedFriction:
     """The friction of a joint over its motions; StudyError where no filter can start or nothing can be followed."""
     name = identified.joint
     if not records:
@@ -173,7 +174,7 @@ def _followed(
     drift: dict[str, float] = {name: rate * (coulomb if name == "offset" else 1.0) for name in spec.states}
     torque = spec.torque_std or 0.05 * coulomb  # where it was not identified
     noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
-    return follow(
+    return track_friction(
         name, identified.slides, joints, motions, records[0].rate_hz, noise, spec.settle,
         find_noise=spec.torque_std is None
     )  # fmt: skip
@@ -189,21 +190,21 @@ def _joints(
     spec: FilterSpec,
     law: PlacedLaw,
     viscous: float,
-) -> tuple[FollowedJoint, ...]:
-    """The joint to follow, with each presliding distance that it may have."""
+) -> tuple[TrackedJoint, ...]:
+    """The joint to track, with each presliding distance that it may have."""
     F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
     bristles = [law.at_rest()]
     if law.law.n_states == 0:
         path = max(float(np.ptp(record.position)) for record in records)
         counts = max(20 * record.resolution for record in records)
         bristles = [(sigma, 0.0) for sigma in dict.fromkeys(F_c / max(s * path, counts) for s in SLIPS_OVER_PATH)]
-    viscous, known = max(viscous, 1e-6 * F_c), {"stiction_ratio": F_s / F_c}
-    known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
-    known["correlation_s"] = spec.correlation_time
+    viscous, numbers = max(viscous, 1e-6 * F_c), {"stiction_ratio": F_s / F_c}
+    numbers["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
+    numbers["correlation_s"] = spec.correlation_time
     elastic = joint_spring(robot, records[0])
     if elastic is not None:
         inertia = elastic.motor_inertia
-        known |= {"link_inertia": elastic.link_inertia, "stiffness": elastic.stiffness, "damping": elastic.damping}
+        numbers |= {"link_inertia": elastic.link_inertia, "stiffness": elastic.stiffness, "damping": elastic.damping}
     elif "inertia" in identified.shared:
         inertia = identified.shared["inertia"][0]
     else:
@@ -212,7 +213,7 @@ def _joints(
             f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is "
             "known: a filter needs the inertia; record a motion that accelerates, or give the joint's spring",
         )
-    joint = with_tolerances(FollowedJoint(inertia, F_c, viscous, 1.0, spec.states, **known), identified)
+    joint = with_tolerances(TrackedJoint(inertia, F_c, viscous, 1.0, spec.states, **numbers), identified)
     return tuple(replace(joint, bristle_stiffness=sigma_0, bristle_damping=sigma_1) for sigma_0, sigma_1 in bristles)
 
 

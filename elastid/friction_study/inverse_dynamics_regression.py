@@ -345,8 +345,8 @@ def assess_motion(fit: MotionFriction, joint: str, moved: Moved, passband_hz: fl
         )
     if numbers.widening > 1:
         texts.append(f"the torque that is left repeats with angle or velocity, {numbers.widening:.2g} times chance")
-    known = [name for name in COMPARED_PARAMETERS if name in numbers.names]
-    error, name = max((numbers.std(name) / max(abs(numbers[name]), 1e-300), name) for name in known)
+    names = [name for name in COMPARED_PARAMETERS if name in numbers.names]
+    error, name = max((numbers.std(name) / max(abs(numbers[name]), 1e-300), name) for name in names)
     text = (
         f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: law or rigid body lack a part; measure "
         "passes of this joint alone, which show it"

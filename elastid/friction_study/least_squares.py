@@ -97,9 +97,9 @@ def inverse_normal(J: FloatArray) -> FloatArray:
     size = np.linalg.norm(J, axis=0)
     size[size < 1e-100] = 1.0  # the square of such a column underflows
     _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
-    known = s > 1e-12 * s.max()
-    inverse = (Vt[known].T / s[known] ** 2) @ Vt[known]
-    reach = np.sum(Vt[~known] ** 2, axis=0) > 1e-6
+    reached = s > 1e-12 * s.max()
+    inverse = (Vt[reached].T / s[reached] ** 2) @ Vt[reached]
+    reach = np.sum(Vt[~reached] ** 2, axis=0) > 1e-6
     inverse[reach, reach] = np.inf
     return np.asarray(inverse / np.outer(size, size))
 
@@ -205,9 +205,9 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
         size = np.linalg.norm(free_X, axis=0)
         size[size == 0] = 1.0
         beta = np.linalg.lstsq(free_X / size, free_y, rcond=None)[0] / size
-        left = (free_y - free_X @ beta).reshape(n, m)
-        weight = weight / np.maximum(np.sqrt(np.sum(left**2, axis=0) / used), 1e-300)
-    scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), left)
+        e = (free_y - free_X @ beta).reshape(n, m)
+        weight = weight / np.maximum(np.sqrt(np.sum(e**2, axis=0) / used), 1e-300)
+    scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), e)
     ends = np.cumsum([len(log.y) for log in logs])[:-1]
     parts = np.split(scores, ends)
     terms = [cosine_count(len(part) / rate_hz, len(parts)) for part in parts]
@@ -221,7 +221,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     # Of hardly any degree of freedom it is without bound, and its square would overflow.
     wider = np.minimum(widening * np.sqrt(_student(dof)) / size, 1e100)
     covariance *= np.outer(wider, wider)
-    correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
+    correlation = np.clip(np.sum(e[1:] * e[:-1], axis=0) / np.maximum(np.sum(e**2, axis=0), 1e-300), 0, 0.999)
     independent = used * (1 - correlation) / (1 + correlation)
     pi = inverse_R @ (basis.T @ (flat_y - flat_X @ beta))
     normal = inverse_normal(_triangle(flat_X, flat_R))[n_x:, n_x:]
@@ -327,6 +327,6 @@ def _basis(R: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.zeros((len(R), 0)), np.zeros((R.shape[1], 0))
     size = np.where(size > 0, size, np.inf)
     _, s, Vt = np.linalg.svd(_triangle(R) / size, full_matrices=False)
-    known = s > RANK_TOLERANCE * s[0]
-    inverse = (Vt[known] / s[known, None] / size).T
+    kept = s > RANK_TOLERANCE * s[0]
+    inverse = (Vt[kept] / s[kept, None] / size).T
     return R @ inverse, inverse

@@ -271,11 +271,11 @@ class _Model:
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
-        of_file, left = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
+        of_file, residuals = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
         for response in self.responses:
             error = (response.G - self.receptance(x, response)) / np.sqrt(response.variance / 2)
-            left += [error.real, error.imag]
-        return np.concatenate([*left, of_file])
+            residuals += [error.real, error.imag]
+        return np.concatenate([*residuals, of_file])
 
 
 def slipped(omega: FloatArray, response: "PreslidingResponse", per_bend: float) -> ComplexArray:

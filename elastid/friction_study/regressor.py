@@ -120,9 +120,9 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
         return terms
     falling = [replace(terms, stribeck_velocity=velocity, exponent=exponent) for exponent in EXPONENTS]
     fits = {speed: regressed(signals, speed) for speed in falling}
-    best, held = min(falling, key=lambda speed: fits[speed].sum_of_squares), falling[-1]
-    is_other = fits[held].sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / fits[held].independent)
-    chosen = best if is_other else held
+    best, slowest = min(falling, key=lambda speed: fits[speed].sum_of_squares), falling[-1]
+    is_other = fits[slowest].sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / fits[slowest].independent)
+    chosen = best if is_other else slowest
     return chosen.at(fits[chosen])
 
 
@@ -213,19 +213,19 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
         for axis in signals
     ]
     Q = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
-    left, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
-    return float(velocities[np.argmax((left @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
+    residual, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
+    return float(velocities[np.argmax((residual @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
 
 
 def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
     """Waves of the motor's turns that stand out of the residuals, and beyond chance of their neighbours in time."""
-    fit, left, waves = regressed(signals, terms), [], []
+    fit, errors, waves = regressed(signals, terms), [], []
     for log in signals:
         columns = columns_of(log, terms)
-        left.append((log.filtered(log.motion.torque) - sum(fit[name] * columns[name] for name in columns))[log.used])
+        errors.append((log.filtered(log.motion.torque) - sum(fit[name] * columns[name] for name in columns))[log.used])
         of_turn = turn_waves(log.position, log.direction, log.motion.turn)
         waves.append((log.filtered(of_turn.real) + 1j * log.filtered(of_turn.imag))[log.used])
-    peaks = tuple(np.flatnonzero(harmonic_peaks(np.concatenate(left), np.concatenate(waves))).tolist())
+    peaks = tuple(np.flatnonzero(harmonic_peaks(np.concatenate(errors), np.concatenate(waves))).tolist())
     if not peaks:
         return ()
     fit = regressed(signals, replace(terms, waves=peaks))

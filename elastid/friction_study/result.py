@@ -1,4 +1,4 @@
-"""FrictionResult: levels and records of a friction study -> the friction of each joint, and the table of all numbers.
+"""FrictionResult: sliding friction and records of a study -> the friction of each joint, and the table of all numbers.
 
 The law of a joint as a whole, as a robot's file has it, has sliding from passes or a motion, and before it Maxwell slip
 from loops or LuGre's bristles from responses at rest. A part that fails leaves a note instead: the rest of the
@@ -10,6 +10,7 @@ The friction of a simulated robot stands beside the numbers, at the conditions a
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
@@ -68,7 +69,7 @@ class FrictionNumber:
 
 @dataclass(frozen=True)
 class SlidingFriction:
-    """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both."""
+    """Result of stage `constant_velocity` of one joint: curve of its passes, the regression of its motion, or both."""
 
     joint: str
     slides: bool
@@ -129,9 +130,9 @@ class JointFriction:
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (UnidentifiedTerm("friction", why),)
         return tuple(
-            held
-            for held in self.unidentified
-            if held.term in ("stribeck", "presliding") and not held.reason.startswith((NOT_ASKED, ABSENT))
+            term
+            for term in self.unidentified
+            if term.term in ("stribeck", "presliding") and not term.reason.startswith((NOT_ASKED, ABSENT))
         )
 
 
@@ -191,18 +192,18 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    levels, values = law.curve, np.array([law.values[name] for name in law.names])
-    unit = motion_unit("velocity", levels.slides)
-    learnt = f"{levels.n_conditions} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
-    at, terms = f"friction torque at {levels.speed.mean():.3g} {unit}", dict(TERMS)
+    curve, values = law.curve, np.array([law.values[name] for name in law.names])
+    unit = motion_unit("velocity", curve.slides)
+    learnt = f"{curve.n_conditions} levels from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}"
+    at, terms = f"friction torque at {curve.speed.mean():.3g} {unit}", dict(TERMS)
     if law.has_one_speed:
         by_heat = f"{at}: change with temperature"
         terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
         terms["temperature.coulomb"] = replace(
             TERMS["temperature.coulomb"], prefix="tauT", symbol="tau_T", meaning=by_heat
         )
-    known, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
-    yield from _table(joint, levels.slides, learnt, known, *of_law, terms)
+    names, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
+    yield from _table(joint, curve.slides, learnt, names, *of_law, terms)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -224,7 +225,7 @@ def _table(
     joint: str,
     slides: bool,
     learnt: str,
-    known: Sequence[str],
+    identified: Sequence[str],
     names: Sequence[str],
     values: FloatArray,
     covariance: FloatArray,
@@ -237,9 +238,9 @@ def _table(
     The latter are mean and half difference, summed and subtracted.
     """
     terms = {**terms, **RIGID_TERMS}
-    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in known]
+    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in identified]
     for name in ("coulomb", "viscous"):
-        if name in known and f"directions.{name}" in names:
+        if name in identified and f"directions.{name}" in names:
             pair = [names.index(name), names.index(f"directions.{name}")]
             rows += [(terms[name], mark, word, pair) for mark, word in (("+", " forwards"), ("-", " backwards"))]
     for term, mark, word, places in rows:
@@ -259,10 +260,10 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
     static: the law that they are compared with. Its numbers stand at the mean temperature of its levels, and where it
     has no part for the load, under the mean load of these.
     """
-    law, known = law_of(robot, joint), friction_numbers(robot)
+    law, numbers = law_of(robot, joint), friction_numbers(robot)
     if law is None:
         return {}
-    paths = {path: known[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in known}
+    paths = {path: numbers[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in numbers}
     if static is not None:
         degc, by_load = static.curve.measured_temperatures, law.load is not None and "load.coulomb" not in static.names
         placed = next(law for law in frictions(robot) if law.place == f"motor {joint}")
@@ -277,13 +278,13 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
 
 def identify_friction(
     robot: Robot,
-    levels: Sequence[SlidingFriction],
+    sliding: Sequence[SlidingFriction],
     measured: FrictionRecords,
     spec: FrictionSpec,
     truth: Robot | None = None,
 ) -> FrictionResult:
     """The friction of all joints; truth: the simulated robot.  FitError for a required part that is not identified."""
-    joints = tuple(_joint(robot, part, measured, spec, truth) for part in levels)
+    joints = tuple(_joint(robot, part, measured, spec, truth) for part in sliding)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
@@ -295,34 +296,34 @@ def identify_friction(
 
 
 def _joint(
-    robot: Robot, levels: SlidingFriction, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
+    robot: Robot, sliding: SlidingFriction, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
-    name, curve, static = levels.joint, levels.constant_velocity, None
+    name, curve, static = sliding.joint, sliding.constant_velocity, None
     if curve is not None:
         loads = {record.load for record in measured.of(name, "constant_velocity")}
         if len(loads) <= 1:  # it changes along the paths with speed
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
-    notes = list(levels.notes)
+    notes = list(sliding.notes)
     at_rest = noted(notes, "friction/presliding-test", _at_rest, robot, measured.of(name, "presliding_test"), static)
     loops = measured.of(name, "presliding_loops")
     presliding = noted(notes, "friction/presliding-loops", _presliding, loops, at_rest, spec)
     warmed = noted(notes, "friction/warm-up", _heat, name, measured)
-    friction, viscous, refused = _law(levels, static, presliding, at_rest, spec.law)
+    friction, viscous, refused = _law(sliding, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
-    numbers = {row.name: row for row in _numbers(levels, None if refused else static, at_rest, true)}
+    numbers = {row.name: row for row in _numbers(sliding, None if refused else static, at_rest, true)}
     if warmed is not None:
         numbers |= {row.name: row for row in numbers_of_heat(name, *warmed)}
         notes += warm_up_note(*warmed, f"warm-up of joint {name}")
     notes += () if at_rest is None else at_rest.notes
-    fit = levels.motion if static is None else static
+    fit = sliding.motion if static is None else static
     unidentified = () if fit is None else fit.unidentified
     if presliding is None and at_rest is None:  # logs that were recorded for it, and give no number
         unidentified += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
     return JointFriction(
-        name, levels.slides, levels.constant_velocity, levels.motion, static, presliding, at_rest,
+        name, sliding.slides, sliding.constant_velocity, sliding.motion, static, presliding, at_rest,
         None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), unidentified,
-        (*notes, *refused), levels.commanded
+        (*notes, *refused), sliding.commanded
     )  # fmt: skip
 
 
@@ -340,18 +341,18 @@ def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: 
 
 
 def _law(
-    levels: SlidingFriction,
+    sliding: SlidingFriction,
     static: StaticLaw | None,
     presliding: Elements | None,
     at_rest: PreslidingFit | None,
     spec: LawSpec,
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
     """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
-    sliding = static if static is not None else levels.motion or levels.commanded
-    if sliding is None or (static is not None and static.has_one_speed):
+    regression = static if static is not None else sliding.motion or sliding.commanded
+    if regression is None or (static is not None and static.has_one_speed):
         return None, None, ()
     try:
-        friction = sliding.to_friction()
+        friction = regression.to_friction()
         if presliding is not None:
             friction = replace(friction, maxwell_slip=presliding.to_maxwell_slip())
         elif at_rest is not None and at_rest.sigma_0 > 0 and spec.presliding in ("auto", "lugre"):
@@ -359,36 +360,37 @@ def _law(
             # Falls with velocity so that the law supplies no energy, nine tenths of the largest with which it does not.
             falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * friction.coulomb / damping if damping > 0 else None
             friction = replace(friction, lugre=LuGre(at_rest.sigma_0, damping, falling))
-        friction.check_passive(sliding.viscous, levels.slides)
+        friction.check_passive(regression.viscous, sliding.slides)
     except ValueError as error:
         text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
-        return None, None, (Note("friction/law", text, f"joint {levels.joint}"),)
-    return friction, sliding.viscous, ()
+        return None, None, (Note("friction/law", text, f"joint {sliding.joint}"),)
+    return friction, regression.viscous, ()
 
 
 def _numbers(
-    levels: SlidingFriction, static: StaticLaw | None, at_rest: PreslidingFit | None, truth: Truth
+    sliding: SlidingFriction, static: StaticLaw | None, at_rest: PreslidingFit | None, truth: Truth
 ) -> Iterator[FrictionNumber]:
     """Table of parameters; of two experiments for one, the later counts, and constant-velocity runs over motions."""
+    table = partial(_table, sliding.joint, sliding.slides, truth=truth)
     if static is not None:
-        yield from numbers_of_law(levels.joint, static, truth)
-    if levels.motion is not None:
-        motion, fit = levels.motion, levels.motion.regression
+        yield from numbers_of_law(sliding.joint, static, truth)
+    if sliding.motion is not None:
+        motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-        known = (
+        identified = (
             motion.identified_names if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
         )
-        yield from _table(levels.joint, levels.slides, learnt, known, fit.names, fit.values, fit.covariance, truth)
-    if levels.commanded is not None:
-        found = levels.commanded
-        learnt, names = f"commands, {found.seconds:.3g} s", found.names
-        names = ("armature", *names[1:]) if found.carried else names
-        known = names if found.is_first else names[:-1]
-        yield from _table(levels.joint, levels.slides, learnt, known, names, found.values, found.covariance, truth)
+        yield from table(learnt, identified, fit.names, fit.values, fit.covariance)
+    if sliding.commanded is not None:
+        joint = sliding.commanded
+        learnt, names = f"commands, {joint.seconds:.3g} s", joint.names
+        names = ("armature", *names[1:]) if joint.carried else names
+        identified = names if joint.is_first else names[:-1]
+        yield from table(learnt, identified, names, joint.values, joint.covariance)
     if at_rest is not None:
         learnt, names = f"responses at rest, {at_rest.amplitudes} amplitudes", ("lugre.stiffness", "lugre.damping")
         values = np.array([at_rest.sigma_0, at_rest.sigma_1])
-        yield from _table(levels.joint, levels.slides, learnt, names, names, values, at_rest.covariance, truth)
+        yield from table(learnt, names, names, values, at_rest.covariance)
 
 
 def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] | None:

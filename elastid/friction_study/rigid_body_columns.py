@@ -93,8 +93,8 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
     if not rows:
         return {}
     sample = RigidColumns(robot, body.joints, rows).sampled(log).reshape(-1, len(body.columns))
-    left = np.linalg.norm(sample - sample[:, body.base_columns] @ body.regrouped, axis=0)
-    lacking = left / _sizes(sample) > MAX_UNIDENTIFIED
+    residual = np.linalg.norm(sample - sample[:, body.base_columns] @ body.regrouped, axis=0)
+    lacking = residual / _sizes(sample) > MAX_UNIDENTIFIED
     if lacking.any():
         first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
         raise DataError(

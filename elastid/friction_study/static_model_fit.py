@@ -65,35 +65,35 @@ class StaticLaw:
     unidentified: "tuple[UnidentifiedTerm, ...]" = ()
 
     @staticmethod
-    def of(levels: FrictionCurve, spec: LawSpec) -> "StaticLaw":
+    def of(curve: FrictionCurve, spec: LawSpec) -> "StaticLaw":
         """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
         # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
         names = (
-            ("coulomb", "viscous") if np.ptp(levels.speed) > SAME_SPEED_TOLERANCE * levels.speed.max() else ("coulomb",)
+            ("coulomb", "viscous") if np.ptp(curve.speed) > SAME_SPEED_TOLERANCE * curve.speed.max() else ("coulomb",)
         )
-        fit, parts = fit_curve(levels, Terms(names, (), {})), _parts(levels)
-        held, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
+        fit, parts = fit_curve(curve, Terms(names, (), {})), _parts(curve)
+        reasons, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
         for _ in range(2):
-            held = dict(extrapolated)
+            reasons = dict(extrapolated)
             for part in tuple(waiting):
-                wider, reason = _tried(levels, fit, part, getattr(spec, part.name))
+                wider, reason = _tried(curve, fit, part, getattr(spec, part.name))
                 if wider is None:
-                    held.setdefault(part.name, reason)  # a later number of the part has the same reason, or a lesser
+                    reasons.setdefault(part.name, reason)  # a later number of the part has the same reason, or a lesser
                     continue
                 fit = wider
                 waiting.remove(part)
-                held.pop(part.name, None)
+                reasons.pop(part.name, None)
                 if reason:
-                    held[part.name] = extrapolated[part.name] = reason
+                    reasons[part.name] = extrapolated[part.name] = reason
         # Of a part that is there, a further number that does not show is no refusal.
         taken = {part.name for part in parts if part not in waiting}
-        shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
+        shown = {name: reason for name, reason in reasons.items() if name not in taken or not reason.startswith(ABSENT)}
         for name, reason in shown.items():
             if getattr(spec, name) == "yes":
                 text = f"law.{name} cannot be identified: {reason}"
-                raise FitError("friction/law", text, f"friction of {levels.place}")
-        fit = _add_curve_uncertainty(levels, fit, parts[0], spec)
+                raise FitError("friction/law", text, f"friction of {curve.place}")
+        fit = _add_curve_uncertainty(curve, fit, parts[0], spec)
         return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
 
     @property
@@ -137,9 +137,9 @@ class StaticLaw:
     @property
     def measured(self) -> MeasuredRange:
         """The ranges of the conditions."""
-        levels, known = self.curve, self.curve.measured_temperatures
-        load = _range(levels.load) if levels.load.any() else None
-        return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
+        curve, degc = self.curve, self.curve.measured_temperatures
+        load = _range(curve.load) if curve.load.any() else None
+        return MeasuredRange(_range(curve.speed), load, _range(degc) if len(degc) else None)
 
     @property
     def has_one_speed(self) -> bool:
@@ -156,20 +156,20 @@ class StaticLaw:
         return friction_of(self.values, self.T_0, self.measured)
 
 
-def fit_curve(levels: FrictionCurve, terms: Terms) -> StaticLaw:
+def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
     """The law nearest to the levels in units of their std; FitError for too few levels, or searches without an end."""
     n_numbers = len(terms.linear) + len(terms.searched)
-    if levels.n_conditions <= n_numbers:
+    if curve.n_conditions <= n_numbers:
         numbers = ", ".join((*terms.linear, *terms.searched))
         text = (
-            f"{levels.n_conditions} levels for {n_numbers} parameters of its law ({numbers}). Measure more speeds, or "
+            f"{curve.n_conditions} levels for {n_numbers} parameters of its law ({numbers}). Measure more speeds, or "
         )
-        raise FitError("friction/law", f"{text}switch terms of the law off", f"friction of {levels.place}")
-    known = levels.measured_temperatures
-    T_0 = float(known.mean()) if len(known) else 0.0
-    search = _Search(levels, terms, T_0)
+        raise FitError("friction/law", f"{text}switch terms of the law off", f"friction of {curve.place}")
+    degc = curve.measured_temperatures
+    T_0 = float(degc.mean()) if len(degc) else 0.0
+    search = _Search(curve, terms, T_0)
     starts, ranges = list(search.starts()), {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
-    x, slow, fast = starts[0], 0.05 * float(levels.speed.min()), 3.0 * float(levels.speed.max())
+    x, slow, fast = starts[0], 0.05 * float(curve.speed.min()), 3.0 * float(curve.speed.max())
     if terms.searched:
         low, high = np.log([ranges.get(name, (slow, fast)) for name in terms.searched]).T
         optima = minimise(
@@ -178,15 +178,15 @@ def fit_curve(levels: FrictionCurve, terms: Terms) -> StaticLaw:
         )  # fmt: skip
         if not optima:
             text = "no start of its Stribeck curve leads to an optimum; check its levels"
-            raise FitError("friction/law", text, f"friction of {levels.place}")
+            raise FitError("friction/law", text, f"friction of {curve.place}")
         x = min(optima, key=lambda end: end.cost).x
     eta = search.eta(x)
-    linear, left = search.project(eta)
-    cost, dof = float(left @ left), levels.n_conditions - n_numbers
+    linear, residual = search.project(eta)
+    cost, dof = float(residual @ residual), curve.n_conditions - n_numbers
     values = named(terms.linear, linear) | eta
-    J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
+    J = derivative(curve.conditions, terms, values, T_0) / curve.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
-    return StaticLaw(levels, terms, T_0, values, covariance, cost, dof)
+    return StaticLaw(curve, terms, T_0, values, covariance, cost, dof)
 
 
 def excess(cost: float, dof: int) -> float:
@@ -214,8 +214,8 @@ class _Search:
         eta = dict(self.terms.fixed) | named(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
-            known = self.levels.measured_temperatures - self.T_0
-            low, high = float(known.min()), float(known.max())
+            degc = self.levels.measured_temperatures - self.T_0
+            low, high = float(degc.min()), float(degc.max())
             eta["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
             eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
         return eta
@@ -309,11 +309,11 @@ class _Part:
     def added(self, terms: Terms) -> Terms:
         if self.after and self.after not in (*terms.linear, *terms.searched):
             return terms
-        held = {name: value for name, value in {**terms.fixed, **self.fixed}.items() if name not in self.searched}
-        return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), held)
+        fixed = {name: value for name, value in {**terms.fixed, **self.fixed}.items() if name not in self.searched}
+        return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), fixed)
 
 
-def _tried(levels: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
+def _tried(curve: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
     """The law with a part, or the reason why not; both where it is there and its own numbers are extrapolations."""
     if key == "no":
         return None, NOT_ASKED
@@ -323,14 +323,14 @@ def _tried(levels: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tup
     if terms == fit.terms:
         return None, "it needs a Stribeck curve, which the levels do not show"
     try:
-        wider = fit_curve(levels, terms)
+        wider = fit_curve(curve, terms)
     except FitError as error:
         return None, str(error)
     new = [name for name in wider.names if name not in fit.names]
     chance = chance_of_terms(fit.cost, wider.cost, len(new), wider.dof)
     if part.is_tested and chance > FALSE_ALARM and key == "auto":
         return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
-    wide, lowest = _widest(wider, new), float(levels.speed.min())
+    wide, lowest = _widest(wider, new), float(curve.speed.min())
     nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
         return (wider, "") if wide is None else (None, wide)
@@ -347,7 +347,7 @@ def above_stribeck(lowest: float, nu_s: float) -> str:
     )
 
 
-def _add_curve_uncertainty(levels: FrictionCurve, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
+def _add_curve_uncertainty(curve: FrictionCurve, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
     """Fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
@@ -357,14 +357,14 @@ def _add_curve_uncertainty(levels: FrictionCurve, fit: StaticLaw, stribeck: _Par
     if is_free or spec.stribeck == "no" or stribeck.refusal:
         return fit
     terms = fit.terms if has_curve else stribeck.added(fit.terms)
-    held = terms.fixed["exponent"]
-    allowed = [a for a in EXPONENTS if a == held or spec.exponent != "no"]
-    for exponent in (a for a in allowed if a != held or not has_curve):
+    exponent_used = terms.fixed["exponent"]
+    allowed = [a for a in EXPONENTS if a == exponent_used or spec.exponent != "no"]
+    for exponent in (a for a in allowed if a != exponent_used or not has_curve):
         try:
-            trial = fit_curve(levels, replace(terms, fixed={**terms.fixed, "exponent": exponent}))
+            trial = fit_curve(curve, replace(terms, fixed={**terms.fixed, "exponent": exponent}))
         except FitError:
             continue
-        would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * trial.values["stribeck_velocity"]
+        would_show = not has_curve and curve.speed.min() <= LOWEST_SPEED * trial.values["stribeck_velocity"]
         if trial.cost < fit.cost + MAX_COST and trial.value_and_std("stiction")[0] > 0 and not would_show:
             changes.append(np.array([trial.values[name] - fit.values[name] for name in fit.names]))
     change = max(changes, key=lambda shift: float(abs(shift[fit.names.index("coulomb")])))
@@ -387,28 +387,28 @@ def _widest(fit: StaticLaw, names: list[str]) -> str | None:
     return None
 
 
-def _parts(levels: FrictionCurve) -> tuple[_Part, ...]:
+def _parts(curve: FrictionCurve) -> tuple[_Part, ...]:
     speeds, temperatures, loads = (
-        _distinct(np.log(levels.speed), 0.05),
-        _distinct(levels.measured_temperatures, TEMPERATURE_STEP_K),
-        _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05),
+        _distinct(np.log(curve.speed), 0.05),
+        _distinct(curve.measured_temperatures, TEMPERATURE_STEP_K),
+        _distinct(curve.load / max(float(curve.load.max()), 1e-300), 0.05),
     )
 
     def few(count: int, needed: int, what: str, advice: str) -> str:
         return "" if count >= needed else f"{needed} {what} are needed, and these levels have {count}; {advice}"
 
-    curve = few(speeds, MIN_SPEEDS, "speeds", extrapolates(float(levels.speed.min())))
+    stribeck = few(speeds, MIN_SPEEDS, "speeds", extrapolates(float(curve.speed.min())))
     uneven = (
         "the difference between the directions does not change with speed beyond chance, and a constant one cannot be "
         "distinguished from an offset of the torque"
     )
     uneven = few(speeds, 4, "speeds", "record them both ways") or uneven  # four show a difference of slopes
-    uneven = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else uneven
+    uneven = "" if {1.0, -1.0} <= set(curve.direction.tolist()) else uneven
     one_load, two_loads = (few(loads, n, "loads", "measure in more postures or with payloads") for n in (2, 3))
     one_T, two_T = (few(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
     by_speed = few(speeds, 2, "speeds", "at one speed the whole torque changes")
     return (
-        _Part("stribeck", curve, ("stiction",), ("stribeck_velocity",), fixed={"exponent": EXPONENTS[-1]}),
+        _Part("stribeck", stribeck, ("stiction",), ("stribeck_velocity",), fixed={"exponent": EXPONENTS[-1]}),
         _Part("directions", uneven, ("directions.coulomb", "directions.viscous")),
         _Part("load", one_load, ("load.coulomb",)),
         _Part("load", one_load, ("load.stiction",), after="stribeck_velocity"),
@@ -416,9 +416,9 @@ def _parts(levels: FrictionCurve) -> tuple[_Part, ...]:
         _Part("temperature", one_T or by_speed, ("temperature.viscous",), fixed={"temperature.decay": START_DECAY_K}),
         _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
         _Part("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
-        _Part("exponent", curve, (), ("exponent",), "stribeck_velocity", is_tested=False),
+        _Part("exponent", stribeck, (), ("exponent",), "stribeck_velocity", is_tested=False),
         _Part("temperature", one_T, ("temperature.coulomb",)),
-        _Part("quadratic", curve, ("quadratic",)),
+        _Part("quadratic", stribeck, ("quadratic",)),
     )
 
 

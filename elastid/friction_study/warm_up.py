@@ -105,9 +105,9 @@ class _Problem:
         ratio = math.exp(value.get("ratio", 0.0))
         constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
         first = np.array([[value.get(name, 1.0)] for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
-        shares, levels = np.ones((2, 1)) if self.nodes == 1 else np.hstack([first, 1 - first])
+        shares, of_torque = np.ones((2, 1)) if self.nodes == 1 else np.hstack([first, 1 - first])
         start = log.start_degc + max(log.start_std, 1e-6) * value.get("start", 0.0)
-        return constants, shares, levels, math.exp(value.get("h", 0.0)), start
+        return constants, shares, of_torque, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Residual of readings, levels and the start, of variance 1."""
@@ -183,8 +183,8 @@ def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArr
 
 def temperature(log: WarmUpLog, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
     """T (n + 1,) in degC; a joint that stood is as warm inside as outside, and cools with its slowest constant."""
-    fading, known = np.exp(-(log.time_s - log.time_s[0]) / constants.max()), log.ambient_degc
-    ambient = start if math.isnan(known) else known
+    fading, measured = np.exp(-(log.time_s - log.time_s[0]) / constants.max()), log.ambient_degc
+    ambient = start if math.isnan(measured) else measured
     return np.asarray(ambient + (start - ambient) * fading + _heat(log, constants, shares) / h)
 
 
@@ -193,6 +193,6 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     pairs = [passes_of(record) for record in tests]
     speeds = [float(np.mean([abs(part.velocity.mean()) for part in pair])) for pair in pairs]
     solved = [PassRegression.of(pair, True, 0.0).solve() for pair in pairs]
-    levels = np.array([(values[0], np.sqrt(covariance[0, 0])) for values, covariance in solved]).reshape(-1, 2)
+    torques = np.array([(values[0], np.sqrt(covariance[0, 0])) for values, covariance in solved]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s[1:], [record.start_s for record in tests], side="right")
-    return WarmUp(log, samples, alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1])
+    return WarmUp(log, samples, alike_speeds(np.array(speeds)), torques[:, 0], torques[:, 1])

@@ -81,13 +81,13 @@ class Estimated:
     @classmethod
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
-        where: str = "", doubts: tuple[ModelErrorFactor, ...] = (), held: Collection[str] = (),
+        where: str = "", doubts: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
-        """Return the numbers of a fit; held: names that keep their base."""
-        known = [i for i, name in enumerate(names) if name in parameters.names and name not in held]
-        places = [parameters.names.index(names[i]) for i in known]
+        """Return the numbers of a fit; fixed: names that keep their base."""
+        indices = [i for i, name in enumerate(names) if name in parameters.names and name not in fixed]
+        places = [parameters.names.index(names[i]) for i in indices]
         return cls(
-            parameters, x, covariance, names, base, np.array(known, int), np.array(places, int), where, doubts
+            parameters, x, covariance, names, base, np.array(indices, int), np.array(places, int), where, doubts
         )  # fmt: skip
 
     @cached_property
@@ -138,8 +138,8 @@ class Estimated:
 def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
     unreached = np.isinf(np.diag(covariance))
-    known = np.where(unreached[:, None] | unreached, 0.0, covariance)
-    variance = np.einsum("ni,ni->n", slopes @ known, slopes)
+    finite = np.where(unreached[:, None] | unreached, 0.0, covariance)
+    variance = np.einsum("ni,ni->n", slopes @ finite, slopes)
     felt = np.any(np.abs(slopes[:, unreached]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
     return np.where(felt, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 
@@ -370,8 +370,8 @@ class FittedModel:
         return FrameStiffness(C.value, C.std, matrix, std, self.frame, self.axes, C.by)
 
     def _spread(self, function: Any) -> Any:
-        known = self.estimated
-        return propagate(lambda x: function(known.theta(x)), known.x, known.covariance)
+        estimated = self.estimated
+        return propagate(lambda x: function(estimated.theta(x)), estimated.x, estimated.covariance)
 
     def state_space(self) -> StateSpace:
         """Return A, B, C, D and the delay of the torque; StudyError as `linear.linear_model.state_space`."""

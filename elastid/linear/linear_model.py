@@ -291,12 +291,12 @@ class LinearModel:
     @cached_property
     def _moved(self) -> dict[str, tuple[IntArray, FloatArray]]:
         """Places in theta of the parameters that move M, D, K, and their slopes (n_p, n, n)."""
-        known = {
+        of_letter = {
             letter: {name: slope for name, s in self.slopes.items() if (slope := getattr(s, letter)) is not None}
             for letter in "MDK"
         }
-        places = {letter: [self.parameters.index(name) for name in slopes] for letter, slopes in known.items()}
-        return {x: (np.array(places[x], np.int64), np.array([*slopes.values()])) for x, slopes in known.items()}
+        places = {letter: [self.parameters.index(name) for name in slopes] for letter, slopes in of_letter.items()}
+        return {x: (np.array(places[x], np.int64), np.array([*slopes.values()])) for x, slopes in of_letter.items()}
 
 
 @frozen_value
@@ -401,10 +401,10 @@ def _behind_a_lag(
     shift[-1] = -np.array([1.0, *coefficients[:-1]]) / coefficients[-1]
     A_lag = np.kron(shift / T, np.eye(n_u))
     B_lag = np.kron(np.eye(order)[:, -1:] / (coefficients[-1] * T), np.eye(n_u))
-    held = np.kron(np.eye(order)[:1], np.eye(n_u))
+    lagged_input = np.kron(np.eye(order)[:1], np.eye(n_u))
     return (
-        np.block([[A, B @ held], [np.zeros((order * n_u, n)), A_lag]]),
+        np.block([[A, B @ lagged_input], [np.zeros((order * n_u, n)), A_lag]]),
         np.vstack([np.zeros((n, n_u)), B_lag]),
-        np.hstack([C, D @ held]),
+        np.hstack([C, D @ lagged_input]),
         np.zeros_like(D),
     )

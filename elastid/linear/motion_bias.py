@@ -60,7 +60,7 @@ def estimate_motion_bias(
     spring at its end).
     No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
     """
-    motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
+    motion, noise, freq_hz = response.motion, response.uncertainty, response.freq_hz
     if motion is None or not motion.power.any():
         return None
     expansion, most = _expand(model, linear, theta), MOST_LINES
@@ -80,11 +80,11 @@ def estimate_motion_bias(
         dG = expansion.response_change(omega, changes)[:, :, inputs]
         return change_of_angles(linear, theta, lines_hz, dG)
 
-    if known is not None:
+    if noise is not None:
         few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
         rough = of_motion(freq_hz[few], _FEW)
         with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.where(known.variance[few] > 0, np.abs(rough) ** 2 / known.variance[few], np.inf)
+            shares = np.where(noise.variance[few] > 0, np.abs(rough) ** 2 / noise.variance[few], np.inf)
         size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(few))
         if size < NEGLIGIBLE:
             return None
@@ -207,8 +207,8 @@ class _MotionBias:
         K, m = self.curved.shape[:2]
         parts = np.zeros((3, K, m, len(rows), len(unknowns)), complex)
         for part, columns in zip(parts, of_order, strict=True):
-            known = unknowns < len(columns)
-            part[..., known] = self.curved[:, :, rows][..., columns[unknowns[known]]]
+            moving = unknowns < len(columns)
+            part[..., moving] = self.curved[:, :, rows][..., columns[unknowns[moving]]]
         met = np.ascontiguousarray(parts[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
         partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
         return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)

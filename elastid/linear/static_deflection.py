@@ -69,12 +69,13 @@ class LoadedRobot:
         cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], moved: Sequence[str]
     ) -> "LoadedRobot":
         """Return the robot under loads, with theta (n_theta,) of each posture; StudyError without an equilibrium."""
-        known = [frame.name for frame in model.robot.frames]
+        frame_names = [frame.name for frame in model.robot.frames]
         frames = tuple(dict.fromkeys(name for load in loads for name in (load.frame, load.read_at)))
         for name in frames:
-            if name not in known:
+            if name not in frame_names:
                 raise StudyError(
-                    "robot/unknown-name", f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, known)}"
+                    "robot/unknown-name",
+                    f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, frame_names)}",
                 )
         free = free_coordinates(model)
         places = np.array([i for i, name in enumerate(model.parameters) if name in moved], np.int64)
@@ -173,8 +174,8 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
         R = rotation(layout, turned, seat)
         J = rates[6 * place : 6 * place + 6, :]
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
-    left, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
-    slopes = [ca.jacobian(left, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]
+    h, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
+    slopes = [ca.jacobian(h, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]
     given, options = [z, locked, theta, wrench], {"cse": True}
-    statics = ca.Function("statics", given, [ca.densify(term) for term in (left, ca.jacobian(left, z))], options)
+    statics = ca.Function("statics", given, [ca.densify(term) for term in (h, ca.jacobian(h, z))], options)
     return statics, ca.Function("slopes", given, [ca.densify(term) for term in slopes], options)

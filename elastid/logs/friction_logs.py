@@ -26,8 +26,8 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.friction_study.joint_levels import STILL, turns_against_gravity
 from elastid.friction_study.motion_signals import alike_speeds, detect_passes
+from elastid.friction_study.sliding_friction import STILL, turns_against_gravity
 from elastid.linear.equilibrium import equilibrium
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.logs.files.formats import read_channels

@@ -124,17 +124,17 @@ def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
     v, p = variance.reshape(F, -1), power.reshape(F, -1)
     mean = np.maximum(v.mean(axis=0), tiny)
     columns = mean * np.stack([np.ones(p.shape), p / np.maximum(p.mean(axis=0), tiny)])
-    level = columns[0]
+    scale = columns[0]
     for _ in range(5):
-        A = columns / level
+        A = columns / scale
         gram = np.einsum("ifc,jfc->cij", A, A) + 1e-12 * np.eye(2)
-        inside = np.einsum("ifc,fc->ci", A, v / level)
+        inside = np.einsum("ifc,fc->ci", A, v / scale)
         share = np.linalg.solve(gram, inside[:, :, None])[:, :, 0]
         # Where one of them is negative, the other is alone.
         share = np.where(share[:, ::-1] < 0, inside / np.einsum("cii->ci", gram), np.maximum(share, 0.0))
-        level = np.einsum("ifc,ci->fc", columns, share) + 1e-9 * mean
-    local = uniform_filter1d(np.minimum(v / level, MAX_RATIO), size, axis=0, mode="nearest")
-    return np.asarray((level * np.maximum(local, 1 / MAX_RATIO)).reshape(variance.shape))
+        scale = np.einsum("ifc,ci->fc", columns, share) + 1e-9 * mean
+    local = uniform_filter1d(np.minimum(v / scale, MAX_RATIO), size, axis=0, mode="nearest")
+    return np.asarray((scale * np.maximum(local, 1 / MAX_RATIO)).reshape(variance.shape))
 
 
 NO_POLES: ComplexArray = np.empty(0, complex)
@@ -347,11 +347,12 @@ def _gathered(
         U, s, Vh = np.linalg.svd(mode.residue)
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
         for k in range(count):
-            shape, participation = U[:, k] / U[np.argmax(np.abs(U[:, k])), k], Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
+            largest = U[np.argmax(np.abs(U[:, k])), k]
+            shape, participation = U[:, k] / largest, Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
             members.append(mode)
             numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std))
             shapes.append(shape)
-            participations.append(Vh[k] * s[k] * U[np.argmax(np.abs(U[:, k])), k])
+            participations.append(Vh[k] * s[k] * largest)
             # By the entries of a residue along the input, or output, that goes with it.
             stds.append(_relative_std(shape, np.sqrt(std**2 @ np.abs(Vh[k]) ** 2) / (s[k] * np.abs(U[:, k]).max())))
             noise = np.sqrt(np.abs(U[:, k]) ** 2 @ std**2) / (s[k] * np.abs(Vh[k]).max())

@@ -209,11 +209,12 @@ class Influences:
         return total * small_sample_factors(max(dof, LEAST_DOF)) ** 2
 
     def _line_factor(self, influence: ComplexArray) -> float:
-        power, seen, stated = float(np.sum(np.abs(influence) ** 2)), 1.0, 1.0
-        for lag, rho in enumerate(self._autocorrelation[: influence.shape[1] - 1], start=1):
-            product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / power
-            seen += 2 * (product * rho).real
-            stated += 2 * max(1 - lag / self.correlated_lines, 0.0) * product.real
+        spectrum = np.fft.fft(influence, 2 * influence.shape[1], axis=1)
+        products = np.fft.ifft(np.sum(np.abs(spectrum) ** 2, axis=(0, 2)))[: influence.shape[1]]
+        rho = self._autocorrelation[: influence.shape[1] - 1]
+        lags, products = np.arange(1, len(rho) + 1), products[1 : len(rho) + 1] / products[0].real
+        seen = 1 + 2 * float(np.sum((products * rho).real))
+        stated = 1 + 2 * float(np.maximum(1 - lags / self.correlated_lines, 0.0) @ products.real)
         # A fit takes the correlation of errors of local methods out of the residuals.
         return max(seen, stated if self._together > 1 else 1.0, 1.0)
 
@@ -314,10 +315,10 @@ class Influences:
         power = np.abs(unstacked(pair.T)) ** 2  # (F, 2)
         seen = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
         local = np.einsum("fp,fc->c", power, seen / self._free[:, None] * fit.data.variance) / 2
-        level = local * self._line_factor(unstacked(pair.T).T[:, :, None])
+        variance = local * self._line_factor(unstacked(pair.T).T[:, :, None])
         D = fit.data.columns(fit.poles[[r]], derivative=True)
         slope = (np.linalg.lstsq(R, Q.T @ D, rcond=1e-12)[0] / norms[:, None]).T
         b, C = fit.directions[r], self.pole_covariances[r]
         # Of Re and Im R_c by Re and Im lambda: minus the part of J inside the model.
         moved = np.einsum("ik,pic->pkc", slope[:, rows], b)
-        return np.asarray(np.sqrt(level + np.einsum("pkc,pq,qkc->c", moved, C, moved)))
+        return np.asarray(np.sqrt(variance + np.einsum("pkc,pq,qkc->c", moved, C, moved)))

@@ -129,10 +129,10 @@ class Modes:
         B = np.stack([L.T.real, L.T.imag], axis=1).reshape(-1, n_u)
         C = 2 * np.stack([psi.real, -psi.imag], axis=2).reshape(len(psi), -1)
         D, sections = self._residual() if residual else (np.zeros((len(psi), n_u)), [])
-        for (_, damping, stiffness), slope, level in sections:  # of x'' + damping x' + stiffness x = u
+        for (_, damping, stiffness), slope, offset in sections:  # of x'' + damping x' + stiffness x = u
             blocks.append(np.kron([[0.0, 1.0], [-stiffness, -damping]], np.eye(n_u)))
             B = np.vstack([B, np.zeros((n_u, n_u)), np.eye(n_u)])
-            C = np.hstack([C, level, slope])
+            C = np.hstack([C, offset, slope])
         A, place = block_diag(np.zeros((0, 0)), *blocks), Configuration(self.configuration, np.zeros(0))
         return StateSpace(place, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
 
@@ -147,11 +147,11 @@ class Modes:
             columns += [x / np.polyval(polynomial, s) for x in (w * s, np.full(len(s), w**2))]
         weight = 1 / np.sqrt(np.mean(np.abs(G) ** 2, axis=(1, 2)))
         X = np.stack(columns, axis=1) * weight[:, None]
-        left = (G - self.state_space(residual=False).response(freq_hz)).reshape(len(s), -1) * weight[:, None]
-        a = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.vstack([left.real, left.imag]), rcond=None)[0]
+        remainder = (G - self.state_space(residual=False).response(freq_hz)).reshape(len(s), -1) * weight[:, None]
+        a = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.vstack([remainder.real, remainder.imag]), rcond=None)[0]
         D, *parts = a.reshape(-1, *G.shape[1:])
         triples = zip(ends, polynomials, parts[::2], parts[1::2], strict=True)
-        return D, [(polynomial, w * slope, w**2 * level) for w, polynomial, slope, level in triples]
+        return D, [(polynomial, w * slope, w**2 * offset) for w, polynomial, slope, offset in triples]
 
     def transfer_polynomials(self, residual: bool = True) -> tuple[FloatArray, FloatArray]:
         """Numerators (n_y, n_u, m) and the common denominator (m,) of `state_space`, the highest power of s first.
@@ -161,15 +161,15 @@ class Modes:
         D, sections = self._residual() if residual else (np.zeros((len(self.outputs), len(self.inputs))), [])
         R = np.einsum("ir,jr->rij", self.shapes, self.participation)
         for pole, residue in zip(self.poles, R, strict=True):
-            level = -2 * (residue * pole.conjugate()).real
-            sections = [*sections, ((1.0, -2 * pole.real, abs(pole) ** 2), 2 * residue.real, level)]
+            offset = -2 * (residue * pole.conjugate()).real
+            sections = [*sections, ((1.0, -2 * pole.real, abs(pole) ** 2), 2 * residue.real, offset)]
         factors = [np.array(section[0]) for section in sections]
         denominator = _product(factors)
         numerators = D[:, :, None] * denominator
-        for k, (_, slope, level) in enumerate(sections):
+        for k, (_, slope, offset) in enumerate(sections):
             rest = _product([*factors[:k], *factors[k + 1 :]])
             numerators[:, :, 1:-1] += slope[:, :, None] * rest
-            numerators[:, :, 2:] += level[:, :, None] * rest
+            numerators[:, :, 2:] += offset[:, :, None] * rest
         return numerators, denominator
 
     def transfer_function(self, residual: bool = True) -> Any:

@@ -28,7 +28,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
-from elastid.modal.model import ModalFit, unstacked
+from elastid.modal.model import ModalFit, tall_qr, unstacked
 
 # The highest line over half the rate of z: poles somewhat above the band can be found.
 HIGHEST = 0.9
@@ -210,7 +210,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
             near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(unstacked(columns)) ** 2, axis=1))
         used = np.tile(~near, 2)
         A = Q[used] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
-        basis, y = np.linalg.qr(A)[0], fit.data.y[used]
+        basis, y = tall_qr(A)[0], fit.data.y[used]
         y = y - basis[:, :-2] @ (basis[:, :-2].T @ y)
         outside[r] = np.sum((basis[:, -2:].T @ y) ** 2, axis=0)
         about = np.tile(_about(fit, r)[~near], 2)
@@ -257,9 +257,9 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
-    (whole, outside), level = separate_determinations(fit), s_r * correlated_lines
+    (whole, outside), noise = separate_determinations(fit), s_r * correlated_lines
     return np.maximum(
-        p_value(whole, level, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, level, n_r, 1.0)
+        p_value(whole, noise, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, noise, n_r, 1.0)
     )
 
 
@@ -268,8 +268,8 @@ def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) ->
     trials = LIMITS.trials_per_line * len(fit.data.weight)
     while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
-        level = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
-        chance = p_value(drop, level, np.full(len(drop), 1e9), trials)
+        noise = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
+        chance = p_value(drop, noise, np.full(len(drop), 1e9), trials)
         good = chance < LIMITS.records_with_false_modes
         if not good.any():
             break

@@ -178,8 +178,8 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
 def _check_locked(parts: Mechanism, q: FloatArray) -> None:
     """StudyError for driven joints that no motion of the passive ones follows."""
     _, Phi = parts.rows(q[None])
-    left = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
-    if locked := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, left, strict=True) if is_left):
+    is_moving = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
+    if locked := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
         raise StudyError(
             "robot/loops",
             "no motion of the passive joints follows, so that only springs could give; leave "

@@ -11,7 +11,7 @@ Friction's sign along a velocity that is known at points of a period, by its mea
 The velocity of an inertia at the points depends on the means over cells alone, exact with their spectrum over sinc.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from typing import Literal, TypeAlias, TypeVar
@@ -20,10 +20,8 @@ import numpy as np
 from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import Note
 from elastid.friction.stop_operator import Path, bristle, stop
 from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
-from elastid.response import UNEXPLAINED
 
 Signal = TypeVar("Signal", FloatArray, BoolArray)
 
@@ -81,7 +79,7 @@ RIPPLE = SheetNumber("r", "torque ripple and cogging", "torque", "N*m")
 
 
 @dataclass(frozen=True)
-class Row:
+class EffectKind:
     """Properties that all effects of a kind have in common.
 
     place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
@@ -97,23 +95,23 @@ class Row:
     brakes: bool = False
 
 
-KINDS: dict[Kind, Row] = {
-    "friction": Row("motor", SheetNumber("Fc_m", "Coulomb friction before the gear", "torque", "N*m"), (0.01, 0.08),
-                    ("friction",), True),
-    "load": Row("motor", SheetNumber("Fcl_m", "load-dependent friction, per torque of the gear", "share", "1"), (0.01,),
-                ("load",), True),
-    "behind": Row("link", SheetNumber("Fb_", "Coulomb friction behind the gear", "torque", "N*m"), (0.01,),
-                  ("behind",), True),
-    "cubic": Row("gear", STIFFENING, (0.0,), SPRINGS),
-    "progressive": Row("gear", STIFFENING, (0.0,), SPRINGS),
-    "range": Row("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS),
-    "gap": Row("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True),
-    "stop": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
-    "bristle": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
-    "error sine": Row("gear", ERROR),
-    "error cosine": Row("gear", ERROR),
-    "ripple sine": Row("motor", RIPPLE),
-    "ripple cosine": Row("motor", RIPPLE),
+KINDS: dict[Kind, EffectKind] = {
+    "friction": EffectKind("motor", SheetNumber("Fc_m", "Coulomb friction before the gear", "torque", "N*m"),
+                           (0.01, 0.08), ("friction",), True),
+    "load": EffectKind("motor", SheetNumber("Fcl_m", "load-dependent friction, per torque of the gear", "share", "1"),
+                       (0.01,), ("load",), True),
+    "behind": EffectKind("link", SheetNumber("Fb_", "Coulomb friction behind the gear", "torque", "N*m"),
+                         (0.01,), ("behind",), True),
+    "cubic": EffectKind("gear", STIFFENING, (0.0,), SPRINGS),
+    "progressive": EffectKind("gear", STIFFENING, (0.0,), SPRINGS),
+    "range": EffectKind("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS),
+    "gap": EffectKind("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True),
+    "stop": EffectKind("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "bristle": EffectKind("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "error sine": EffectKind("gear", ERROR),
+    "error cosine": EffectKind("gear", ERROR),
+    "ripple sine": EffectKind("motor", RIPPLE),
+    "ripple cosine": EffectKind("motor", RIPPLE),
 }  # fmt: skip
 WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
 SECANT = SheetNumber("K", "secant stiffness over a third of the largest torque", "stiffness", "N*m/rad")
@@ -139,7 +137,7 @@ class GearEffect:
     is_edge: bool = False
 
     @property
-    def row(self) -> Row:
+    def row(self) -> EffectKind:
         """Row of its kind."""
         return KINDS[self.kind]
 
@@ -240,12 +238,3 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
     if effect.kind.startswith("ripple"):
         return [("motor", e)]
     return [("gear", motion.k * e + motion.d * slope * motion.velocity), ("motor", motion.torque * slope)]
-
-
-# Codes of notes on a fit and its responses that effects of gears answer.
-ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
-
-
-def notes_before_gears(notes: Iterable[Note], is_next: bool) -> tuple[Note, ...]:
-    """Return notes of a fit and its responses, without those that the stage gears answers or repeats if it is next."""
-    return tuple(note for note in notes if not (is_next and note.code in ANSWERED))

@@ -92,12 +92,12 @@ def _unexplained(
 ) -> tuple[Note, ...]:
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
-    known = response.noise.variance > 0
-    if not known.any():
+    used = response.noise.variance > 0
+    if not used.any():
         return ()
     total, noise = response.total.variance, response.noise.variance
-    ratio = float(np.median(total[known] / noise[known]))
-    if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[known]) < MIN_UNEXPLAINED:
+    ratio = float(np.median(total[used] / noise[used]))
+    if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[used]) < MIN_UNEXPLAINED:
         return ()
     text = (
         f"nonlinear distortion is {np.sqrt(ratio):.0f} times the noise, and motor friction does not explain "

@@ -65,9 +65,9 @@ class CompensatedFriction:
         """
         row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
         swing = np.array([self.swing(place)])
-        left = np.array([(1 - float(shape.reversal(swing)[0])) / 2 for shape in self.shapes])
+        not_reversed = np.array([(1 - float(shape.reversal(swing)[0])) / 2 for shape in self.shapes])
         std = math.sqrt(max(float(row @ self.covariance @ row), 0.0))
-        return float(row @ self.coulomb_torque), math.hypot(std, float((row * left) @ self.coulomb_torque))
+        return float(row @ self.coulomb_torque), math.hypot(std, float((row * not_reversed) @ self.coulomb_torque))
 
     def swing(self, place: str) -> float:
         """Return the median motion of a motor between two reversals, rad (m), link side; infinite if unknown."""

@@ -100,7 +100,7 @@ def identify_gears(
     pairs = [*zip(data.lines, chosen.drives, strict=True)]
     peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
     sheets = tuple(
-        sheet_of(SlidingFriction(chosen, robot, joint, peak), result, bounds)
+        sheet_of(JointEffects(chosen, robot, joint, peak), result, bounds)
         for joint, peak in zip(data.joints, peaks, strict=True)
         if joint in elastic
     )
@@ -216,12 +216,10 @@ def unexplained_fraction(
 
 
 @dataclass(frozen=True, eq=False)
-class SlidingFriction:
-    """The magnitudes at the gear of a joint: values with rows d value / d (x, f), from which standard deviations
-    follow.
-    """
+class JointEffects:
+    """Effects at the gear of a joint: values with rows d value / d (x, f), from which standard deviations follow."""
 
-    found: GearEstimate
+    estimate: GearEstimate
     robot: Robot
     joint: str
     peak: float
@@ -229,7 +227,7 @@ class SlidingFriction:
     @property
     def effects(self) -> list[tuple[int, GearEffect, float]]:
         """Effects at the joint, with place and magnitude."""
-        pairs = enumerate(zip(self.found.effects, self.found.magnitudes.tolist(), strict=True))
+        pairs = enumerate(zip(self.estimate.effects, self.estimate.magnitudes.tolist(), strict=True))
         return [(i, effect, f) for i, (effect, f) in pairs if effect.joint == self.joint]
 
     @property
@@ -239,16 +237,16 @@ class SlidingFriction:
 
     def parameter(self, letter: str) -> tuple[float, FloatArray]:
         """Return the stiffness k or damping d of the joint and its row."""
-        magnitudes, row = self.found, np.zeros(len(self.found.covariance))
-        place = magnitudes.parameters.names.index(f"{letter}_{self.joint}")
-        row[: len(magnitudes.x)] = magnitudes.parameters.jacobian(magnitudes.x)[place]
-        return float(magnitudes.parameters.expand(magnitudes.x)[place]), row
+        parameters, x, row = self.estimate.parameters, self.estimate.x, np.zeros(len(self.estimate.covariance))
+        place = parameters.names.index(f"{letter}_{self.joint}")
+        row[: len(x)] = parameters.jacobian(x)[place]
+        return float(parameters.expand(x)[place]), row
 
     def magnitudes(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
         """Return the weighted sum of magnitudes and its row."""
-        row = np.zeros(len(self.found.covariance))
-        row[[len(self.found.x) + i for i in weights]] = [*weights.values()]
-        return float(row[len(self.found.x) :] @ self.found.magnitudes), row
+        row = np.zeros(len(self.estimate.covariance))
+        row[[len(self.estimate.x) + i for i in weights]] = [*weights.values()]
+        return float(row[len(self.estimate.x) :] @ self.estimate.magnitudes), row
 
     def over_k(self, value: float, row: FloatArray) -> tuple[float, FloatArray]:
         """Return a value divided by the stiffness."""
@@ -261,7 +259,7 @@ class SlidingFriction:
 
     def std(self, row: FloatArray) -> float:
         """Return the standard deviation of a value by its row."""
-        return math.sqrt(max(float(row @ self.found.covariance @ row), 0.0))
+        return math.sqrt(max(float(row @ self.estimate.covariance @ row), 0.0))
 
     def torque(self, delta: FloatArray, hysteresis: bool) -> tuple[FloatArray, FloatArray]:
         """Return tau (n,) over a closed path of delta (n,), and its rows (n, n_x + n_f); hysteresis: with it."""
@@ -284,7 +282,7 @@ class SlidingFriction:
         return reach
 
 
-def sheet_of(gear: SlidingFriction, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
+def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """Return characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
     rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
@@ -300,7 +298,7 @@ def sheet_of(gear: SlidingFriction, result: Result, bounds: Mapping[Group, float
     delta = np.concatenate([way, -way])
     tau, rows = gear.torque(delta, hysteresis=True)
     slope = np.maximum(np.gradient(gear.torque(way, hysteresis=False)[0], way), 1e-300)
-    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.found.covariance, rows), 0.0))
+    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.estimate.covariance, rows), 0.0))
     ordered = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
     # Within a gap a torque says nothing of the torsion.
     torsion_std = np.minimum(std / np.concatenate([slope, slope[::-1]]), reach)
@@ -319,7 +317,7 @@ def _as_gap_or_range(what: SheetNumber, joint: str, order: float = 0.0, **furthe
     return GearNumber(name, meaning, what.kind, what.unit, order=order, **further)
 
 
-def _springs(gear: SlidingFriction, result: Result, reach: float) -> list[GearNumber]:
+def _springs(gear: JointEffects, result: Result, reach: float) -> list[GearNumber]:
     has_gap = any(effect.kind == "gap" for _, effect, _ in gear.effects)
     spring = "stiffness beyond the gap" if has_gap else "stiffness at zero torque"
     per = ("N", "m") if gear.robot.slides(f"motor {gear.joint}") else ("N*m", "rad")
@@ -346,7 +344,7 @@ def _springs(gear: SlidingFriction, result: Result, reach: float) -> list[GearNu
     return numbers
 
 
-def _levels(gear: SlidingFriction, reach: float) -> list[GearNumber]:
+def _levels(gear: JointEffects, reach: float) -> list[GearNumber]:
     """Magnitudes of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at
     zero.
 
@@ -367,7 +365,9 @@ def _levels(gear: SlidingFriction, reach: float) -> list[GearNumber]:
     for what, at in weights.items():
         value, row = gear.magnitudes(at)
         if what == LOST_MOTION:
-            of_ends = [2 * f * gear.found.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in at]
+            of_ends = [
+                2 * f * gear.estimate.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in at
+            ]
             number = gear.number(what, *gear.over_k(value, row))
             numbers.append(replace(number, std=math.hypot(number.std, *of_ends)))
         else:
@@ -377,7 +377,7 @@ def _levels(gear: SlidingFriction, reach: float) -> list[GearNumber]:
     return numbers
 
 
-def _periodic(gear: SlidingFriction) -> list[GearNumber]:
+def _periodic(gear: JointEffects) -> list[GearNumber]:
     """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
     for what, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
@@ -392,7 +392,7 @@ def _periodic(gear: SlidingFriction) -> list[GearNumber]:
     return numbers
 
 
-def _unseen(gear: SlidingFriction, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
+def _unseen(gear: JointEffects, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
     largest: dict[str, GearNumber] = {}
     k = gear.parameter("k")[0]
     for (effect, *_), bound in bounds.items():

@@ -97,14 +97,14 @@ class GearData:
         return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in every]
 
     def joint_normal_equations(
-        self, known: GearEstimate, further: Sequence[GearEffect]
+        self, estimate: GearEstimate, further: Sequence[GearEffect]
     ) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
         """Return normal equations, and priors, of parameters, magnitudes and magnitudes of further effects about 0."""
-        effects, drives = [*known.effects, *further], self.drives(known.parameters, known.x)
-        magnitudes = known.magnitudes_of(effects)
-        estimates = self.motions(drives, effects, magnitudes, known.motions_of(effects))
-        sums, _ = normal_equations(self.lines, drives, estimates, len(known.x), magnitudes)
-        return sums, priors(known.parameters, known.x, len(known.x) + len(magnitudes))
+        effects, drives = [*estimate.effects, *further], self.drives(estimate.parameters, estimate.x)
+        magnitudes = estimate.magnitudes_of(effects)
+        estimates = self.motions(drives, effects, magnitudes, estimate.motions_of(effects))
+        sums, _ = normal_equations(self.lines, drives, estimates, len(estimate.x), magnitudes)
+        return sums, priors(estimate.parameters, estimate.x, len(estimate.x) + len(magnitudes))
 
 
 def estimate_gear_parameters(
@@ -190,13 +190,13 @@ def scale_priors(
     A: normal matrix of parameters, magnitudes and scales.  magnitudes, std (n_f,), (n_x + n_f + ...): of the last
     round, which is the first where all std are 0.
     """
-    known = np.ones(len(scales))
+    priors = np.ones(len(scales))
     for s, group in enumerate(scales):
         if np.all(
             np.abs(magnitudes[group]) < MIN_SIGNIFICANCE * std[n_x:][group]
         ):  # of next to nothing any scale will do
-            known[s] = 1e12 * max(1.0, float(A[n_x + len(magnitudes) + s, n_x + len(magnitudes) + s]))
-    return known
+            priors[s] = 1e12 * max(1.0, float(A[n_x + len(magnitudes) + s, n_x + len(magnitudes) + s]))
+    return priors
 
 
 def _update_scales(

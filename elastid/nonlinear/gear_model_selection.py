@@ -40,15 +40,15 @@ from elastid.parameters import Parameters
 Group: TypeAlias = tuple[GearEffect, ...]
 
 
-# Thresholds of the choice.
-MIN_GAIN = 12.0  # of V of realisations that the magnitudes were not fitted to, by which a group must lower it
-MIN_GAIN_OF_SPRING = 60.0  # by the law of a spring
-MIN_GAIN_FRACTION = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
-MIN_PERIOD_FRACTION = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
-# Std of ln k of a gear with effects beside friction: errors were 0.05 to 0.11 % in six robots simulated by MuJoCo.
+# Thresholds of the selection. Gains are decreases of V in the realisations that the magnitudes were not fitted to.
+MIN_GAIN = 12.0  # by each effect of a group
+MIN_GAIN_OF_SPRING = 60.0  # by each effect of a group that is the law of a spring
+MIN_GAIN_FRACTION = 0.005  # relative to V: residuals of the best model are not white either
+MIN_PERIOD_FRACTION = 0.5  # travel of the motor in periods of a transmission error or ripple
+# Std of ln k of a gear with effects besides friction: errors were 0.05 to 0.11 % in six robots simulated by MuJoCo.
 STIFFNESS_ERROR_OF_EFFECTS = 5e-4
-_LOST = 10.0  # times smaller than the start
-_ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end
+_LOST = 10.0  # factor by which a stiffness fell below its start value, so that it starts there again
+_ROUGH = 10 * MOVE  # tolerance at which effects are compared; those selected are estimated with tolerance MOVE
 
 
 def candidate_groups(data: GearData, estimate: GearEstimate, orders: Sequence[float]) -> list[Group]:

@@ -14,8 +14,8 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import Result
-from elastid.fit.status_terms import DISTORTED, Status
-from elastid.nonlinear.basis_functions import ANSWERED, GearEffect
+from elastid.fit.status_terms import ANSWERED, DISTORTED, Status
+from elastid.nonlinear.basis_functions import GearEffect
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import with_laws
@@ -188,10 +188,10 @@ def with_effects(robot: Robot, gears: GearResult) -> Robot:
         magnitude = gears.magnitude("friction", joint.name)
         if magnitude > 0 and joint.motor is not None:
             laws[joint.name] = Friction(magnitude), joint.motor.link_viscous
-    known = {effect.joint for effect in gears.effects}
+    joints = {effect.joint for effect in gears.effects}
 
     def changed(joint: Joint) -> Joint:
-        if joint.name not in known or joint.spring is None:
+        if joint.name not in joints or joint.spring is None:
             return joint
         behind = gears.magnitude("behind", joint.name)
         friction = Friction(behind) if behind > 0 else joint.friction
@@ -220,14 +220,14 @@ def with_terms_of(result: Result, robot: Robot) -> Result:
 
     A stiffness is that beyond the ends of a gap or range.
     """
-    known, x = robot.parameters(), result.x.copy()
+    numbers, x = robot.parameters(), result.x.copy()
     broken = {f"k_{joint.name}" for joint in robot.driven if joint.spring and joint.spring.backlash is not None}
     for i, p in enumerate(result.parameters.free):
         if p.name in broken:
-            x[i] = p.to_x(known[p.name][0])
-    kept = [p for p in result.parameters if p.name in known or not p.name.startswith(("k2_", "k2s_", "k3_"))]
+            x[i] = p.to_x(numbers[p.name][0])
+    kept = [p for p in result.parameters if p.name in numbers or not p.name.startswith(("k2_", "k2s_", "k3_"))]
     names = [p.name for p in kept]
-    fixed = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in known.items() if name not in names]
+    fixed = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in numbers.items() if name not in names]
     return replace(result, x=x, parameters=Parameters((*kept, *fixed)))
 
 

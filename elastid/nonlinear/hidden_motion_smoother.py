@@ -183,8 +183,8 @@ class _Problem:
         if not self.signals:
             return base, *(np.zeros((0, 0)),) * 2
         x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._unmoved(base, m)
-        known = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
-        start = np.array([known.get(signal, of_0) for signal, of_0 in zip(self.signals, x_0, strict=True)])
+        previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
+        start = np.array([previous.get(signal, of_0) for signal, of_0 in zip(self.signals, x_0, strict=True)])
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.near)
         torque = lines.amplitudes(force).T
         return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
@@ -256,16 +256,16 @@ class _Problem:
         motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
         amplitudes = np.stack([gear, lines.s * gear, lines.s * motor, lines.s * link])
         swing, slope, velocity, link_velocity = lines.fine(amplitudes)
-        known: dict[Place, FloatArray] = {
+        motions: dict[Place, FloatArray] = {
             "gear": swing + self._rest(m)[j] + self._transmission_error(q, j, m),
             "motor": velocity, "link": link_velocity,
         }  # fmt: skip
-        known |= {place: signal for (place, joint), signal in zip(signals, x, strict=False) if joint == j}
-        torque = drive.k[j] * known["gear"] + drive.d[j] * slope
+        motions |= {place: signal for (place, joint), signal in zip(signals, x, strict=False) if joint == j}
+        torque = drive.k[j] * motions["gear"] + drive.d[j] * slope
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
         of_joint = float(drive.ratios[j]), float(drive.k[j]), float(drive.d[j])
-        return GearMotion(self._angle(q, j, m), known["motor"], known["link"], known["gear"], torque, *of_joint)
+        return GearMotion(self._angle(q, j, m), motions["motor"], motions["link"], motions["gear"], torque, *of_joint)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.nonlinear.compensated_friction import CompensatedFriction
     from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
     from elastid.validation.comparison import Comparison
-    from elastid.validation.frf_error import Agreement, Validation
+    from elastid.validation.frf_error import FrfError, Validation
     from elastid.validation.measured_modes import MeasuredModes
 
 
@@ -71,7 +71,7 @@ class ReportContent:
     measured_modes: tuple[MeasuredModes, ...] = ()
 
     @property
-    def agreements(self) -> tuple[Agreement, ...]:
+    def agreements(self) -> tuple[FrfError, ...]:
         """Errors of the linear model by configuration; none if effects of the gears explain its misfit."""
         return () if self.gears is not None and self.gears.explains_misfit else tuple(self.validation.configurations)
 
@@ -218,13 +218,13 @@ def parameter_rows(
     result: Result, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
 ) -> tuple[ParameterRow, ...]:
     """One row for each parameter that was asked for, in the order of x; truth and contents may name some only."""
-    known, estimates, stds = truth or {}, result.values, result.std
+    truths, estimates, stds = truth or {}, result.values, result.std
     std_x, bases = result.std_of_x, result.base_remarks
     rows = []
     verdicts = result.verdicts or ("",) * len(result.parameters.of_interest)
     for i, parameter in enumerate(result.parameters.of_interest):
         name = parameter.name
-        true = known.get(name, known.get(parameter.stands_for))
+        true = truths.get(name, truths.get(parameter.stands_for))
         deviation = None
         if true is not None and std_x[i] > 0:
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
@@ -232,7 +232,7 @@ def parameter_rows(
         given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
         parts = {kind: part[name] for kind, part in result.std_contributions.items()}
-        of_base = "" if known else bases.get(name, "")  # the base of a simulated robot is rigid
+        of_base = "" if truths else bases.get(name, "")  # the base of a simulated robot is rigid
         rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)
 
@@ -284,5 +284,5 @@ def gear_line(gears: GearResult) -> str:
     seen = [row.name for row in gears.numbers if row.is_significant and not math.isfinite(row.linear)]
     if not seen:
         return "no effect besides stiffness and damping is significant; upper bounds are in gears.h5"
-    left = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"
-    return f"significant effects: {', '.join(seen)} (upper bounds for the others); {left}"
+    unexplained = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"
+    return f"significant effects: {', '.join(seen)} (upper bounds for the others); {unexplained}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.errors import NoteGroup, grouped, notes_of
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_study.friction_tracking import FollowedFriction
+from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, UnidentifiedTerm
 from elastid.report.command_summary import Questions
@@ -58,7 +58,7 @@ class FrictionContent:
     study_text: str
     provenance: Mapping[str, str]
     plan: FrictionPlan | None = None
-    filters: tuple[FollowedFriction, ...] = ()
+    filters: tuple[TrackedFriction, ...] = ()
     log_comparison: LogComparison = NO_COMPARISON
     left_out: LogComparison = NO_COMPARISON
 
@@ -120,9 +120,9 @@ class FrictionContent:
     @property
     def _truths(self) -> tuple[str, ...]:
         """Number of true values inside their intervals; empty for a real robot."""
-        known = [(number.low, number.truth, number.high) for number in self.result.numbers if number.truth is not None]
-        held = sum(low <= truth <= high for low, truth, high in known)
-        return (f"{held} of {len(known)} true values inside their 95 % intervals.",) if known else ()
+        truths = [(number.low, number.truth, number.high) for number in self.result.numbers if number.truth is not None]
+        inside = sum(low <= truth <= high for low, truth, high in truths)
+        return (f"{inside} of {len(truths)} true values inside their 95 % intervals.",) if truths else ()
 
     @property
     def _failures(self) -> tuple[str, ...]:

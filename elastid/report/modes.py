@@ -83,9 +83,9 @@ def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[fl
 
 def measured_modes_row(modes: Modes, geometry: GeometrySpec | None) -> ModeRow:
     """The modes of a measured response, whose coordinates are its outputs."""
-    known = modes.configuration, modes.freq_hz, modes.zeta, modes.freq_std, modes.zeta_std
+    columns = modes.configuration, modes.freq_hz, modes.zeta, modes.freq_std, modes.zeta_std
     drawing = None if geometry is None or not modes.n_modes else measured_drawing(modes, geometry)
-    return ModeRow(*known, coordinates=modes.places, shapes=modes.place_shapes[0], drawing=drawing)
+    return ModeRow(*columns, coordinates=modes.places, shapes=modes.place_shapes[0], drawing=drawing)
 
 
 def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None:

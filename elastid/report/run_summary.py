@@ -31,7 +31,7 @@ from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.command_summary import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
-from elastid.validation.frf_error import Agreement, noise_p
+from elastid.validation.frf_error import FrfError, noise_p
 from elastid.validation.residual_tests import FALSE_ALARM
 
 if TYPE_CHECKING:
@@ -93,17 +93,17 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
     return max(springs_and_dampers(rows), key=half_width, default=None)
 
 
-def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
+def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[FrfError] = ()) -> str:
     """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
     return ". ".join(map(capital, filter(None, (_of_status(result, agreements), accuracy(result, rows)))))
 
 
 def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
     """Half-widths of the intervals, if they mean anything, and the number of true values inside."""
-    known = [row for row in rows if row.truth is not None]
-    inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
-    count = f"All {inside}" if inside == len(known) else f"{inside} of {len(known)}"
-    truths = f"{count} true values are inside their intervals" if known else ""
+    with_truth = [row for row in rows if row.truth is not None]
+    inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in with_truth if row.truth is not None)
+    count = f"All {inside}" if inside == len(with_truth) else f"{inside} of {len(with_truth)}"
+    truths = f"{count} true values are inside their intervals" if with_truth else ""
     return ". ".join(filter(None, ("" if is_wrong(result) else capital(_of_widths(rows)), truths)))
 
 
@@ -167,7 +167,7 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
     return ", and ".join(parts)
 
 
-def _noise_and_error(result: Result, agreements: Sequence[Agreement]) -> str:
+def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
     """`noise`, and the assumed model error if the residuals of the fitted configurations exceed the noise alone."""
     exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
     if not (exceeds or result.is_within_declared):
@@ -175,7 +175,7 @@ def _noise_and_error(result: Result, agreements: Sequence[Agreement]) -> str:
     return f"noise and the model error of {percent(result.model_error)} that the fit assumes (fit.weights.model_error)"
 
 
-def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
+def residual_sentence(result: Result, agreements: Sequence[FrfError]) -> str:
     """The residual test and the first cause of a model error, in sentences."""
     if not result.noise_is_known:
         return "Unknown: without a measured noise no residual test is possible."
@@ -193,7 +193,7 @@ def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
     return f"No model error detected.{test}"
 
 
-def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
+def _of_status(result: Result, agreements: Sequence[FrfError]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
     if result.exceeds_noise and not result.is_within_declared:
@@ -226,21 +226,21 @@ def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
     return ""
 
 
-def strip(agreements: Sequence[Agreement]) -> Strip:
+def strip(agreements: Sequence[FrfError]) -> Strip:
     """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
-    known = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
+    has_noise = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
     rows = []
     for q, agreement in enumerate(agreements):
-        values = agreement.rms_sigma if known else agreement.rms_log_db
+        values = agreement.rms_sigma if has_noise else agreement.rms_log_db
         names = [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
         cells = tuple(Cell(q, name, float(value)) for name, value in zip(names, values.flat, strict=True))
         rows.append((agreement.configuration, cells))
     every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
     worst = max(every, key=lambda cell: cell.value, default=None)
-    return Strip(tuple(rows), "residual / noise" if known else "error, dB", worst, *_titles(agreements))
+    return Strip(tuple(rows), "residual / noise" if has_noise else "error, dB", worst, *_titles(agreements))
 
 
-def _titles(agreements: Sequence[Agreement]) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+def _titles(agreements: Sequence[FrfError]) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """`kind`, `outputs` and `inputs` of a `Strip`."""
     sides = {(tuple(agreement.outputs), tuple(agreement.inputs)) for agreement in agreements}
     if len(sides) != 1:
@@ -381,17 +381,18 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
     ]
     good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
     good += [f"Warnings below: {warnings}."] if warnings else []
-    known = [modes for modes in content.modes if modes.n_modes]
+    with_modes = [modes for modes in content.modes if modes.n_modes]
     modes = []
-    for of_state in known[:MODES_SHOWN]:
+    for of_state in with_modes[:MODES_SHOWN]:
         low, high = (number(float(of_state.freq_hz[i]), 4) for i in (0, -1))
         count = f"{of_state.n_modes} modes from {low} to" if of_state.n_modes > 1 else "one mode at"
         modes.append(f"{of_state.configuration}: {count} {high} {of_state.frequency_unit}.")
-    modes += [f"{len(known) - MODES_SHOWN} further configurations: below."] if len(known) > MODES_SHOWN else []
+    further = len(with_modes) - MODES_SHOWN
+    modes += [f"{further} further configurations: below."] if further > 0 else []
     return (
         ("Are the responses good?", tuple(good)),
         ("Which modes are there?", tuple(modes) or ("No significant mode.",)),
-        ("What next?", (_of_damping(known),)),
+        ("What next?", (_of_damping(with_modes),)),
     )
 
 

@@ -120,13 +120,13 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
 
 def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     """Robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
-    known = friction_numbers(robot)
-    rest = {name: value for name, value in values.items() if name not in known}
+    friction = friction_numbers(robot)
+    rest = {name: value for name, value in values.items() if name not in friction}
     changed = robot.with_parameters(rest) if rest else robot
     laws: dict[str, tuple[Friction, float]] = {}
     for joint in changed.driven:
         names = {term.path: term.name(joint.name) for term in TERMS.values()}
-        numbers = {path: values[name] for path, name in names.items() if name in values and name in known}
+        numbers = {path: values[name] for path, name in names.items() if name in values and name in friction}
         law = law_of(changed, joint.name)
         if numbers and law is not None and joint.motor is not None:
             viscous = numbers.pop("viscous", joint.motor.link_viscous)

@@ -41,9 +41,9 @@ def check_unique_names(robot: "Robot") -> None:
 
 def check_body_exists(owner: str, name: str, robot: "Robot") -> None:
     """Raise ValueError unless the name is the base or a body of the tree."""
-    known = [BASE, *(body.name for body in robot.bodies)]
-    if name not in known:
-        raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, known)}")
+    names = [BASE, *(body.name for body in robot.bodies)]
+    if name not in names:
+        raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, names)}")
 
 
 def check_loops(robot: "Robot") -> None:
@@ -79,10 +79,10 @@ def check_carrier(joint: Joint, robot: "Robot") -> None:
 
 def check_tolerances(robot: "Robot") -> None:
     """ValueError for tolerances of a body, loop or payload that the robot does not have."""
-    known = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
+    names = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
     for entry in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
-        if entry.name not in known:
-            raise ValueError(f"tolerances: no body is called {entry.name}; {did_you_mean(entry.name, known)}")
+        if entry.name not in names:
+            raise ValueError(f"tolerances: no body is called {entry.name}; {did_you_mean(entry.name, names)}")
 
 
 # A frame's places: translation of its origin along its axes, and rotation about them.
@@ -156,13 +156,13 @@ class Robot:
 
     def __post_init__(self) -> None:
         check_unique_names(self)
-        known = [BASE]
+        names = [BASE]
         for body in self.bodies:
-            if body.parent not in known:
+            if body.parent not in names:
                 raise ValueError(
-                    f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(known)}"
+                    f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(names)}"
                 )
-            known.append(body.name)
+            names.append(body.name)
         for frame in self.frames:
             check_body_exists(f"frame {frame.name}", frame.body, self)
         for compensator in self.compensators:
@@ -390,9 +390,9 @@ class Robot:
 
     def with_parameters(self, values: Mapping[str, float]) -> "Robot":
         """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
-        known = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
+        numbers = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         of_channels = self.channel_numbers
-        further = {name: of_channels[name] for name in values if name in of_channels and name not in known}
+        further = {name: of_channels[name] for name in values if name in of_channels and name not in numbers}
         if further:
             channels = {(channel.role, channel.at): channel for channel in self.chain.channels}
             for name, (channel, kind) in further.items():
@@ -401,11 +401,11 @@ class Robot:
             changed: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
             return changed.with_parameters({name: value for name, value in values.items() if name not in further})
         for name in values:
-            if name not in known:
+            if name not in numbers:
                 raise StudyError(
-                    "robot/unknown-name", f"robot {self.name} has no parameter {name}; there are {', '.join(known)}"
+                    "robot/unknown-name", f"robot {self.name} has no parameter {name}; there are {', '.join(numbers)}"
                 )
-        result: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
+        result: Robot = replaced(self, {numbers[name][1]: value for name, value in values.items()})
         return result
 
 
@@ -415,13 +415,14 @@ def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
     `tool`, where no frame has this name, is at the centre of mass of the last body.
     """
     for name in dict.fromkeys(names):
-        known = [frame.name for frame in robot.frames]
-        if name in known:
+        frame_names = [frame.name for frame in robot.frames]
+        if name in frame_names:
             continue
         bodies, last = [body.name for body in robot.bodies], robot.bodies[-1]
         if name not in (*bodies, TOOL):
             raise StudyError(
-                "robot/unknown-name", f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*known, *bodies])}"
+                "robot/unknown-name",
+                f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*frame_names, *bodies])}",
             )
         made = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
         robot = replace(robot, frames=(*robot.frames, made))

@@ -175,8 +175,8 @@ class _Seat:
 class _Reader:
     """Links and joints of a file, walked from the base."""
 
-    def __init__(self, root: UrdfElement, known: Mapping[str, UrdfJoint]) -> None:
-        self.root, self.known = root, known
+    def __init__(self, root: UrdfElement, joints: Mapping[str, UrdfJoint]) -> None:
+        self.root, self.known = root, joints
         self.links = {link.name: link for link in root.all("link")}
         for kind in ("link", "joint"):
             names: list[str] = []

@@ -343,10 +343,10 @@ def _check(loop: ClosedLoop, reading: FloatArray, position: FloatArray, start: i
     reference = position[start : start + len(reading)]
     lower, upper = loop.limits.T
     # One turn on the link side from its reference (or as much in m): lost.
-    held = (np.abs(reading - reference) < 2 * np.pi) & (reading >= lower) & (reading <= upper)
-    if np.all(held):
+    within = (np.abs(reading - reference) < 2 * np.pi) & (reading >= lower) & (reading <= upper)
+    if np.all(within):
         return
-    sample, motor = np.argwhere(~held)[0]
+    sample, motor = np.argwhere(~within)[0]
     unit = loop.units[motor]
     is_free = np.isinf(lower[motor]) and np.isinf(upper[motor])
     may = "" if is_free else f", limits [{lower[motor]:.3g}, {upper[motor]:.3g}] {unit}"

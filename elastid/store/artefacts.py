@@ -126,8 +126,8 @@ def read_stamp(path: Path | str) -> Stamp | None:
             attributes["study"] = file["provenance/study"].asstr()[()]
     except Exception:  # what a damaged file makes h5py raise
         return None
-    known = {field.name for field in fields(Stamp)}
-    return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= known else None
+    names = {field.name for field in fields(Stamp)}
+    return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= names else None
 
 
 def plain(value: Any) -> Any:

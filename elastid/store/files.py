@@ -15,13 +15,16 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO, TypeVar
 
+import numpy as np
+
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.base.escape import csv_cell
 from elastid.base.files import replacing, unlinked, write_atomically
@@ -51,6 +54,21 @@ def write_rows(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
     """A new CSV file at a path, its cells as spreadsheets take them (`csv_cell`)."""
     with text_file(path) as file:
         csv.writer(file, lineterminator="\n").writerows(map(csv_cell, row) for row in rows)
+    return path
+
+
+def write_trajectory(path: Path, joints: Sequence[str], time_s: FloatArray, **signals: FloatArray) -> Path:
+    """Write a trajectory_msgs/msg/JointTrajectory in YAML, as `ros2 topic pub` takes it.
+
+    signals (n, n_u), such as positions or velocities, in SI, link side, at times (n,) from the first one.
+    """
+    nanoseconds = np.rint((time_s - time_s[0]) * 1e9).astype(np.int64).tolist()
+    rows = zip(nanoseconds, *(signal.tolist() for signal in signals.values()), strict=True)
+    lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: {json.dumps([*joints])}", "points:"]
+    for time, *values in rows:
+        named = "".join(f"{name}: {value}, " for name, value in zip(signals, values, strict=True))
+        lines.append(f"- {{{named}time_from_start: {{sec: {time // 10**9}, nanosec: {time % 10**9}}}}}")
+    write_text(path, "\n".join([*lines, ""]))
     return path
 
 
@@ -106,8 +124,10 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
 
     names: of files, of folders, or patterns such as `references/*.csv`, relative to the folder.
     """
-    known = _known(folder)
-    return tuple(name for name in _files(folder, names) if name in known and known[name] != content_hash(folder / name))
+    hashes = _known(folder)
+    return tuple(
+        name for name in _files(folder, names) if name in hashes and hashes[name] != content_hash(folder / name)
+    )
 
 
 def is_as_written(path: Path) -> bool | None:
@@ -121,10 +141,10 @@ def is_as_written(path: Path) -> bool | None:
 
 def keep_checksums(folder: Path, names: Iterable[str]) -> None:
     """Save checksums of the existing files, and delete entries of removed files. names: as for `changed_texts`."""
-    known = _known(folder)
-    now = {name: digest for name, digest in known.items() if (folder / name).is_file()}
+    hashes = _known(folder)
+    now = {name: digest for name, digest in hashes.items() if (folder / name).is_file()}
     now |= {name: content_hash(folder / name) for name in _files(folder, names)}
-    if now != known:
+    if now != hashes:
         with text_file(folder / CHECKSUMS) as file:
             file.writelines(f"{now[name]}  {name}\n" for name in sorted(now))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.friction_study.friction_tracking import FollowedFriction
+from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, SlidingFriction
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_dataclass, reader
@@ -20,8 +20,8 @@ FRICTION, FILTER = "friction", "filter"
 write_friction_plan, read_friction_plan = writer(PLAN, plan=(None, None)), reader(PLAN, "plan", FrictionPlan)
 write_constant_velocity = writer(LEVELS, joints=(tuple[SlidingFriction, ...], ()))
 read_constant_velocity = reader(LEVELS, "joints", tuple[SlidingFriction, ...])
-write_filter = writer(FILTER, joints=(tuple[FollowedFriction, ...], ()))
-read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
+write_filter = writer(FILTER, joints=(tuple[TrackedFriction, ...], ()))
+read_filter = reader(FILTER, "joints", tuple[TrackedFriction, ...])
 # Of friction.h5 the result, its comparison with the logs, and with the validation logs, empty without any.
 read_friction_result = reader(FRICTION, "result", FrictionResult)
 read_simulation, read_validation_logs = (reader(FRICTION, part, LogComparison) for part in ("simulation", "validation"))

@@ -36,9 +36,9 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
     with opened(path, RECORDS) as file:
         entries = _entries(path)
         if configuration not in (None, *(name for _, name in entries)):
-            known = ", ".join(dict.fromkeys(name for _, name in entries))
+            names = ", ".join(dict.fromkeys(name for _, name in entries))
             raise StudyError(
-                "run/earlier-stage", f"no records of configuration {configuration}; there are {known or 'none'}", path
+                "run/earlier-stage", f"no records of configuration {configuration}; there are {names or 'none'}", path
             )
         for entry, name in entries:
             if configuration in (None, name):

@@ -35,8 +35,8 @@ def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) 
 def read_dataclass(group: Any, kind: type[T]) -> T:
     """A dataclass of whose fields a group is."""
     there = {*group, *group.attrs}
-    known = [field for field in fields_of(kind) if field.name in there or not field.may_be_empty]
-    return kind(**{field.name: read_value(group, field.name, field.annotation, field.label) for field in known})
+    slots = [field for field in fields_of(kind) if field.name in there or not field.may_be_empty]
+    return kind(**{field.name: read_value(group, field.name, field.annotation, field.label) for field in slots})
 
 
 def entry_names(group: Any) -> tuple[str, ...]:
@@ -110,8 +110,8 @@ def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[An
 
 
 def _read_rows(group: Any, kind: Kind) -> list[Any]:
-    n, known = _scalar(group.attrs["length"], Kind("scalar", int)), fields_of(kind.type)
-    columns = {part.name: _read_column(group[part.name], part.annotation, part.label) for part in known} if n else {}
+    n, slots = _scalar(group.attrs["length"], Kind("scalar", int)), fields_of(kind.type)
+    columns = {part.name: _read_column(group[part.name], part.annotation, part.label) for part in slots} if n else {}
     if any(len(column) != n for column in columns.values()):
         raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
     return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
@@ -144,8 +144,8 @@ def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = Fal
     """The reader of one part of a file of a kind; annotation: "module:name" where the module is loaded for it alone."""
 
     def read(path: Path | str) -> T:
-        known: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
-        part: T = read_part(path, kind, name, known | None if may_miss else known)
+        resolved: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
+        part: T = read_part(path, kind, name, resolved | None if may_miss else resolved)
         return part
 
     return read

@@ -186,8 +186,8 @@ def from_json(content: Any, annotation: Any) -> Any:
         case "fields":
             if not content.keys() <= {slot.name for slot in fields_of(kind.type)}:
                 raise ValueError(f"{', '.join(content)} are not the fields of {kind.type.__name__}")
-            known = [slot for slot in fields_of(kind.type) if slot.name in content]
-            return kind.type(**{slot.name: from_json(content[slot.name], slot.annotation) for slot in known})
+            slots = [slot for slot in fields_of(kind.type) if slot.name in content]
+            return kind.type(**{slot.name: from_json(content[slot.name], slot.annotation) for slot in slots})
         case "mapping":
             return {name: from_json(entry, kind.parts[0]) for name, entry in content.items()}
         case "sequence":

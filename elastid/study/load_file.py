@@ -59,11 +59,11 @@ def _tests(path: Path, joints: Sequence[str]) -> Iterator[tuple[Place, dict[str,
 
 def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
     name, unit = name_and_unit(head)
-    known = [*_TEXTS, *_SINGLE, *(word for names in _ENTRIES.values() for word in names)]
-    if name not in (*known, *joints):
+    columns = [*_TEXTS, *_SINGLE, *(word for names in _ENTRIES.values() for word in names)]
+    if name not in (*columns, *joints):
         raise StudyError(
             "files/table",
-            f"a CSV file of load tests has no column '{name}'; {did_you_mean(name, [*known, *joints])}",
+            f"a CSV file of load tests has no column '{name}'; {did_you_mean(name, [*columns, *joints])}",
             place,
         )
     return f"joint {name}" * (name in joints) or name, unit

@@ -217,17 +217,12 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
 
 def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
     """Problems, the first missing log with its origin from the first comment of the study, `The record: ...`."""
-    comment = " ".join(line.removeprefix("#").strip() for line in takewhile(_is_comment, text.splitlines()))
-    stated, missing = (
-        re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment),
-        [p for p in problems if p.is_missing_log],
-    )
+    lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
+    comment = " ".join(line.removeprefix("#").strip() for line in lines)
+    stated = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
+    first = next((i for i, problem in enumerate(problems) if problem.is_missing_log), None) if stated else None
     origin = f" (origin stated in the study: {stated[1]})" if stated else ""
-    return [replace(p, message=p.message + origin * (p in missing[:1])) for p in problems]
-
-
-def _is_comment(line: str) -> bool:
-    return line.startswith("#")
+    return [replace(p, message=p.message + origin * (i == first)) for i, p in enumerate(problems)]
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:

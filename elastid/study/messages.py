@@ -6,7 +6,7 @@ here, which drops the labels; of the errors about one union the most specific is
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, TypeAlias
 
 from pydantic import ValidationError
@@ -54,7 +54,7 @@ def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
     except ValidationError as error:
         problems = _find_problems(error.errors(include_url=False), root, data)
     reported = {problem.path for problem in problems}
-    problems += [problem for problem in _find_booleans(data, root) if problem.path not in reported]
+    problems += [problem for problem in _find_booleans(data, value, root) if problem.path not in reported]
     return value, problems
 
 
@@ -72,12 +72,13 @@ def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> li
     return list(dict.fromkeys(problems))
 
 
-def _find_booleans(data: Any, root: type, path: KeyPath = ()) -> list[Problem]:
+def _find_booleans(data: Any, value: Any, root: type, path: KeyPath = ()) -> list[Problem]:
     """Values true or false at keys of another type; pydantic takes them for the numbers 1 and 0."""
     if isinstance(data, dict | list):
         entries = data.items() if isinstance(data, dict) else enumerate(data)
-        return [problem for key, entry in entries for problem in _find_booleans(entry, root, (*path, key))]
-    kind = type_at(root, path) if isinstance(data, bool) else Any
+        return [problem for key, entry in entries for problem in _find_booleans(entry, value, root, (*path, key))]
+    is_boolean = not isinstance(data, bool) or isinstance(value_at(value, path), bool)
+    kind = Any if is_boolean else type_at(root, path)
     if kind is Any or "true or false" in describe(kind):
         return []
     return [Problem(path, f"expected {describe(kind)}")]
@@ -107,8 +108,8 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
     if kind == "missing" and isinstance(parent, dict) and path and path[-1] not in parent:
         return Problem(path, "this key is required", at_key=True)
     if kind == "unexpected_keyword_argument":
-        known = names_in(type_at(root, path[:-1]))
-        text = renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), known)}"
+        names = names_in(type_at(root, path[:-1]))
+        text = renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), names)}"
         return Problem(path, text, at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])
@@ -163,12 +164,14 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
 
 
 def value_at(data: Any, path: KeyPath) -> Any:
-    """Value at a key path; None if it is missing."""
+    """Value at a key path of plain data or of a section; None if it is missing."""
     for step in path:
-        if isinstance(data, dict):
-            data = data.get(step)
+        if isinstance(step, int):
+            data = data[step] if isinstance(data, list | tuple) else None
         else:
-            data = data[step] if isinstance(data, list) and isinstance(step, int) else None
+            data = (
+                data.get(step) if isinstance(data, dict) else getattr(data, step, None) if is_dataclass(data) else None
+            )
     return data
 
 

@@ -127,7 +127,7 @@ def _lost(joint: Joint, law: Friction | None) -> Iterator[str]:
 
 def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> Intervals:
     """Intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
-    known = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
+    fitted = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
     places = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
     intervals: dict[tuple[str, str], tuple[float, float]] = {}
     for joint in model.robot.driven:
@@ -136,7 +136,7 @@ def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> I
             ("armature", {f"Jm_{name}": square}), ("viscous", {f"fm_{name}": square, f"f_{name}": 1.0}),
             ("stiffness", {f"k_{name}": 1.0}), ("damping", {f"d_{name}": 1.0}),
         ):  # fmt: skip
-            if free := [(known[part], scale) for part, scale in parts.items() if part in known]:
+            if free := [(fitted[part], scale) for part, scale in parts.items() if part in fitted]:
                 value = float(joint.all_viscous) if quantity == "viscous" else free[0][0].value * free[0][1]
                 down, up = (math.hypot(*(k * (n.value - getattr(n, end)) for n, k in free)) for end in ("low", "high"))
                 intervals[name, quantity] = value - down, value + up
@@ -308,9 +308,9 @@ def _ros2(actuators: Actuators) -> str:
         if row.kp is not None:
             gains += [f"      # {words}"] * bool(words)
             gains.append(f"      {name}: {{p: {row.kp!r}, i: 0.0, d: {(row.kd or 0.0)!r}}}")
-        known = {key: value for key, value in (("effort", row.effort), ("velocity", row.velocity)) if value < math.inf}
-        pairs = (f"has_{key}_limits: true, max_{key}: {float(value)!r}" for key, value in known.items())
-        limits += [f"  {name}: {{{', '.join(pairs)}}}"] * bool(known)
+        finite = {key: value for key, value in (("effort", row.effort), ("velocity", row.velocity)) if value < math.inf}
+        pairs = (f"has_{key}_limits: true, max_{key}: {float(value)!r}" for key, value in finite.items())
+        limits += [f"  {name}: {{{', '.join(pairs)}}}"] * bool(finite)
     head = f"{actuators.name}: link side, SI. ROS 2 has no keys for armature, friction, elasticity and delay."
     text = [comment_lines(head) + "joint_trajectory_controller:", "  ros__parameters:"]
     text += ["    gains:", *gains] if gains else ["    gains: {} # unknown: give the controller in the study"]

@@ -46,9 +46,9 @@ def _written(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str,
     with replacing(data) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
     example = docstring(repr(first.configuration.name))
-    known = {"npz": data.name, "name": docstring(name), "first": example}
+    texts = {"npz": data.name, "name": docstring(name), "first": example}
     write_text(
-        loader, from_template(f"targets/templates/{loader.name}.txt", **known, quantity=first.quantity, unit=first.unit)
+        loader, from_template(f"targets/templates/{loader.name}.txt", **texts, quantity=first.quantity, unit=first.unit)
     )
     return data, loader
 

@@ -91,8 +91,8 @@ class Subject:
     def fitted(cls, model: FittedRobot) -> "Subject":
         """A fitted robot, in the configurations that were measured."""
         postures = tuple(linear.configuration for linear in model.linear)
-        known = {number.name: number.interval_text for number in known_numbers(model)}
-        return cls(model.name or model.robot.name, model.model, postures, known)
+        intervals = {number.name: number.interval_text for number in known_numbers(model)}
+        return cls(model.name or model.robot.name, model.model, postures, intervals)
 
     @classmethod
     def moving(cls, robot: Robot, tuned: TunedMove) -> "Subject":

@@ -21,8 +21,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
-from elastid.friction_study.extended_kalman_filter import FollowedJoint, filter_step, first_estimate
-from elastid.friction_study.friction_tracking import FollowedFriction
+from elastid.friction_study.extended_kalman_filter import TrackedJoint, filter_step, first_estimate
+from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
@@ -31,7 +31,7 @@ from elastid.targets.target import Target
 from elastid.use.trajectory_optimisation import SLIDING
 
 
-def write_observers(folder: Path, observers: Mapping[str, FollowedFriction]) -> tuple[Path, ...]:
+def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> tuple[Path, ...]:
     """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
     identifiers = c_identifiers(observers)
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
@@ -43,7 +43,7 @@ def write_observers(folder: Path, observers: Mapping[str, FollowedFriction]) -> 
     return source, header
 
 
-def _step(name: str, observer: FollowedFriction) -> ca.Function:
+def _step(name: str, observer: TrackedFriction) -> ca.Function:
     """(x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
     step = filter_step(observer.filtered, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
@@ -51,7 +51,7 @@ def _step(name: str, observer: FollowedFriction) -> ca.Function:
     return dense(f"{name}_step", [x, P, u, g, y], results)
 
 
-def _functions(name: str, observer: FollowedFriction, step: ca.Function) -> str:
+def _functions(name: str, observer: TrackedFriction, step: ca.Function) -> str:
     x, P = first_estimate(observer.filtered, 0.0)
     n, size = len(x), P.size
     angles = [i for i, state in enumerate(observer.filtered.states) if state.startswith("q_")]
@@ -79,7 +79,7 @@ void {name}_follow(double x[{n}], double P[{size}], double torque, double load, 
 """
 
 
-def _header(observers: Mapping[str, FollowedFriction], identifiers: Mapping[str, str]) -> str:
+def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, str]) -> str:
     lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
     lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
     lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
@@ -91,8 +91,8 @@ def _header(observers: Mapping[str, FollowedFriction], identifiers: Mapping[str,
         n, size = len(states), len(states) * (len(states) + len(observer.filtered.consider_parameters))
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
-        held = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
-        lines.append(f"  holds, with relative std: {', '.join(held) or 'nothing'}")
+        stds = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
+        lines.append(f"  holds, with relative std: {', '.join(stds) or 'nothing'}")
         lines.append(f"  starts with 95 % bands {_starts(observer.filtered)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
         declared.append(
@@ -103,7 +103,7 @@ def _header(observers: Mapping[str, FollowedFriction], identifiers: Mapping[str,
     return c_comment(lines) + "\n".join([*guard, *declared, "#endif"]) + "\n"
 
 
-def _starts(joint: FollowedJoint) -> str:
+def _starts(joint: TrackedJoint) -> str:
     bands, (x, P) = list[str](), first_estimate(joint, 0.0)
     std = np.sqrt(np.diag(P))
     for i, state in enumerate(joint.states):
@@ -125,7 +125,7 @@ def compensation(robot: Robot) -> ca.Function:
         total = (joint.all_viscous - is_flexible * joint.viscous) * v[i]
         for law in (laws[place] for place in places if place in laws):
             curve = law.symbols(law.curve().tolist())
-            total += curve.level(v[i]) * ca.tanh(v[i] / SLIDING) + curve.growing(v[i])
+            total += curve.torque(v[i]) * ca.tanh(v[i] / SLIDING) + curve.growing(v[i])
         torques.append(total)
     return dense("friction", [v], [ca.vertcat(*torques)])
 

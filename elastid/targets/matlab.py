@@ -57,8 +57,8 @@ def _written(
         structs[key] = np.empty((len(rows), 1), dtype=[(name, object) for name in rows[0]])
         structs[key][:, 0] = [tuple(row.values()) for row in rows]
     write_mat(data, structs)
-    known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
-    write_text(script, from_template(f"targets/templates/{script.name}", **known))
+    texts = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
+    write_text(script, from_template(f"targets/templates/{script.name}", **texts))
     return data, script
 
 

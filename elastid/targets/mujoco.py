@@ -179,8 +179,7 @@ def _tendons(root: ET.Element, robot: Robot) -> None:
 
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
     """The sum of motor angle and twist of a flexible joint, made where it is not there."""
-    tendons = root.find("tendon")
-    tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
+    tendons = _tendon_list(root)
     fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
     if fixed is None:
         fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}")
@@ -189,30 +188,36 @@ def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
     return fixed
 
 
+def _tendon_list(root: ET.Element) -> ET.Element:
+    tendons = root.find("tendon")
+    return ET.SubElement(root, "tendon") if tendons is None else tendons
+
+
+def _named_joints(root: ET.Element) -> dict[str | None, ET.Element]:
+    return {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+
+
 def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
     """Tendons over the springs with backlash, slack within the gap; the hinges keep the inner stiffness."""
-    hinges = {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+    hinges = _named_joints(root)
     for joint in robot.joints:
         spring = joint.spring
         if spring is None or spring.backlash is None:
             continue
         name = f"joint {joint.name}" if joint.motor is None else f"twist {joint.name}"
         hinges[name].set("stiffness", repr(float(spring.inner_stiffness)))
-        tendons = root.find("tendon")
-        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
         outer, gap = float(spring.stiffness - spring.inner_stiffness), in_full((-spring.backlash, spring.backlash))
-        fixed = ET.SubElement(
-            tendons, "fixed", name=f"lost motion {joint.name}", stiffness=repr(outer), springlength=gap
-        )
+        names = {"name": f"lost motion {joint.name}", "stiffness": repr(outer), "springlength": gap}
+        fixed = ET.SubElement(_tendon_list(root), "fixed", names)
         ET.SubElement(fixed, "joint", joint=name, coef="1")
 
 
 def _rub(root: ET.Element, robot: Robot) -> None:
-    hinges = {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+    hinges = _named_joints(root)
     for joint in robot.driven:
         if joint.motor is not None and joint.motor.dry_friction is not None:
-            level = abs(joint.motor.ratio) * joint.motor.dry_friction.coulomb
-            hinges[f"motor {joint.name}"].set("frictionloss", repr(float(level)))
+            torque = abs(joint.motor.ratio) * joint.motor.dry_friction.coulomb
+            hinges[f"motor {joint.name}"].set("frictionloss", repr(float(torque)))
         if joint.friction is not None and joint in robot.flexible:
             _tendon(root, joint).set("frictionloss", repr(float(joint.friction.coulomb)))
 
@@ -223,10 +228,10 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
     if model.result.has_tolerances:
         legend += "; then the parts of the deviation by noise and by the tolerances of the robot's file"
     ET.SubElement(custom, "text", name="numeric", data=legend)
-    for known in known_numbers(model):
-        if math.isfinite(known.std):
-            row = in_full(value for value in known.row.values() if math.isfinite(value))
-            ET.SubElement(custom, "numeric", name=known.name, data=row)
+    for parameter in known_numbers(model):
+        if math.isfinite(parameter.std):
+            row = in_full(value for value in parameter.row.values() if math.isfinite(value))
+            ET.SubElement(custom, "numeric", name=parameter.name, data=row)
 
 
 def _keyframes(
@@ -332,12 +337,9 @@ def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
         if loop.rod is None or not loop.rod.is_elastic:
             continue
         _site(*elements[loop.ends[0].body], f"{loop.name} start", loop.ends[0].point, np.zeros(3))
-        tendons = root.find("tendon")
-        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
         spring = {"stiffness": loop.rod.stiffness or 0.0, "damping": loop.rod.damping, "springlength": loop.rod.length}
-        spatial = ET.SubElement(
-            tendons, "spatial", {"name": loop.name} | {key: repr(float(n)) for key, n in spring.items()}
-        )
+        numbers = {key: repr(float(n)) for key, n in spring.items()}
+        spatial = ET.SubElement(_tendon_list(root), "spatial", {"name": loop.name} | numbers)
         for site in (f"{loop.name} start", f"{loop.name} end 2"):
             ET.SubElement(spatial, "site", site=site)
 

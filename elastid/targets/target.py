@@ -18,7 +18,7 @@ VALUES = {
     "modes": "Modes of each response of a study without a robot",
     "geometry": "GeometrySpec of a study without a robot, None if it is not stated",
     "friction_result": "FrictionResult of a friction study",
-    "observers": "FollowedFriction of each joint, by its name",
+    "observers": "TrackedFriction of each joint, by its name",
     "name": "name of the study",
     "title": "name of the study, with the label of the group of configurations",
     "warn": "function that prints a warning",
@@ -27,15 +27,15 @@ VALUES = {
 
 @dataclass(frozen=True)
 class Target:
-    """Target of an export from a study whose results have all values that it needs.
+    """Target of an export from a study whose results have all of its arguments.
 
     tag: name on the command line; several rows may share it, and the first whose values a study has is written.
-    needs: names from `VALUES`.  keeps: parts of the identified model in the files.  write(folder, **values) -> the
-    files, in a folder that it makes.  has_gear_effects: keeps all effects of stage gears.
+    arguments: names from `VALUES`.  content: parts of the identified model in the files.  write(folder, **values) ->
+    the files, in a folder that it makes.  has_gear_effects: the files contain all effects of stage gears.
     """
 
     tag: str
-    needs: tuple[str, ...]
-    keeps: str
+    arguments: tuple[str, ...]
+    content: str
     write: Callable[..., Iterable[Path]]
     has_gear_effects: bool = False

@@ -97,8 +97,8 @@ class PostureFamily:
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
         for posture in postures:
             linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
-            known = Estimated.of(e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.doubts)
-            models.append(FittedModel(replace(linear, chain=chain, channel_numbers=(), hold=None), known))
+            estimated = Estimated.of(e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.doubts)
+            models.append(FittedModel(replace(linear, chain=chain, channel_numbers=(), hold=None), estimated))
             q = equilibrium(family.model, family.theta, posture).q
             inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
         return cls(family, tuple(models), np.array(inertia), rate_hz)
@@ -131,18 +131,18 @@ class PostureFamily:
 
     def _modes(self, model: FittedModel) -> tuple[PlantMode, ...]:
         linear, theta = model.linear, model.theta
-        known = modes(linear, theta)
+        modal = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
-        energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, known.shapes))
+        energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, modal.shapes))
         share, M = np.nan_to_num(energy.share), linear.matrices(theta)[0]
         parts = (
-            np.abs(linear.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
+            np.abs(linear.B.T @ modal.shapes) ** 2 / np.einsum("im,ij,jm->m", modal.shapes.conj(), M, modal.shapes).real
         )
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
         # A pendulum under gravity has less than half of its strain energy in springs.
         sprung = np.flatnonzero(energy.load <= 0.5).tolist()
         return tuple(
-            PlantMode(float(known.freq_hz[m]), energy.springs[int(share[:, m].argmax())], tuple(parts[:, m].tolist()))
+            PlantMode(float(modal.freq_hz[m]), energy.springs[int(share[:, m].argmax())], tuple(parts[:, m].tolist()))
             for m in sprung
         )
 

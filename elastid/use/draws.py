@@ -62,5 +62,5 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         else:
             values.append(moved)
             drawn.append(np.append(x - moved_by_doubts, sizes))
-    held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
-    return DrawnRobots(names, np.array(drawn), np.array(values), tuple(robots), tuple(held))
+    fixed = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
+    return DrawnRobots(names, np.array(drawn), np.array(values), tuple(robots), tuple(fixed))

@@ -103,9 +103,9 @@ def answers(
     results |= {f"compliance_{name}": (C[i, i], std(0, np.eye(3)[i], np.eye(3)[i])) for i, name in enumerate("xyz")}
     deflection = float(np.linalg.norm(C @ load))
     results["deflection"] = deflection, std(0, C @ load / max(deflection, 1e-300), load)
-    known = np.full((3, 2), np.nan)
-    known[: len(freq_hz)] = np.column_stack([freq_hz, modes.freq_std])[:3]
-    results |= {f"frequency_{i + 1}": tuple(known[i]) for i in range(3)}
+    padded = np.full((3, 2), np.nan)
+    padded[: len(freq_hz)] = np.column_stack([freq_hz, modes.freq_std])[:3]
+    results |= {f"frequency_{i + 1}": tuple(padded[i]) for i in range(3)}
     U, sizes, Vh = np.linalg.svd(H[1])
     results["dynamic_compliance"] = sizes[0], std(1, U[:, 0].conj(), Vh[0].conj())
     least = float((n @ H[2] @ f).real)

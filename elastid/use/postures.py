@@ -89,9 +89,9 @@ def inverse_kinematics(
         away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * float(np.ptp(there.position, axis=0).max()) / np.pi
     for rank in range(3):
         q = seeds[np.argsort(away, axis=1)[:, rank]]
-        q, left = _descend(robot, frame, position, rotation, q)
-        better = left < error
-        best[better], error[better] = q[better], left[better]
+        q, distance = _descend(robot, frame, position, rotation, q)
+        better = distance < error
+        best[better], error[better] = q[better], distance[better]
     return best, error < _REACHED
 
 
@@ -104,8 +104,8 @@ def follow_path(
         if not reached[i - 1]:
             continue
         turn = rotation if rotation is None else rotation[i : i + 1]
-        q, left = _descend(robot, frame, position[i : i + 1], turn, angles[i - 1 : i])
-        if left[0] < _REACHED:
+        q, distance = _descend(robot, frame, position[i : i + 1], turn, angles[i - 1 : i])
+        if distance[0] < _REACHED:
             angles[i], reached[i] = q[0], True
     return angles, reached
 
@@ -114,7 +114,7 @@ def _descend(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
-    left, (low, high) = np.full(len(q), np.inf), limits_of(robot).T
+    distance, (low, high) = np.full(len(q), np.inf), limits_of(robot).T
     for _ in range(60):
         joints = followed(robot, q)
         pose = frame_poses(robot, joints, frame)
@@ -125,18 +125,18 @@ def _descend(
         else:
             away = Rotation.from_matrix(rotation @ pose.rotation.transpose(0, 2, 1))
             e = np.hstack([e, away.as_rotvec()])
-        left = np.abs(e).max(axis=1)
-        if np.all(left < _REACHED / 10):
+        distance = np.abs(e).max(axis=1)
+        if np.all(distance < _REACHED / 10):
             break
         normal = J.transpose(0, 2, 1) @ J
         size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
         # Less damping where the pose is near: the last steps are Newton's.
-        damping = np.minimum(1e-3, left**2)[:, None, None] + 1e-12
+        damping = np.minimum(1e-3, distance**2)[:, None, None] + 1e-12
         pull = J.transpose(0, 2, 1) @ e[:, :, None]
         step = np.linalg.solve(normal + damping * size * np.eye(len(low)), pull)[:, :, 0]
         step *= np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         q = np.clip(q + step, low, high)
-    return q, left
+    return q, distance
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ class CommandedRobot:
         total = ca.SX(self.model.n_q, 1)
         for law, column in zip(laws, contacts(self.model, laws).P.T, strict=True):
             slip, curve = ca.dot(ca.DM(column), v), law.symbols(law.curve().tolist())
-            total += ca.DM(column) * (curve.level(slip) * ca.tanh(slip / SLIDING) + curve.growing(slip))
+            total += ca.DM(column) * (curve.torque(slip) * ca.tanh(slip / SLIDING) + curve.growing(slip))
         return total
 
     @cached_property
@@ -265,8 +265,8 @@ class _Problem:
         R = self.target.rotation.transpose(0, 2, 1).reshape(-1, 9)
         error, _ = self.commanded.tool.map(n)(Q, self.target.position.T, R.T)
         tool = ca.vec(error) / self.tool_m * np.sqrt(self.step)
-        held = [ca.DM(u / self.u_0) for u in self.holding]
-        rate = ca.diff(ca.horzcat(held[0], U, held[1]), 1, 1) * (_RATE_S / np.sqrt(self.step))
+        end_inputs = [ca.DM(u / self.u_0) for u in self.holding]
+        rate = ca.diff(ca.horzcat(end_inputs[0], U, end_inputs[1]), 1, 1) * (_RATE_S / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
         ripple = ca.diff(whole, 6, 1) * (np.sqrt(self.step) / _RIPPLE)
         residual = ca.vertcat(tool, ca.vec(rate), ca.vec(ripple))

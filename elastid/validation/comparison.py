@@ -258,20 +258,20 @@ def rank(
 
 def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
     """Fit section of a study without the parameters that a variant lacks; raise StudyError if no parameter remains."""
-    variant_names, known = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
+    variant_names, own_names = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 
     def is_gone(key: str) -> bool:
-        is_left = key in variant_names if key in known else matching(key, variant_names)
-        return bool(matching(key, known)) and not is_left
+        is_left = key in variant_names if key in own_names else matching(key, variant_names)
+        return bool(matching(key, own_names)) and not is_left
 
-    left = {key: entry for key, entry in spec.parameters.items() if not is_gone(key)}
-    if spec.parameters and not left:  # an empty list would mean every stiffness
+    parameters = {key: entry for key, entry in spec.parameters.items() if not is_gone(key)}
+    if spec.parameters and not parameters:  # an empty list would mean every stiffness
         raise StudyError(
             "compare/variants",
             f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}); add one, such as the "
             "stiffnesses of the gears",
         )
-    return replace(spec, parameters=left)
+    return replace(spec, parameters=parameters)
 
 
 def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:

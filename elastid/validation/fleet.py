@@ -155,10 +155,10 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
 
 def _parameters(values: Sequence[FleetValue]) -> list[_Parameter]:
     """The numbers with a std, by parameter and robot; logarithms where all are positive."""
-    known = [value for value in values if math.isfinite(value.std) and value.std > 0]
+    measured = [value for value in values if math.isfinite(value.std) and value.std > 0]
     parameters = []
-    for name in dict.fromkeys(value.parameter for value in known):
-        rows = [value for value in known if value.parameter == name]
+    for name in dict.fromkeys(value.parameter for value in measured):
+        rows = [value for value in measured if value.parameter == name]
         is_relative = all(value.value > 0 for value in rows)
         robots = dict.fromkeys(value.robot for value in rows)
         series = tuple(_series([value for value in rows if value.robot == r], r, is_relative) for r in robots)

@@ -98,7 +98,7 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
 
 @frozen_value
-class Agreement:
+class FrfError:
     """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
 
     lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
@@ -131,8 +131,8 @@ class Agreement:
     @property
     def overall_rms_sigma(self) -> float:
         """Residual over its standard deviation, rms over all elements with one."""
-        known = self.rms_sigma[np.isfinite(self.rms_sigma)]
-        return math.sqrt(np.mean(known**2)) if known.size else math.nan
+        finite = self.rms_sigma[np.isfinite(self.rms_sigma)]
+        return math.sqrt(np.mean(finite**2)) if finite.size else math.nan
 
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
@@ -141,21 +141,21 @@ def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
     return float(np.sqrt(np.average(rms[mask] ** 2, weights=lines[mask]))) if mask.any() else math.nan
 
 
-def are_white(agreements: Sequence[Agreement]) -> bool:
+def are_white(agreements: Sequence[FrfError]) -> bool:
     """True if the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
     return not together([result.white_p for result in agreements]) < FALSE_ALARM
 
 
-def noise_p(agreements: Sequence[Agreement]) -> float:
+def noise_p(agreements: Sequence[FrfError]) -> float:
     """P(as much power in the residuals) by noise alone; NaN where no noise is known."""
     return exceeds_by_chance(*power_ratio(agreements))
 
 
-def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
+def power_ratio(agreements: Sequence[FrfError]) -> tuple[float, float]:
     """Ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
-    known = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
-    dof = sum(weight for weight, _ in known)
-    return (sum(weight * ratio for weight, ratio in known) / dof, dof) if known else (math.nan, 0.0)
+    tested = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
+    dof = sum(weight for weight, _ in tested)
+    return (sum(weight * ratio for weight, ratio in tested) / dof, dof) if tested else (math.nan, 0.0)
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Validation:
     predictions: of responses at the tool, by `Result.at`.
     """
 
-    configurations: tuple[Agreement, ...] = labelled(entry="configuration")
+    configurations: tuple[FrfError, ...] = labelled(entry="configuration")
     verdict: str
     predictions: tuple[PredictedResponse, ...] = ()
 
@@ -190,7 +190,7 @@ class Validation:
         rows = [
             (
                 a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
-                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}",
+                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}"
             )
             for a in self.configurations
         ]  # fmt: skip
@@ -216,11 +216,8 @@ def validate(
 
 
 def agreement(
-    measured: Response,
-    modelled: Response,
-    is_validation: bool = False,
-    shifts: ComplexArray | None = None,
-) -> Agreement:
+    measured: Response, modelled: Response, is_validation: bool = False, shifts: ComplexArray | None = None
+) -> FrfError:
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
 
     shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
@@ -233,13 +230,13 @@ def agreement(
     noise = smooth_noise(measured)
     sigma = sigma_of(measured, noise)
     judged = above_2sigma(measured, sigma)
-    known = sigma > 0
-    e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
+    has_noise = sigma > 0
+    e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=has_noise)
     # |G| counts as sigma at least, so that an element that the model decouples is finite.
     tiny = np.finfo(float).tiny
     reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
-    return Agreement(
+    return FrfError(
         measured.configuration.name,
         is_validation,
         measured.outputs,
@@ -247,7 +244,7 @@ def agreement(
         judged.sum(axis=0),
         np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
         np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
-        np.sqrt(_mean(np.abs(e) ** 2, known) / _expected_power(noise, sigma)),
+        np.sqrt(_mean(np.abs(e) ** 2, has_noise) / _expected_power(noise, sigma)),
         ratio,
         ratio_dof,
         white_p,
@@ -271,8 +268,8 @@ def _tests(
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
     z, of_shifts = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
-    if known := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
-        z, of_shifts = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(known))[..., None])[..., 0]))
+    if shifting := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
+        z, of_shifts = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(shifting))[..., None])[..., 0]))
     return *power_over_noise(z, whiten, noise, of_shifts), white_by_chance(z)
 
 
@@ -282,7 +279,7 @@ def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
     return np.asarray(np.where(where, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
 
 
-def _verdict(agreements: Sequence[Agreement]) -> str:
+def _verdict(agreements: Sequence[FrfError]) -> str:
     fitted, left_out = ([a for a in agreements if a.is_validation is is_out] for is_out in (False, True))
     judged = left_out or fitted
     (db, deg), (ratio, dof), p, white = _over(judged), power_ratio(judged), noise_p(judged), are_white(judged)
@@ -307,6 +304,6 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     return f"Validation {verdict}. The model predicts {where}: {test}. Error of the FRFs: {error} including noise."
 
 
-def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
+def _over(agreements: Sequence[FrfError]) -> tuple[float, float]:
     db, deg, lines = np.array([(a.overall_rms_log_db, a.overall_phase_rms_deg, a.lines.sum()) for a in agreements]).T
     return pooled_rms(db, lines), pooled_rms(deg, lines)

@@ -27,11 +27,11 @@ from elastid.experiment.specs.logs import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.inverse_dynamics_regression import TORQUE_COMPONENTS, MotionFriction, torque_components
-from elastid.friction_study.joint_levels import motion_log, motion_logs, simulated_commands
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.regressor import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
 from elastid.friction_study.rigid_body_columns import rigid_body_torques
+from elastid.friction_study.sliding_friction import motion_log, motion_logs, simulated_commands
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, drive_unit, motion_unit
@@ -167,12 +167,12 @@ def _commanded_runs(
     robot: Robot, joints: Sequence[JointFriction], logs: Iterable[Mapping[str, FrictionRecord]]
 ) -> Iterator[LogSimulation]:
     """Runs along logs without torques, simulated from their commands alone."""
-    known = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
+    fits = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
     for records in logs:
-        log = {name: record for name, record in records.items() if name in known}
+        log = {name: record for name, record in records.items() if name in fits}
         if not log:
             continue
-        first, moved = next(iter(log.values())), simulated_commands(robot, log, known)
+        first, moved = next(iter(log.values())), simulated_commands(robot, log, fits)
         signals = tuple(
             ComparedSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
             for (name, record), simulated in zip(log.items(), moved.T, strict=True)
@@ -214,20 +214,20 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
-        held = tracking_gains(plant, TRACKING_HZ)
+        gains = tracking_gains(plant, TRACKING_HZ)
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
-        held, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
+        gains, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
         position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
-        known = log.torques(still if record.disturbance is None else record.disturbance for record in log.records)
+        load = log.torques(still if record.disturbance is None else record.disturbance for record in log.records)
         velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
-        error = held.kp * (position[0] - path[0]) + held.kd * (velocity[0] - rate[0])
-        acting = known + np.where(held.ki > 0, torque[0] - known[0] - error, 0.0)
+        error = gains.kp * (position[0] - path[0]) + gains.kd * (velocity[0] - rate[0])
+        acting = load + np.where(gains.ki > 0, torque[0] - load[0] - error, 0.0)
     lacking = np.where(moving, demand - rigid, 0.0)
     commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, np.zeros_like(demand))
-    return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving, held, path[0], rate[0]))
+    return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving, gains, path[0], rate[0]))
 
 
 def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[ComparedSignal]:
@@ -259,12 +259,12 @@ def predict_logs(
     execution: Execution,
 ) -> LogComparison:
     """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
-    known, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
+    by_name, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
     for log in motion_logs(measured):
         for name, record in log.items():
             try:
-                judged.append(_along(robot, known.get(name), record, log))
+                judged.append(_along(robot, by_name.get(name), record, log))
             except DataError as error:
                 reasons.setdefault(name, []).append(f"{record.name}: {error}")
     missing = {name: "; ".join(texts) for name, texts in reasons.items()}

@@ -133,15 +133,15 @@ class LogSimulation:
         if self.lost:
             return f"Simulation of record {self.log} {driven}: diverged, {self.lost}."
         held_hz = self.tracking_bandwidth_hz
-        held = f". A slow position loop ({held_hz:.2g} Hz) keeps the model at the logged positions" if held_hz else ""
+        aid = f". A slow position loop ({held_hz:.2g} Hz) keeps the model at the logged positions" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-        loop = errors.pop(TORQUE) if held else []
+        loop = errors.pop(TORQUE) if aid else []
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         of_loop = (
             f" The torque of the position loop is at most {max(loop):.3g} % of the logged torque (rms)." if loop else ""
         )
         return (
-            f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{held}. Rms errors in percent "
+            f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{aid}. Rms errors in percent "
             f"of the rms signal: {', '.join(parts)}.{of_loop}"
         )
 

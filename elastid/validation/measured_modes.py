@@ -65,7 +65,7 @@ class MeasuredModes:
                 number(f, digits(f, f_std)), number(1.96 * f_std, 2),
                 percent(zeta, digits(zeta, zeta_std)), percent(1.96 * zeta_std, 2),
                 *(model if np.isfinite(self.model_hz[i]) else ("missing" if self.is_missing[i] else "-", "", "")),
-                self.outputs[i],
+                self.outputs[i]
             ))  # fmt: skip
         return rows
 
@@ -94,12 +94,12 @@ def _beside(response: Response, modelled: Response, linear: LinearModel) -> Meas
     from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra, which a page does without
     from elastid.modal.modes import mac
 
-    (modes,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
-    agreement = mac(modes.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((modes.n_modes, 0))
-    partner = _partners(modes, known.freq_hz, known.zeta, agreement)
+    (modes,), of_model = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
+    agreement = mac(modes.shapes, linear.C @ of_model.shapes) if len(of_model.freq_hz) else np.empty((modes.n_modes, 0))
+    partner = _partners(modes, of_model.freq_hz, of_model.zeta, agreement)
     missed = np.array([_is_missed(modes, r, response, modelled) for r in range(modes.n_modes)], dtype=bool)
     # Without a partner, -1, the NaN behind the last mode.
-    model_hz, model_zeta = (np.append(values, np.nan)[partner] for values in (known.freq_hz, known.zeta))
+    model_hz, model_zeta = (np.append(values, np.nan)[partner] for values in (of_model.freq_hz, of_model.zeta))
     mac_of_each = np.pad(agreement, ((0, 0), (0, 1)), constant_values=np.nan)[np.arange(modes.n_modes), partner]
     largest = (size >= MIN_AMPLITUDE * size.max() for size in np.abs(modes.shapes.T))
     outputs = tuple(", ".join(name for name, has in zip(modes.outputs, rows, strict=True) if has) for rows in largest)

@@ -115,8 +115,8 @@ def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> FloatArr
 
     noise: that of `smooth_noise`, if it is known.
     """
-    known = noise or smooth_noise(measured)
-    return np.zeros(measured.G.shape) if known is None else np.asarray(np.sqrt(known.variance))
+    variance = noise or smooth_noise(measured)
+    return np.zeros(measured.G.shape) if variance is None else np.asarray(np.sqrt(variance.variance))
 
 
 def above_2sigma(measured: Response, sigma: FloatArray | None = None) -> BoolArray:

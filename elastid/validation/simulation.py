@@ -66,14 +66,14 @@ def tracking_gains(plant: Plant, bandwidth_hz: float) -> JointLoop:
 
 
 def simulate_tracking(
-    plant: Plant, commands: Commands, moving: BoolArray, held: JointLoop, position: FloatArray, velocity: FloatArray
+    plant: Plant, commands: Commands, moving: BoolArray, loop: JointLoop, position: FloatArray, velocity: FloatArray
 ) -> Trajectory:
     """Trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
 
-    held: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
+    loop: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
     """
     model, point, resting = plant.model, plant.point, tracking_gains(plant, 5.0)
-    gains = held.gain_derivatives(lambda moved, rested: np.where(moving, moved, rested), resting)
+    gains = loop.gain_derivatives(lambda moved, rested: np.where(moving, moved, rested), resting)
     (q,) = rigid_path(model, point.q, point.configuration.angles, position[None])
     return simulate(plant.loop, gains, commands, q, v0=rigid_motion(model, q) @ velocity)
 
@@ -126,9 +126,9 @@ def _along_record(
     still = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(signal, (lead + 1, 1)) for signal in (position, velocity, torque))
     commands = Commands(path, rate, driving, still, still)
-    moving, held = np.isin(np.arange(model.n_u), motors), tracking_gains(plant, tracking_hz)
+    moving, loop = np.isin(np.arange(model.n_u), motors), tracking_gains(plant, tracking_hz)
     return _in_band(
-        record, band_hz, delay_s, plant, simulate_tracking(plant, commands, moving, held, position[0], velocity[0])
+        record, band_hz, delay_s, plant, simulate_tracking(plant, commands, moving, loop, position[0], velocity[0])
     )
 
 
@@ -140,7 +140,7 @@ def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
     u = logged(moved.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, discarded_periods=(), hold="zero-order", hold_samples=(),
-        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),
+        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs)
     )  # fmt: skip
 
 
@@ -148,8 +148,8 @@ def equivalent_zoh_input(record: Record, u: FloatArray) -> FloatArray:
     """Command (N, n_u) with zero-order hold equivalent to one period u, without mean."""
     N = record.period_samples
     freq_hz = line_frequencies(np.arange(N // 2 + 1), record.rate_hz, N)
-    held = replace(record, hold="zero-order", hold_samples=())
-    factor = record.hold_response(freq_hz) / held.hold_response(freq_hz)
+    zoh_record = replace(record, hold="zero-order", hold_samples=())
+    factor = record.hold_response(freq_hz) / zoh_record.hold_response(freq_hz)
     factor[0] = 0.0
     return np.fft.irfft(np.fft.rfft(u, axis=0) * factor, N, axis=0)
 

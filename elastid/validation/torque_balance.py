@@ -36,15 +36,7 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Motion, Record
 from elastid.robot.simplified import elastic_coordinates, stiffened
-from elastid.validation.log_comparison import (
-    DRY,
-    ELASTICITY,
-    FRICTION,
-    RIGID_BODY,
-    VISCOUS,
-    BandBalance,
-    TorqueBalance,
-)
+from elastid.validation.log_comparison import DRY, ELASTICITY, FRICTION, RIGID_BODY, VISCOUS, BandBalance, TorqueBalance
 
 
 def torque_balance(
@@ -60,7 +52,7 @@ def torque_balance(
     """Shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
     names, torques = tuple(parts), np.stack(list(parts.values()))
     dry = np.array([name not in FRICTION for name in names])
-    shares, left, without = _explained(measured[None], torques[:, None], dry)
+    shares, ratio, without = _explained(measured[None], torques[:, None], dry)
     window = np.hanning(len(measured) + 1)[:-1]
     U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
     octaves = list(octave_lines(band_hz, rate_hz, len(measured)))
@@ -70,7 +62,7 @@ def torque_balance(
         for low, high, inside in octaves
     )
     of_log = place, log, unit, rate_hz, names, measured, torques
-    return TorqueBalance(*of_log, shares, left, without, bands, has_rate)
+    return TorqueBalance(*of_log, shares, ratio, without, bands, has_rate)
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
@@ -93,8 +85,8 @@ def _explained(
     """Power fractions of torques (n_p, ...), and of the residuals with and without friction."""
     u, parts = measured.ravel(), torques.reshape(len(torques), -1)
     power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)
-    left, without = (float(np.sum(np.abs(u - part.sum(axis=0)) ** 2)) / power for part in (parts, parts[no_friction]))
-    return tuple(((parts @ u.conj()).real / power).tolist()), left, without
+    ratio, without = (float(np.sum(np.abs(u - part.sum(axis=0)) ** 2)) / power for part in (parts, parts[no_friction]))
+    return tuple(((parts @ u.conj()).real / power).tolist()), ratio, without
 
 
 # A model of the motors' own motion in one configuration, and its numbers (n_theta,).
@@ -118,8 +110,8 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
     motors = model.with_outputs([model.outputs.index(place) for place in model.inputs])
     numbers = named(model.parameters, theta)
     free = numbers | {name: 0.0 for name, (_, path) in fitted.robot.numbers.items() if path[-1] == "viscous"}
-    known = {name: value for name, (value, _) in rigid.model.robot.parameters().items()} | free
-    rigid_theta = np.array([known[name] for name in (*rigid.model.parameters, DELAY)])
+    values = {name: value for name, (value, _) in rigid.model.robot.parameters().items()} | free
+    rigid_theta = np.array([values[name] for name in (*rigid.model.parameters, DELAY)])
     alone = rigid.at(model.configuration, rigid_theta[:-1], motors.outputs, motors.quantity)
     columns = [alone.inputs.index(place) for place in motors.inputs]
     alone = replace(alone, B=alone.B[:, columns], inputs=motors.inputs, hold=motors.hold)
@@ -148,7 +140,7 @@ def elastic_balances(
     return tuple(
         torque_balance(
             place, record.name, record.units_of_inputs[i], record.rate_hz, measured[:, i],
-            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.has_rate,
+            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.has_rate
         )
         for i, place in enumerate(motors.inputs)
     )  # fmt: skip

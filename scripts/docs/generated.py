@@ -64,7 +64,7 @@ def commands() -> str:
 
 def export_targets() -> str:
     """Every target of `elastid export`: the content of its files, and the values that a row of a package may need."""
-    rows = [f"   * - ``{row.tag}``\n     - {escaped(row.keeps)}\n" for tag in MODULES for row in targets(tag)]
+    rows = [f"   * - ``{row.tag}``\n     - {escaped(row.content)}\n" for tag in MODULES for row in targets(tag)]
     values = [f"``{name}``\n   {escaped(meaning)}\n" for name, meaning in VALUES.items()]
     return "\n".join(
         [title("Targets of an export"), ".. list-table::\n   :widths: 20 80\n", *rows, _PACKAGE_TARGETS, *values]

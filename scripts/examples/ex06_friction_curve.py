@@ -13,8 +13,8 @@ import elastid as ei
 from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.friction_record import FrictionRecords
-from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import identify_friction
+from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.study import load_study
 
 study = load_study(str(files("elastid") / "app" / "templates" / "friction" / "study.yml")).study

@@ -8,8 +8,8 @@ A Kalman filter tracks Coulomb friction, viscous friction and a torque offset fr
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.friction_tracking import follow
+from elastid.friction_study.extended_kalman_filter import FilterNoise, JointSamples, TrackedJoint
+from elastid.friction_study.friction_tracking import track_friction
 
 rate_hz, inertia, count = 1000.0, 0.02, 2 * np.pi / 2**16
 t = np.arange(int(20 * rate_hz)) / rate_hz
@@ -21,9 +21,9 @@ friction = true["Fc"] * np.tanh(v / 0.05) + true["f"] * v
 torque = inertia * acceleration + friction + true["offset"] + 0.03 * np.random.default_rng(0).standard_normal(len(t))
 angle = np.round(np.cumsum(v) / rate_hz / count) * count
 
-joint = FollowedJoint(motor_inertia=inertia, coulomb=0.9, viscous=0.025, bristle_stiffness=250.0, bristle_damping=0.8)
+joint = TrackedJoint(motor_inertia=inertia, coulomb=0.9, viscous=0.025, bristle_stiffness=250.0, bristle_damping=0.8)
 noise = FilterNoise(count / np.sqrt(12), 0.03, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})
-found = follow("1", False, [joint], [JointSamples(torque, 0 * t, angle)], rate_hz, noise, 5.0, find_noise=False)
+found = track_friction("1", False, [joint], [JointSamples(torque, 0 * t, angle)], rate_hz, noise, 5.0, find_noise=False)
 end = dict(zip(found.names, found.values[-1], strict=True))
 
 if __name__ == "__main__":

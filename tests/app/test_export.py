@@ -11,7 +11,7 @@ from plants.refusals import refused
 
 from elastid.app.cli import run_command
 from elastid.app.target_table import MODULES, tags, targets
-from elastid.base.entry_points import points
+from elastid.base.entry_points import group_entries
 from elastid.targets.target import VALUES
 
 PACKAGE = """
@@ -36,9 +36,9 @@ def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterato
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stiffness-target\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[elastid.targets]\nstiffness = stiffness_target:TARGET\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    points.cache_clear()
+    group_entries.cache_clear()
     yield
-    points.cache_clear()
+    group_entries.cache_clear()
 
 
 @pytest.mark.parametrize("tag", MODULES)
@@ -46,9 +46,9 @@ def test_row_writes_from_the_values_that_it_needs(tag: str) -> None:
     rows = targets(tag)
     assert rows
     for row in rows:
-        assert {*row.needs} <= {*VALUES}
-        assert tuple(inspect.signature(row.write).parameters)[1 : len(row.needs) + 1] == row.needs
-        assert row.keeps
+        assert {*row.arguments} <= {*VALUES}
+        assert tuple(inspect.signature(row.write).parameters)[1 : len(row.arguments) + 1] == row.arguments
+        assert row.content
 
 
 def test_explain_lists_targets_of_other_packages(installed_target: None, capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,7 +79,7 @@ def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
     assert run_command(["export", str(tiny), "--to", "csv", "--run", str(run)]) == 2
     assert "estimate` first" in capsys.readouterr().err
     assert run_command(["run", str(tiny), "design", "measure", "estimate", "fit", "--run", str(run), "-q"]) == 0
-    for target in (tag for tag in tags() if {*targets(tag)[0].needs} & {"model", "linear_model", "actuators"}):
+    for target in (tag for tag in tags() if {*targets(tag)[0].arguments} & {"model", "linear_model", "actuators"}):
         contents = []
         for _ in range(2):
             assert run_command(["export", str(tiny), "--to", target, "--run", str(run)]) == 0

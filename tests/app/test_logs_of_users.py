@@ -15,8 +15,8 @@ from elastid.app.from_log import texts_from_logs
 from elastid.base.errors import notes_of
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import identify_friction
+from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.study import load_with_logs

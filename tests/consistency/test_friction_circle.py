@@ -15,8 +15,8 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_record import FrictionRecords
-from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import FrictionResult, identify_friction
+from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
 from elastid.nonlinear.compensate_friction import compensate_friction
 from elastid.nonlinear.identify_friction import identify_motor_friction

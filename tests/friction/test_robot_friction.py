@@ -80,7 +80,7 @@ def placed(spec: Friction, ratio: float = 1.0) -> PlacedLaw:
 def sliding(one: PlacedLaw, v: float, load: float = 0.0, temperature: float | None = None) -> float:
     """Torque of steady sliding at v rad/s of the link."""
     curve = one.symbols(list(ca.vertsplit(ca.SX(one.curve(load, temperature)))))
-    return float(ca.DM(curve.level(v))) * np.sign(v) + float(ca.DM(curve.growing(v)))
+    return float(ca.DM(curve.torque(v))) * np.sign(v) + float(ca.DM(curve.growing(v)))
 
 
 def test_the_published_law_of_a_large_robot_is_held_exactly() -> None:

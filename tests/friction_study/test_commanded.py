@@ -20,8 +20,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.commanded import DELAY, CommandedJoint
-from elastid.friction_study.joint_levels import identify_sliding_friction, simulated_commands
 from elastid.friction_study.result import FrictionResult, identify_friction
+from elastid.friction_study.sliding_friction import identify_sliding_friction, simulated_commands
 from elastid.friction_study.spec import FrictionSpec
 from elastid.record import Configuration
 from elastid.robot import Robot

@@ -19,7 +19,6 @@ from elastid.app.commanded_robot import robot_of_friction
 from elastid.base.arrays import FloatArray
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.constant_velocity import FrictionCurve, Pass, estimate_friction_curve, passes_of
-from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import (
     FrictionResult,
     SlidingFriction,
@@ -27,6 +26,7 @@ from elastid.friction_study.result import (
     numbers_of_law,
     true_numbers,
 )
+from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import FilterSpec, LawSpec, PreslidingTestSpec, WarmUpSpec
 from elastid.friction_study.static_model_fit import StaticLaw
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence

@@ -16,7 +16,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_study.constant_velocity import estimate_friction_curve, passes_of
-from elastid.friction_study.joint_levels import SlidingFriction, identify_sliding_friction
+from elastid.friction_study.sliding_friction import SlidingFriction, identify_sliding_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.robot import Limits, Motor

@@ -12,14 +12,14 @@ from elastid.friction_study import extended_kalman_filter
 from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
-    FollowedJoint,
     JointSamples,
     KalmanFilter,
     Track,
+    TrackedJoint,
     estimate_noise,
 )
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, consistency
-from elastid.friction_study.friction_tracking import FollowedFriction, follow, with_tolerances
+from elastid.friction_study.friction_tracking import TrackedFriction, track_friction, with_tolerances
 from elastid.friction_study.result import JointFriction
 
 
@@ -99,12 +99,12 @@ def test_correlated_torque_noise_keeps_its_variance() -> None:
     assert driving / (1 - fade**2) == pytest.approx(0.3**2)
 
 
-def followed(run: WarmRun, joint: FollowedJoint = FOLLOWED) -> FollowedFriction:
+def followed(run: WarmRun, joint: TrackedJoint = FOLLOWED) -> TrackedFriction:
     """A run, judged after 5 s."""
-    return follow("1", False, [joint], [run.samples], RATE_HZ, NOISE, 5.0, find_noise=False)
+    return track_friction("1", False, [joint], [run.samples], RATE_HZ, NOISE, 5.0, find_noise=False)
 
 
-def codes(found: FollowedFriction) -> set[str]:
+def codes(found: TrackedFriction) -> set[str]:
     return {note.code for note in found.notes}
 
 
@@ -120,7 +120,7 @@ def test_filter_that_lost_the_log_diverges_at_a_time(viscous: float, noise: floa
     """Viscous friction a thousand times too large at the start, noise of 20 times."""
     joint = replace(FOLLOWED, viscous=viscous * FOLLOWED.viscous)
     expected = replace(NOISE, angle=noise * NOISE.angle, torque=noise * NOISE.torque)
-    lost = follow("1", False, [joint], [simulate(rich(7), 4).samples], RATE_HZ, expected, 5.0, find_noise=False)
+    lost = track_friction("1", False, [joint], [simulate(rich(7), 4).samples], RATE_HZ, expected, 5.0, find_noise=False)
     assert codes(lost) == {"filter/diverged"}
     assert 5.0 <= float(re.findall(r"^at (\S+) s:", lost.consistency.divergence)[0]) <= 7.0
 
@@ -140,7 +140,9 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> 
     run = simulate(rich(1.5), 5).samples
     short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + 1.0)
     alone, after = (
-        follow("1", False, [FOLLOWED], motions, RATE_HZ, replace(NOISE, torque=NOISE.torque / 3), 0.5, find_noise=True)
+        track_friction(
+            "1", False, [FOLLOWED], motions, RATE_HZ, replace(NOISE, torque=NOISE.torque / 3), 0.5, find_noise=True
+        )
         for motions in ([run], [short, replace(run, start_s=1.0)])
     )
     assert after.noise == alone.noise
@@ -165,7 +167,7 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     levels = FrictionCurve("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (3.0, 0.03), "gravity.sin": (4.0, 0.04)}
     identified = JointFriction("1", False, constant_velocity=replace(levels, shared=shared))
-    rigid = FollowedJoint(motor_inertia=2.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
+    rigid = TrackedJoint(motor_inertia=2.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
     known = with_tolerances(rigid, identified).tolerances
     assert known["inertia"] == pytest.approx(0.005)
     assert known["gravity"] == pytest.approx(0.01)
@@ -174,7 +176,7 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
 
 
 @pytest.mark.parametrize("joint", [FOLLOWED, replace(FOLLOWED, stiffness=0.0)])
-def test_momentum_grows_by_the_torques_that_act(joint: FollowedJoint) -> None:
+def test_momentum_grows_by_the_torques_that_act(joint: TrackedJoint) -> None:
     """Of motor and link on their spring, or of a rigid joint, under drive, load, its offset and all but no friction."""
     free = {"coulomb": 1e-12, "viscous": 1e-12, "bristle_stiffness": 1e-12, "bristle_damping": 0.0}
     frictionless = replace(joint, followed=("offset",), **free)

@@ -9,9 +9,9 @@ from plants.moving_arm import ARM, COULOMB, RATE, VISCOUS, motion
 from plants.refusals import refused
 
 from elastid.friction_study.inverse_dynamics_regression import regress_robot_motion
-from elastid.friction_study.joint_levels import check_torques
 from elastid.friction_study.motion_signals import MotionLog
 from elastid.friction_study.rigid_body_columns import rigid_body_torques, torques_in_file
+from elastid.friction_study.sliding_friction import check_torques
 
 
 def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:

@@ -10,7 +10,7 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
 from elastid.nonlinear.basis_functions import GearEffect
-from elastid.nonlinear.gear_characteristics import SlidingFriction, identify_gears, sheet_of
+from elastid.nonlinear.gear_characteristics import JointEffects, identify_gears, sheet_of
 from elastid.nonlinear.gear_estimation import GearEstimate
 from elastid.nonlinear.gear_result import ARCMIN, NOT_EXPLAINED, NOT_OPENED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.spec import GearsSpec
@@ -35,7 +35,7 @@ def sheet(
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
     known = GearEstimate(PARAMETERS, tuple(found), x, magnitudes, covariance, 0.0, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
-    gear = SlidingFriction(known, robot(Gear()), "1", PEAK)
+    gear = JointEffects(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, plain_fit(x + np.array([np.log(1.1), 0.0])), groups)
 
 

@@ -11,7 +11,7 @@ from numba import njit
 
 from elastid.base.arrays import FloatArray
 from elastid.excitation.multisine import synthesise
-from elastid.friction_study.extended_kalman_filter import FollowedJoint, JointSamples
+from elastid.friction_study.extended_kalman_filter import JointSamples, TrackedJoint
 
 RATE_HZ, SUBSTEPS, PERIOD = 1000.0, 8, 2000
 COUNT, FINE_COUNT = 2 * np.pi / 2**16, 2 * np.pi / 2**20
@@ -21,7 +21,7 @@ SIGMA_0, SIGMA_1, COULOMB, STICTION_RATIO, STRIBECK_VELOCITY, VISCOUS = 250.0, 0
 # Of position and velocity, and of the integral of the velocity.
 GAINS = (12.0, 0.5, 6.0)
 
-FOLLOWED = FollowedJoint(
+FOLLOWED = TrackedJoint(
     motor_inertia=MOTOR,
     link_inertia=LINK,
     stiffness=STIFFNESS,

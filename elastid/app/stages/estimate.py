@@ -18,7 +18,6 @@ from elastid.experiment.specs.logs import RecordedSpec, ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.files.formats import naming
 from elastid.logs.responses.reading import link_side_response, read_table
-from elastid.nonlinear.basis_functions import notes_before_gears
 from elastid.nonlinear.compensate_friction import estimate_net_response, shaft_couplings, to_shafts
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.identify_friction import identify_motor_friction
@@ -46,7 +45,7 @@ def estimate(study: Study, work: Work) -> Artefacts:
     responses = [response for response, _ in estimates]
     reported = {note for _, notes in estimates for note in notes}  # when the records were measured
     notes = [note for note in notes_of(responses) if note not in reported]
-    return _artefacts(responses, notes_before_gears(notes, work.has_gears), friction)
+    return _artefacts(responses, work.unanswered(notes), friction)
 
 
 def import_responses(study: Study, work: Work) -> Artefacts:
@@ -177,8 +176,8 @@ def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configura
     responses = {response.configuration.name: response for response in read_responses(path)}
     name = file.response or configuration.name
     if name not in responses:
-        known = ", ".join(responses) or "none"
-        raise DataError("responses/table", f"no response of configuration {name} in it; there are {known}", path)
+        names = ", ".join(responses) or "none"
+        raise DataError("responses/table", f"no response of configuration {name} in it; there are {names}", path)
     response = responses[name]
     angles, given = response.configuration.angles, configuration.angles
     if robot is None or not angles.size:  # at least one of the two studies has no robot

@@ -22,7 +22,6 @@ from elastid.fit.parameter_selection import AT_TOOL
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import Result
 from elastid.fit.status_terms import DISTORTED, FIXED_VALUES
-from elastid.nonlinear.basis_functions import notes_before_gears
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import (
@@ -92,7 +91,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     figures = {"modes": (modes, MODES), "dense": (dense_models(model_of_all), DENSE)}
 
     def report(console: Console) -> None:
-        every = notes_before_gears(result.shown_notes, work.has_gears)
+        every = work.unanswered(result.shown_notes)
         # The end of the run has the first cause.
         is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""

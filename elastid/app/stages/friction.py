@@ -18,9 +18,9 @@ from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
-from elastid.friction_study.friction_tracking import FollowedFriction, follow_joints
-from elastid.friction_study.joint_levels import identify_sliding_friction
+from elastid.friction_study.friction_tracking import TrackedFriction, track_joints
 from elastid.friction_study.result import SlidingFriction, identify_friction
+from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import FilterSpec
 from elastid.friction_study.static_model_fit import NOT_ASKED
 from elastid.logs.friction_logs import read_friction_logs
@@ -96,16 +96,16 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
     measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.configurations)
     joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
     with work.execution() as execution:
-        joint_levels = identify_sliding_friction(study.as_robot(), joints, measured, execution.progress)
+        joint_fits = identify_sliding_friction(study.as_robot(), joints, measured, execution.progress)
 
     def report(console: Console) -> None:
         said = notes_of(measured.records)
-        console.notes(note for note in notes_of(joint_levels) if note not in said)
-        for levels in joint_levels:
-            console.say(f"constant_velocity: joint {levels.joint}: {_level_words(levels)}")
+        console.notes(note for note in notes_of(joint_fits) if note not in said)
+        for fit in joint_fits:
+            console.say(f"constant_velocity: joint {fit.joint}: {_level_words(fit)}")
 
     def write(path: Path, stamp: Stamp) -> None:
-        stored.write_constant_velocity(path, joint_levels, stamp)
+        stored.write_constant_velocity(path, joint_fits, stamp)
 
     return Artefacts({"constant_velocity.h5": write}, report)
 
@@ -113,12 +113,12 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
 def friction(study: Study, work: Work) -> Artefacts:
     """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
     name, robot, left_out = study.name, study.as_robot(), study.validation.configurations
-    joint_levels = stored.read_constant_velocity(work.sources["constant_velocity"])
+    joint_fits = stored.read_constant_velocity(work.sources["constant_velocity"])
     measured, others = stored.read_friction_records(work.sources["measure"]).divided(left_out)
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
-        result = identify_friction(robot, joint_levels, measured, study.as_friction(), truth)
+        result = identify_friction(robot, joint_fits, measured, study.as_friction(), truth)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
@@ -126,7 +126,7 @@ def friction(study: Study, work: Work) -> Artefacts:
     with work.execution() as execution:
         log_comparison = compare_friction_logs(identified, result.joints, measured, controller, execution)
         judged = predict_logs(identified, result.joints, others, controller, execution)
-    reported = notes_of(joint_levels)
+    reported = notes_of(joint_fits)
 
     def report(console: Console) -> None:
         console.notes(note for note in notes_of(result.joints) if note not in reported)
@@ -173,7 +173,7 @@ def conclude(run: Run) -> None:
     for question, sentences in content.short_questions:
         run.console.say(f"{question} {' '.join(sentences)}")
     run.say_files([*run.stages["report"].leaves, *run.stages["friction"].leaves[1:]])
-    missing = [f"joint {joint.joint}: {part_words(held)}" for joint in result.joints for held in joint.missing]
+    missing = [f"joint {joint.joint}: {part_words(term)}" for joint in result.joints for term in joint.missing]
     if result.status == "failed":
         raise FitError("friction/no-record", f"{result.message} (see the notes above)", "no friction was identified")
     if result.status == "misfit":
@@ -204,12 +204,12 @@ def _level_words(joint: SlidingFriction) -> str:
     return ", ".join(parts) or "no log with sliding"
 
 
-def follow_friction(study: Study, work: Work) -> Artefacts:
+def track_friction(study: Study, work: Work) -> Artefacts:
     """Write filter.h5: tracked friction of each joint over time with bands, and the consistency of the filter."""
     measured = stored.read_friction_records(work.sources["measure"])
     result = stored.read_friction_result(work.sources["friction"])
     with work.execution() as execution:
-        followed, notes = follow_joints(
+        followed, notes = track_joints(
             study.as_robot(), result.joints, measured.records, study.filter or FilterSpec(), execution.progress
         )
 
@@ -221,7 +221,7 @@ def follow_friction(study: Study, work: Work) -> Artefacts:
     return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, followed, stamp)}, report)
 
 
-def _words(followed: FollowedFriction) -> str:
+def _words(followed: TrackedFriction) -> str:
     ends = [
         f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
         for i, name in enumerate(followed.names)

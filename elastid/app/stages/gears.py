@@ -23,8 +23,8 @@ from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
+from elastid.fit.status_terms import ANSWERED
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.basis_functions import ANSWERED
 from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
 from elastid.nonlinear.spec import GearsSpec
@@ -107,9 +107,9 @@ def with_gear_section(
     """
     parameters = dict(content["parameters"])
     for row in rows if not gears.refused else ():
-        known = {name: x for name, x in parameters[row.name].items() if name not in ("profile95", "bootstrap95")}
+        others = {name: x for name, x in parameters[row.name].items() if name not in ("profile95", "bootstrap95")}
         own = {"value": result.values[row.name], "std": result.std[row.name], "interval95": result.interval(row.name)}
-        parameters[row.name] = known | section(row, "value=estimate std interval95=interval") | {"linear": own}
+        parameters[row.name] = others | section(row, "value=estimate std interval95=interval") | {"linear": own}
     numbers = {
         "refused": gears.refused,
         "numbers": {number.name: _number(sheet.joint, number) for sheet in gears.sheets for number in sheet.numbers},
@@ -126,16 +126,16 @@ def with_gear_section(
 
 
 def _number(joint: str, row: GearNumber) -> dict[str, Any]:
-    known: dict[str, Any] = {"joint": joint, **section(row, "meaning unit value std")}
-    known |= {
+    entry: dict[str, Any] = {"joint": joint, **section(row, "meaning unit value std")}
+    entry |= {
         "interval95": row.interval if row.is_significant else None,
         "bound95": None if row.is_significant else row.bound,
     }
     if row.order:
-        known |= section(row, "order phase phase_std")
+        entry |= section(row, "order phase phase_std")
     if math.isfinite(row.rated_fraction):
-        known["of_rated"] = row.rated_fraction
+        entry["of_rated"] = row.rated_fraction
     if row.maker_unit:
         size = row.value if row.is_significant else row.bound
-        known |= {"maker_unit": row.maker_unit, "in_maker_unit": size * row.factor}
-    return known
+        entry |= {"maker_unit": row.maker_unit, "in_maker_unit": size * row.factor}
+    return entry

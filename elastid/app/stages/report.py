@@ -40,7 +40,7 @@ def report(study: Study, work: Work) -> Artefacts:
     responses, result = read_responses(estimates), read_fit(files["fit"])
     validation, friction = read_validation(validated), read_friction(estimates)
     modelled, gears = read_modelled(files["fit"]) or (), read_gears(files.get("gears"))
-    final = with_gears(result, gears)
+    final = result if gears is None else with_gears(result, gears)
     content = ReportContent(
         *(study.name, validation.verdict, final, tuple(zip(responses, modelled, strict=True)), validation),
         *(read_modes(files["fit"]), work.stamp.study, work.stamp.shown),

@@ -159,7 +159,7 @@ class Plan:
     cycle_samples: int = 1
     S_inverse: ComplexArray = labelled(
         "reference of a unit torque", "rad/(N*m)", "configurations freq_hz inputs inputs",
-        default_factory=lambda: np.zeros((0, 0, 0, 0), complex)
+        default_factory=lambda: np.zeros((0, 0, 0, 0), complex),
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -271,21 +271,21 @@ def make_plan(
     given = [DesignedConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
     everyone = [
         (
-            level,
-            replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, level))),
+            index,
+            replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, index))),
         )
         for pick in (*given, *chosen)
-        for level in range(1, len(excitation.amplitudes) + 1)
+        for index in range(1, len(excitation.amplitudes) + 1)
     ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
     M, E = max(choice.realisations for _, choice in everyone), experiment.runs(n_u)
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
-    for q, (level, choice) in enumerate(everyone):
+    for q, (index, choice) in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
         spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
-            excitation.at_amplitude(level), robot, lines.excited, choice.configuration, draws, spectrum,
-            closed_loop
+            excitation.at_amplitude(index), robot, lines.excited, choice.configuration, draws, spectrum,
+            closed_loop,
         )  # fmt: skip
         R[q, : len(draws)] = every[:, :E]
     configurations, inputs = tuple(choice.configuration for _, choice in everyone), robot.motor_locations

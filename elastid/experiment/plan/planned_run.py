@@ -41,9 +41,9 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
         return f"its excitation is shifted by {late_s:.3g} s relative to the plan. Log from the first sample of the run"
     same, size, posture = MIRRORED, UNIT_RATIO, np.full(len(none), POSTURE_ERROR)
     # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
-    friction, held = coulomb * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
+    friction, mean_torque = coulomb * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
     injected = np.sqrt(np.mean(planned**2, axis=0))
-    holding = HOLDING_ERROR * np.maximum(held, 0.25 * held.max()) + friction + 0.1 * injected
+    holding = HOLDING_ERROR * np.maximum(mean_torque, 0.25 * mean_torque.max()) + friction + 0.1 * injected
     return (
         words
         or _first_inconsistent_motor(plan, "position (y)", y, position, same, size, posture)

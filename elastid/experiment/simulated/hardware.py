@@ -187,8 +187,8 @@ def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[fl
     for law in contacts.laws:
         name = law.place.split(" ", 1)[1]
         index, joint = next((i, joint) for i, joint in enumerate(robot.joints) if joint.name == name)
-        held = 0.0 if joint.spring is None else joint.spring.stiffness * point.q[index]
-        loads.append(float(abs(point.u[driven.index(name)] if name in driven else held)))
+        spring_torque = 0.0 if joint.spring is None else joint.spring.stiffness * point.q[index]
+        loads.append(float(abs(point.u[driven.index(name)] if name in driven else spring_torque)))
     return loads
 
 

@@ -57,8 +57,8 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
     """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
     if not truth:
         return robot
-    known = robot.parameters(robot.on_demand) | friction_numbers(robot)
-    unit = {name: unit for name, (_, unit) in known.items()}
+    numbers = robot.parameters(robot.on_demand) | friction_numbers(robot)
+    unit = {name: unit for name, (_, unit) in numbers.items()}
     try:
         # A name that the robot does not have gets any number; with_parameters refuses it and says which there are.
         return with_numbers(

@@ -232,13 +232,13 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
     if channel.side == "motor":
         return "side", "without a robot, side has no meaning. Remove side; use scale instead"
     turning = QUANTITY_UNIT[channel.quantity]
-    known = (of_translation(turning), turning)
-    if not channel.unit and known[0] != turning:
-        choice = f"give unit: {known[0]} or {turning}"
+    dimensions = (of_translation(turning), turning)
+    if not channel.unit and dimensions[0] != turning:
+        choice = f"give unit: {dimensions[0]} or {turning}"
         return "unit", f"without a robot, '{channel.at}' may rotate or translate. {choice}"
     measures = dimension_and_size(channel.unit)[0]
-    if known[0] != turning and measures not in known and channel.unit != "g":
-        fitting = ", ".join(name for dimension in known for name in units_of(dimension))
+    if dimensions[0] != turning and measures not in dimensions and channel.unit != "g":
+        fitting = ", ".join(name for dimension in dimensions for name in units_of(dimension))
         return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {fitting}"
     turning_too = [c for c in channels if c.at == channel.at and not c.drive and not _translates(c)]
     if not channel.drive and _translates(channel) and turning_too:

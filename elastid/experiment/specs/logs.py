@@ -318,7 +318,7 @@ class ResponsesSpec:
         "it from the file, or assumes Hz for CSV, UFF and HDF5 without units.", "if all stiffnesses are wrong by a "
         "factor of 39.5 = (2 pi)^2.")] = "auto"
     columns: Annotated[ResponseColumnsSpec, Key("Names of CSV columns and HDF5 datasets.", "for headings other than "
-        "freq_hz, re_1_1, im_1_1.")] = ResponseColumnsSpec()
+        "freq_hz, re_1_1, im_1_1.")] = field(default_factory=ResponseColumnsSpec)
     text: Annotated[TextFormatSpec, Key("Format of CSV files.", "for a delimiter or decimal sign other than comma and "
         "point.")] = TextFormatSpec()
     relative_std: Annotated[float | None, Key("Standard deviation of G relative to |G| for files without one (default: "

@@ -80,9 +80,13 @@ def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
     robot, parameters = base.linearisation.model.robot, base.parameters
     for name, family, varied, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
         about = _about(parameters, numbers)
-        known = base.spec, about, base.model, (), base.weights
-        of_varied = Assembly.of(base.responses, varied, *known, presliding=base.linearisation.presliding)
-        yield AlternativeModel(name, family, of_varied)
+        yield AlternativeModel(name, family, _with_robot(base, varied, about))
+
+
+def _with_robot(base: Assembly, robot: Robot, parameters: Parameters) -> Assembly:
+    """The assembly of another robot, or of other parameters."""
+    given = base.spec, parameters, base.model, (), base.weights
+    return Assembly.of(base.responses, robot, *given, presliding=base.linearisation.presliding)
 
 
 def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
@@ -150,8 +154,8 @@ def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
             yield name, "gravity", replace(robot, gravity=tuple(gravity.tolist())), {}
     if robot.payload is not None and robot.payload.mass > 0:
         numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
-        left = {name: LEAST * value for name, value in numbers.items()}
-        yield "the payload of the file not carried", "payload of the file", robot.with_parameters(left), left
+        massless = {name: LEAST * value for name, value in numbers.items()}
+        yield "the payload of the file not carried", "payload of the file", robot.with_parameters(massless), massless
 
 
 def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
@@ -213,15 +217,14 @@ def _carrying(
           for n, v in zip(names, place, strict=True)),
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
-    file, known = given.parameters, named(given.parameters.free_names, evidence.result.x)
+    file, estimates = given.parameters, named(given.parameters.free_names, evidence.result.x)
     every = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
     parameters = Parameters((*in_order, *every.values()))
     asked = {p.name for p in file.free if not p.is_nuisance}
-    x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
+    x = np.array([estimates[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
-        of_file = given.spec, parameters, given.model, (), given.weights
-        assembly = Assembly.of(given.responses, robot, *of_file, presliding=given.linearisation.presliding)
+        assembly = _with_robot(given, robot, parameters)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, given.spec.criterion)
             _, near = settle(AS_MEASURED, thinned(fit), x, np.ones(len(x), dtype=bool))

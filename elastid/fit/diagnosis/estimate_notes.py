@@ -11,7 +11,7 @@ from elastid.base.errors import Note
 from elastid.base.names import posture_of
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.residual_test import max_cost_ratio
+from elastid.fit.problem.least_squares import max_cost_ratio
 from elastid.fit.result import Result, correlated, covariance_by_noise
 from elastid.parameters import Parameters
 
@@ -54,9 +54,9 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     """
     result = evidence.result
     # What a cause leaves may be chance where V is little above the noise.
-    left, by_chance = result.cost - evidence.best.drop, max_cost_ratio(result.cost_dof) * result.cost_expected
+    remaining_cost, by_chance = result.cost - evidence.best.drop, max_cost_ratio(result.cost_dof) * result.cost_expected
     best = evidence.best
-    is_explained = best.explained_fraction >= LIMITS.sufficient_fraction or (best.drop and left < by_chance)
+    is_explained = best.explained_fraction >= LIMITS.sufficient_fraction or (best.drop and remaining_cost < by_chance)
     if is_explained or result.inflation_factor <= 1:
         return ()
     sums: dict[str, tuple[float, int]] = {}
@@ -65,12 +65,12 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
             name = posture_of(part.configuration)
             V, count = sums.get(name, (0.0, 0))
             sums[name] = V + cost, count + part.n_residuals
-    level = np.sqrt([V / count for V, count in sums.values()])
+    rms = np.sqrt([V / count for V, count in sums.values()])
     others = "the residuals of the other configurations"
     checks = "Check that robot, load and angles are as stated, or exclude its records"
     return tuple(
         Note("fit/inconsistent-responses", f"residuals {ratio:.0f} times {others}. {checks}", f"configuration {name}")
-        for name, ratio in zip(sums, level / float(np.median(level)), strict=True)
+        for name, ratio in zip(sums, rms / float(np.median(rms)), strict=True)
         if len(sums) > 2 and ratio > LIMITS.residual_ratio
     )
 
@@ -81,8 +81,8 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
     result = evidence.result
-    known = result.std_of_x < LIMITS.stiffness_std
-    stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
+    sure = result.std_of_x < LIMITS.stiffness_std
+    stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and sure[i]]
     # Viscous friction that the file holds is off by the same reading, and no other cause of it.
     is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
     if not stiff or (evidence.best.explained_fraction > LIMITS.sufficient_fraction and not is_friction):
@@ -142,11 +142,11 @@ def contradictions(result: Result) -> tuple[Note, ...]:
     return tuple(
         Note(
             code,
-            f"{source} contradict the responses of the motors ({found.sentence}). {capital(found.cause)}. "
+            f"{source} contradict the responses of the motors ({comparison.sentence}). {capital(comparison.cause)}. "
             "The estimates are from the motors alone",
         )
-        for code, source, found in sources
-        if found is not None and found.disagrees
+        for code, source, comparison in sources
+        if comparison is not None and comparison.disagrees
     )
 
 

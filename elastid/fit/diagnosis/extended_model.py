@@ -153,8 +153,8 @@ def evaluate_extended(
 ) -> Evaluated:
     """Return one configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
     model, theta = extended.at(fitted, part.kernel.model, x)
-    known = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
-    kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
+    varied = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
+    kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in varied))
     G, dG = Columns(kernel).evaluate(theta)
     by_name = dict(zip(kernel.wanted, dG, strict=True))
     chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)

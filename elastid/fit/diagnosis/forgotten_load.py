@@ -37,7 +37,7 @@ class Load:
     information: FloatArray
 
 
-def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float) -> Load | None:
+def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: float) -> Load | None:
     """Return the best load of a body within the priors; None if V decreases by less than `least` or it has no mass."""
     places, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
     S, g = test.S[np.ix_(places, places)], test.g[places]
@@ -55,7 +55,7 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
         return None
     from scipy.optimize import least_squares  # slow to load, and seldom needed
 
-    priors = math.sqrt(level) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]])
+    priors = math.sqrt(variance) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]])
 
     A = _of_moments(numbers)
     LA = L @ A

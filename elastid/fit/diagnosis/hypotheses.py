@@ -248,8 +248,8 @@ def explain_causes(family: str = "") -> str:
     """Explain the hypotheses of a family, or all: error, typical size and remedy. StudyError for an unknown family."""
     rows = [row for row in all_hypotheses() if row.summary and family in ("", row.family)]
     if not rows:
-        known = dict.fromkeys(row.family for row in all_hypotheses() if row.summary)
-        raise StudyError("study/unknown-key", f"no cause '{family}'; {did_you_mean(family, tuple(known))}")
+        families = dict.fromkeys(row.family for row in all_hypotheses() if row.summary)
+        raise StudyError("study/unknown-key", f"no cause '{family}'; {did_you_mean(family, tuple(families))}")
     return "\n".join(f"{row.family}: {row.summary}\n  {_typical(row)}{capital(_remedy(row))}." for row in rows)
 
 

@@ -162,13 +162,13 @@ class Evidence:
     def explained(self) -> float:
         """The share of the responses that the model explains, known noise aside; negative if it is worse than none."""
         fit, x = self.optimum.fit, self.optimum.end.x
-        left, total = 0.0, 0.0
+        remaining, total = 0.0, 0.0
         for part in fit.parts:
             weight, used = part.gain * np.abs(error_gain(part.criterion, part.measured)), part.gain > 0
             error = part.measured - part.kernel.response(part.theta(fit.parameters, x))
-            left += float(np.sum(np.abs(np.where(used, weight * error, 0.0)) ** 2))
+            remaining += float(np.sum(np.abs(np.where(used, weight * error, 0.0)) ** 2))
             total += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
-        return 1 - max(left - self.noise_cost, 0.0) / max(total - self.noise_cost, 1e-300)
+        return 1 - max(remaining - self.noise_cost, 0.0) / max(total - self.noise_cost, 1e-300)
 
     @property
     def is_suspect(self) -> bool:

@@ -63,12 +63,12 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
     few = thinned(replace(optimum.fit, parts=optimum.fit.parts[every]), LIMITS.residuals)
     ratio = float(np.median(damped)) if damped else 1e-3
-    V, known = sum(squares(evaluate(few, x))), named(assembly.parameters.free_names, x)
+    V, estimates = sum(squares(evaluate(few, x))), named(assembly.parameters.free_names, x)
     for name in extended.rigid:
         trials = []
         for k in _stiffnesses(name, models, few).tolist():
             sprung = _with_spring(few, name, k, ratio, models, assembly)
-            start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
+            start = np.array([estimates.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
             cost, step = predict(
                 AS_MEASURED, evaluate(sprung, start), sprung.prior_slopes, np.ones(len(start), dtype=bool)
             )
@@ -113,9 +113,9 @@ def _with_spring(
 ) -> ElasticFit:
     """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are held."""
     fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
-    known = named(models[0].parameters, models[0].theta_ref)
-    of_model = {key: Parameter(key, value, free=False) for key, value in known.items()}
-    of_model |= {key: fitted[key] for key in known if key in fitted}
+    values = named(models[0].parameters, models[0].theta_ref)
+    of_model = {key: Parameter(key, value, free=False) for key, value in values.items()}
+    of_model |= {key: fitted[key] for key in values if key in fitted}
     of_model[name] = Parameter(name, k, "N*m/rad", log=True)
     of_model[damping] = Parameter(damping, 0.0, tie=Tie(name, damping_ratio))
     parameters = Parameters((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))

@@ -18,9 +18,9 @@ from elastid.response import Response
 
 def tolerance_of(index: ModificationIndex, result: Result) -> str:
     """Return the tolerance, in words, of the value that a cause changes most; empty if not significant."""
-    known = {p.name: p for p in result.parameters.free if p.is_nuisance and p.prior is not None}
+    nuisances = {p.name: p for p in result.parameters.free if p.is_nuisance and p.prior is not None}
     steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
-    changes = [(step / p.prior.std, p) for name, step in steps if (p := known.get(name)) is not None and p.prior]
+    changes = [(step / p.prior.std, p) for name, step in steps if (p := nuisances.get(name)) is not None and p.prior]
     if not changes or index.drop <= LIMITS.drop:
         return ""
     _, p = max(changes, key=lambda change: change[0])
@@ -66,8 +66,8 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])
     if not len(s) == len(d) > 0 or not np.isfinite(C).all():
         return ()
-    left = np.diag(C)[n:] / s**2
-    dof, square = max(float(np.sum(np.where(left > 1, 1.0, 1 - left))), 1.0), float(d @ d)
+    variance_ratio = np.diag(C)[n:] / s**2
+    dof, square = max(float(np.sum(np.where(variance_ratio > 1, 1.0, 1 - variance_ratio))), 1.0), float(d @ d)
     limit = chi_square_limit(dof, LIMITS.tail)
     L = np.linalg.solve(C[n:, n:], C[n:, :n]).T
     moved, by_tolerances = L @ (d * s), np.einsum("ij,jk,ik->i", L, np.diag(s**2) - C[n:, n:], L)

@@ -1,22 +1,19 @@
-r"""Ranking of hypotheses: one score test of all fixed numbers of a fit, and the odds of all causes.
+r"""Ranking of model-error hypotheses (causes) by their posterior odds.
 
-Numbers by one evaluation at the optimum (`score_test`), then what hypotheses search for themselves: forms of lateness,
-misreadings of channels and postures, springs that the robot's file lacks, other robots.  Causes are ranked by their
-odds (below); the likeliest is followed by what explains more with it. Last come undetectable errors of fixed numbers:
-no test of the responses finds them, since free parameters take them up.
+Candidates: fixed numbers by one score test at the optimum (`score_test`), and the results of hypotheses with a search
+of their own (delays, misread channels and postures, missing springs, other robots). The likeliest cause is followed by
+causes that explain more together with it. Errors of fixed numbers that free parameters absorb come last: no test of the
+responses detects them.
 
-The judgement of causes: the odds of each by the drop of V, by what is plausible beforehand, and by what remains.
-
-A cause h has d numbers p with a prior about no change, W = diag(w^2) of the usual sizes w.  Its odds against another,
-Bayes' factor times the prior odds of its family, are to second order (Laplace)
+A cause h has d numbers p with a prior of zero mean and W = diag(w^2), w the typical sizes.  Its posterior odds are, by
+Laplace's approximation of the Bayes factor, times the prior odds of its family,
 
 .. math:: 2 \ln O_h = \frac{\Delta V_h}{\tau^2} - \ln \det\Big(1 + \frac{W S_h}{\tau^2}\Big)
           - \sum_i 2 \ln\Big(1 + \frac{p_i^2}{w_i^2}\Big) + 2 \ln \frac{\pi_h}{n_h}
 
-The determinant is Occam's factor: a cause that can be of any size, or has many numbers, explains any data a little.
-The third term is the prior's, whose tails are those of Cauchy's distribution.  n_h: causes of the family, which share
-its odds pi_h.  One linear step leaves a part of what even the true cause explains, so that residuals by the noise alone
-do not remain: tau^2 is the noise's variance and `linear_error` of the excess of V.
+The determinant is Occam's factor: it penalises causes of any size and of many numbers. The third term is a prior with
+the tails of a Cauchy distribution. n_h: causes of the family, which share its prior odds pi_h. tau^2: variance of the
+noise and the fraction `LIMITS.linear_error` of the excess of V, which one linear step of the true cause may leave.
 """
 
 import math
@@ -84,9 +81,9 @@ def score(evidence: Evidence) -> Scores:
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
     freed = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
     noise, V = evidence.noise_cost * lines, V + pull - free_drop(A, b, ~evidence.result.at_bound)
-    level = (noise or V) / max(counted - len(x), 1)
+    variance = (noise or V) / max(counted - len(x), 1)
     excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
-    return Scores(extended, test, freed, excess, V - noise - excess, level, lines, evidence.noise_cost)
+    return Scores(extended, test, freed, excess, V - noise - excess, variance, lines, evidence.noise_cost)
 
 
 def _with_priors(

@@ -76,11 +76,11 @@ class ScoreTest:
         follow = -np.linalg.pinv(A[np.ix_(places, places)], rcond=1e-13, hermitian=True) @ cross
         S, g = A[n_x:, n_x:] + cross.T @ follow, b[n_x:] + follow.T @ b[places]
         # The free parameters leave at least this share of the information on a number that is known.
-        known = np.diag(S) > 1e-7 * np.maximum(np.diag(A)[n_x:], 1e-300)
+        identifiable = np.diag(S) > 1e-7 * np.maximum(np.diag(A)[n_x:], 1e-300)
         scale = size[n_x:]
         response = np.zeros((n_x, len(numbers)))
         response[places] = follow * scale / size[places, None]
-        return cls(tuple(numbers), S * np.outer(scale, scale), g * scale, response, known)
+        return cls(tuple(numbers), S * np.outer(scale, scale), g * scale, response, identifiable)
 
     def step(self, candidate: Candidate) -> tuple[FloatArray, float]:
         """Return steps (n_m,) of a candidate, limited to plausible sizes, and the decrease of V; 0 without information.
@@ -129,9 +129,9 @@ class ScoreTest:
         back = columns @ np.linalg.pinv(self.along(candidate)[0], hermitian=True)
         g = self.g + self.S[:, places] @ self.step(candidate)[0]
         S = self.S - back @ columns.T
-        known = self.known & (np.diag(S) > 1e-6 * np.diag(self.S))
+        identifiable = self.known & (np.diag(S) > 1e-6 * np.diag(self.S))
         response = self.response - self.response[:, places] @ D @ back.T
-        return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, known=known)
+        return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, known=identifiable)
 
     def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
         """The step along several directions (n_d,) within the limits of the number of each, which are priors, too."""

@@ -1,23 +1,19 @@
 """Status of a fit with its reason, and the verdict on each parameter.
 
-misfit: a model that explains most of a response, but is wrong by more than its intervals.
+The status `misfit` is a significant model error: the model explains most of the response, but its parameters are biased
+by more than their intervals. One of four tests suffices; limits in code marks are fields of `LIMITS`.
 
-By blocks of a configuration and a band, where three things hold at once: residuals exceed noise and distortion, V over
-its expectation by `excess` and beyond what chance explains; they are structured, so that blocks disagree about the
-parameters `disagreement` times as much as noise lets them, and `structure` times as much as white residuals of their
-size would; and they matter, since the interval of a parameter by the scatter over blocks is `shift` times the one by
-measured noise, ratios of gears and declared floor, and more than `size` of it.
+1. Blocks (a configuration and a frequency band) disagree. All of: V exceeds the limit of noise alone, and `excess`
+   times its expectation; the scatter of the estimates over blocks is `disagreement` times the scatter by noise, and
+   `structure` times that of white residuals of the same size; a parameter of interest is biased by `shift` standard
+   deviations, and by the fraction `effect`.
+2. A fixed number, a common factor of several, or a spring that the robot model lacks: freeing it lowers V by `drop` and
+   changes a parameter of interest by `shift` standard deviations and the fraction `effect`. This finds errors that all
+   blocks share.
+3. The data change a number by more than `prior` standard deviations of its prior or tolerance.
+4. Static load tests or responses at the tool contradict the responses of the motors (`static_and_tool_data`).
 
-By a fixed number, or a spring that the robot's file lacks, where all blocks may err equally or V is that of
-the noise: a single number, or a common factor of several, whose freeing lowers V, in which the declared floor counts as
-noise, by `drop`, and moves a parameter by `effect` of its standard deviations and by `size` of itself.
-
-By a number that the data move beyond `LIMITS.prior` standard deviations of its prior or tolerance.
-
-By static load tests, or responses at the tool, that contradict the responses of the motors (`static_and_tool_data`).
-
-A damping that the responses do not show, or show as less than none, falls to zero, whose logarithm has no end: no
-bound is wide enough there.
+A damping that the responses do not determine falls to zero, whose logarithm has no end: no bound is wide enough.
 """
 
 from collections.abc import Sequence

@@ -156,15 +156,15 @@ class CompressedResiduals(Kept):
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
         """Return the residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
-        known = self.compressed
+        data = self.compressed
         if self.criterion == "complex":
-            return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
+            return float(data.constant[block].sum()), LineResiduals(data.q[block], G)
         with np.errstate(divide="ignore", invalid="ignore"):
             error = self._log_measured[block] - self._full(np.log(G))
             error.imag -= 2 * np.pi * np.rint(error.imag / (2 * np.pi))
         weighted = self._weighted(block, error)
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
-        r = self._projected(known.Q[block], weighted)
+        r = self._projected(data.Q[block], weighted)
         return float(np.vdot(weighted, weighted).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
 
     @cached_property
@@ -210,16 +210,16 @@ class CompressedResiduals(Kept):
             return self.known
         first, second = self._places
         form = Packed.of if self.takes_compiled else Full
-        left, has_mirror = self._weighted(slice(None), self.measured), first != second
+        residual, has_mirror = self._weighted(slice(None), self.measured), first != second
         if self.whitening is not None:
             mixing = self.whitening.matrix
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             basis, R = np.linalg.qr(W[:, :, first] + has_mirror * W[:, :, second])
             weights = form(R)  # of a thousand configurations most of what is worked out
             weights = replace(weights, R=stored_beside(self.whitening.noise.in_file, weights.R))
-            left = (mixing @ left[:, :, None])[:, :, 0]
-            q = (basis.mT.conj() @ left[:, :, None])[:, :, 0]
-            left = left - (basis @ q[:, :, None])[:, :, 0]
+            residual = (mixing @ residual[:, :, None])[:, :, 0]
+            q = (basis.mT.conj() @ residual[:, :, None])[:, :, 0]
+            residual = residual - (basis @ q[:, :, None])[:, :, 0]
         else:
             gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
             size = np.hypot(gain, mirror * has_mirror)
@@ -229,11 +229,11 @@ class CompressedResiduals(Kept):
             )
             if self.criterion != "complex":
                 return Compressed(weights, Q=Q)
-            q = self._projected(Q, left)
-            left[:, first] -= Q[:, :, 0] * q
-            left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
+            q = self._projected(Q, residual)
+            residual[:, first] -= Q[:, :, 0] * q
+            residual[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
         q = np.asfortranarray(q)  # element by element, as the kernel takes it
-        return Compressed(weights, q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
+        return Compressed(weights, q=q, constant=np.sum(np.abs(residual) ** 2, axis=1))
 
 
 @dataclass(frozen=True, eq=False)

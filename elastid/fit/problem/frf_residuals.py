@@ -95,8 +95,8 @@ class Part(Kept):
         """Cost, gradient and normal matrix without the derivatives of every element."""
         form = self.columns.elements, self.columns.is_symmetric, self.kernel.takes_compiled
         residuals = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
-        known = self.compressed
-        return NormalEquations(self.columns, known if known is not None and known.has_data_of(residuals) else residuals)
+        data = self.compressed
+        return NormalEquations(self.columns, data if data is not None and data.has_data_of(residuals) else residuals)
 
     @property
     def n_residuals(self) -> int:
@@ -111,8 +111,8 @@ class Part(Kept):
 
     def with_residuals_of(self, other: "Part") -> "Part":
         """Return the part with data and weights of another part, including its cached values."""
-        known = other.normal.residuals
-        return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
+        residuals = other.normal.residuals
+        return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=residuals)
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
@@ -330,10 +330,11 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
         *references,
         *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
     )
-    for kind, wanted, known in (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs)):
-        if missing := ", ".join(name for name in wanted if name not in known):
+    places = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
+    for kind, wanted, modelled in places:
+        if missing := ", ".join(name for name in wanted if name not in modelled):
             has_not = f"the response has the {kind} {missing}, which the model has not"
-            names = ", ".join(known) or "none"
+            names = ", ".join(modelled) or "none"
             raise DataError(
                 "fit/responses", f"{has_not}; there are {names}", f"configuration {response.configuration.name}"
             )

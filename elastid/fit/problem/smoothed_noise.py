@@ -105,11 +105,11 @@ def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
 def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
     """The model with the levels that explain S best, as a function of other lines' shapes."""
     F, n_y, n_u = shapes.G.shape
-    level = np.einsum("faa->a", S).real / F
-    if not np.all(level > 0):
-        diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-200))
+    variance = np.einsum("faa->a", S).real / F
+    if not np.all(variance > 0):
+        diagonal = np.diag(variance + MIN_VARIANCE_SHARE * max(float(variance.max()), 1e-200))
         return lambda at: np.broadcast_to(diagonal, (len(at.G), n_y, n_y)).astype(np.complex128)
-    scale = np.sqrt(level)
+    scale = np.sqrt(variance)
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
     floor = MIN_VARIANCE_SHARE * np.eye(n_y)
     a = 1 / np.maximum(shapes.own.mean(axis=1), MIN_GAIN) / (2 * len(shapes.own))
@@ -192,33 +192,33 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
 
     None where no uncertainty is known.
     """
-    known = larger(response)
-    if known is None:
+    raw = larger(response)
+    if raw is None:
         return None
     F, n_y, n_u = response.G.shape
-    if known.form == "diagonal":
-        variance, kappa = smooth_variance(known.variance, response.G, known.dof)
+    if raw.form == "diagonal":
+        variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)
         kept = np.full(F, float(kappa.max()))
-        return SmoothedNoise(known, Covariance(variance, known.dof), kept, kept, response.G)
-    S = known.matrix if known.left is None or known.right is None else known.right
+        return SmoothedNoise(raw, Covariance(variance, raw.dof), kept, kept, response.G)
+    S = raw.matrix if raw.left is None or raw.right is None else raw.right
     assert S is not None
-    if math.isinf(known.dof):
-        return SmoothedNoise(known, known, np.zeros(F), np.zeros(F), response.G)
-    covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, known, S), known.dof)
+    if math.isinf(raw.dof):
+        return SmoothedNoise(raw, raw, np.zeros(F), np.zeros(F), response.G)
+    covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = stored_beside(S, covariance)
-    if known.left is None:
-        smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=covariance)
+    if raw.left is None:
+        smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), raw.dof, matrix=covariance)
     else:
-        variance = power[:, :, None] * np.einsum("faa->fa", known.left).real[:, None, :]
-        smooth = Covariance(variance, known.dof, known.left, covariance)
-    return SmoothedNoise(known, smooth, kept_variance, kept_matrix, response.G)
+        variance = power[:, :, None] * np.einsum("faa->fa", raw.left).real[:, None, :]
+        smooth = Covariance(variance, raw.dof, raw.left, covariance)
+    return SmoothedNoise(raw, smooth, kept_variance, kept_matrix, response.G)
 
 
-def _model(response: Response, known: Covariance, S: ComplexArray) -> ComplexArray:
-    weakness = None if known.left is None else np.mean(np.einsum("faa->fa", known.left).real, axis=1)
+def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray:
+    weakness = None if raw.left is None else np.mean(np.einsum("faa->fa", raw.left).real, axis=1)
     shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, weakness)
-    if known.left is not None:
+    if raw.left is not None:
         return noise_model(S, shapes)
     _, n_y, n_u = response.G.shape
     model = np.zeros_like(S)
@@ -260,12 +260,12 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     L = np.asarray(np.linalg.cholesky(model), np.complex128)
     whiten = np.asarray(np.linalg.inv(L), np.complex128)
     X = whiten @ S @ whiten.mT.conj()
-    level = np.einsum("faa->f", X).real / n
-    known = level > 0
-    level = without_gaps(level) if known.any() else np.ones(F)
-    for_weights = _for_weights(level, n * dof, width)
-    X = X / level[:, None, None]
-    X[~known] = np.eye(n)
+    scale = np.einsum("faa->f", X).real / n
+    positive = scale > 0
+    scale = without_gaps(scale) if positive.any() else np.ones(F)
+    for_weights = _for_weights(scale, n * dof, width)
+    X = X / scale[:, None, None]
+    X[~positive] = np.eye(n)
     # Fewer degrees of freedom than elements leave the covariance of a lone line singular.
     rho = 1.0 if width * dof < n else _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
@@ -309,21 +309,21 @@ def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: flo
     return whole, diagonal
 
 
-def without_gaps(level: FloatArray) -> FloatArray:
+def without_gaps(variance: FloatArray) -> FloatArray:
     """Return the levels (F,) with zeros replaced by their neighbours."""
-    known = np.flatnonzero(level)
-    return np.interp(np.arange(len(level)), known, level[known])
+    lines = np.flatnonzero(variance)
+    return np.interp(np.arange(len(variance)), lines, variance[lines])
 
 
-def _for_weights(level: FloatArray, dof: float, width: int) -> FloatArray:
+def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
     """c l (F, ...) of levels of `dof` degrees of freedom each; loud lines keep their own."""
-    geometric = np.exp(moving_mean(np.log(level), width))
+    geometric = np.exp(moving_mean(np.log(variance), width))
     mean = geometric / math.exp(log_moment(1, dof, width))
     # A sample variance exceeds that factor over its mean once in a thousand lines.
     by_chance = chi_square_limit(2 * dof, 1e-3) / (2 * dof) if width > 1 else math.inf
-    loud = level > mean * by_chance
-    quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width))
-    return np.where(loud, level, quiet * math.exp(log_moment(-1, dof, width)))
+    loud = variance > mean * by_chance
+    quiet = np.exp(moving_mean(np.log(np.where(loud, mean, variance)), width))
+    return np.where(loud, variance, quiet * math.exp(log_moment(-1, dof, width)))
 
 
 def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:
@@ -332,8 +332,8 @@ def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[
     The model of the noise is |G|^{2 a}, its exponent a in [0, 1] found by regression: 0 where noise ignores the
     resonances, 1 where it follows them.  A line of zero variance takes its neighbours'.
     """
-    known = np.any(variance > 0, axis=0)
-    levels = np.apply_along_axis(without_gaps, 0, np.where(known, variance, 1.0))
+    positive = np.any(variance > 0, axis=0)
+    levels = np.apply_along_axis(without_gaps, 0, np.where(positive, variance, 1.0))
     power, width = np.abs(G) ** 2, min(_width(1, dof), len(G))
     followed = np.log(np.maximum(power, np.maximum(1e-30 * power.max(axis=0), 1e-300)))
     rough, wanted = (log - moving_mean(log, width) for log in (followed, np.log(levels)))
@@ -341,7 +341,7 @@ def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[
     model = np.exp(np.clip(a, 0.0, 1.0) * (followed - followed.mean(axis=0)))
     smooth = model * _for_weights(levels / model, dof, width)
     filled = np.mean(variance / smooth, axis=0) / width
-    return np.where(known, smooth, 0.0), np.where(known, filled / np.maximum(1 - filled / dof, 0.1), 0.0)
+    return np.where(positive, smooth, 0.0), np.where(positive, filled / np.maximum(1 - filled / dof, 0.1), 0.0)
 
 
 def moving_mean(values: Any, width: int) -> Any:

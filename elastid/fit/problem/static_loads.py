@@ -41,8 +41,8 @@ def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configu
         elif test.configuration in configurations:
             where = configurations[test.configuration]
         else:
-            known = did_you_mean(test.configuration, configurations)
-            raise StudyError("study/invalid", f"no configuration is called {test.configuration}; {known}", "loads")
+            advice = did_you_mean(test.configuration, configurations)
+            raise StudyError("study/invalid", f"no configuration is called {test.configuration}; {advice}", "loads")
         every.append(PlacedTest(test, where))
     return tuple(every)
 

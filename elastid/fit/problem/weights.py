@@ -59,8 +59,8 @@ def declared_model_error(response: Response, spec: WeightSpec) -> float:
     """Return the model error of the study; default: 0 if all elements have noise, else a typical model error."""
     if spec.model_error is not None:
         return spec.model_error
-    known = response.uncertainty
-    return TYPICAL_MODEL_ERROR if known is None or np.any((known.variance == 0) & (response.G != 0)) else 0.0
+    noise = response.uncertainty
+    return TYPICAL_MODEL_ERROR if noise is None or np.any((noise.variance == 0) & (response.G != 0)) else 0.0
 
 
 def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec) -> bool:
@@ -116,10 +116,10 @@ class Weights(Kept):
         return scaled
 
 
-def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None) -> Weights:
+def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = None) -> Weights:
     """Return the weights of one measured response under the study's band, floor, smoothing and factors.
 
-    known: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
+    smoothed: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
     Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
     where = response.configuration.name
@@ -131,7 +131,7 @@ def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None)
             "fit.weights.model_error is 0; set it, for example to 0.01",
             f"configuration {where}",
         )
-    noise = known if known is not None and known.is_of(response) else smooth_noise(response)
+    noise = smoothed if smoothed is not None and smoothed.is_of(response) else smooth_noise(response)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
@@ -222,5 +222,5 @@ def check_factors(responses: Sequence[Response], spec: FitSpec) -> None:
     }
     for i, factor in enumerate(spec.weights.factors):
         for path, noun, name in misnamed(factor, measured):
-            known = did_you_mean(name, sorted(measured[str(path[0])]))
-            raise StudyError("study/invalid", f"no {noun} '{name}' was measured; {known}", f"fit.weights.factors[{i}]")
+            advice = did_you_mean(name, sorted(measured[str(path[0])]))
+            raise StudyError("study/invalid", f"no {noun} '{name}' was measured; {advice}", f"fit.weights.factors[{i}]")

@@ -145,13 +145,13 @@ def _bounded_step(
     """The step (n_x,) within radius and room of the variables that are not held."""
     step, free = np.zeros(len(gradient)), ~at_bounds
     while free.any():
-        left = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])
-        if left <= 0:
+        squared_radius = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])
+        if squared_radius <= 0:
             step[free] = 0.0
             break
         slope = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
         among = np.ix_(free, free)
-        step[free] = _step_within(slope, hessian[among], metric[among], float(np.sqrt(left)))
+        step[free] = _step_within(slope, hessian[among], metric[among], float(np.sqrt(squared_radius)))
         within = np.clip(step, *room)
         beyond = free & (step != within)
         if not beyond.any():

@@ -387,11 +387,11 @@ def _merged(group: Sequence[SteadySpectra], closed: bool) -> SteadySpectra:
     gains = [_gain(driver_of(group[0], closed), driver_of(spectrum, closed)) or 1.0 for spectrum in group]
     pairs = [(spectrum.n_periods * c, spectrum) for c, spectrum in zip(gains, group, strict=True)]
     total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))
-    known = [weight * spectrum.R for weight, spectrum in pairs if spectrum.R is not None]
+    references = [weight * spectrum.R for weight, spectrum in pairs if spectrum.R is not None]
     return SteadySpectra(
         Y=np.sum([weight * spectrum.Y for weight, spectrum in pairs], axis=0) / total,
         U=np.sum([weight * spectrum.U for weight, spectrum in pairs], axis=0) / total,
-        R=np.sum(known, axis=0) / total if len(known) == len(group) else None,
+        R=np.sum(references, axis=0) / total if len(references) == len(group) else None,
         n_periods=total,
         is_steady=all(spectrum.is_steady for spectrum in group),
         noise=np.sum([weight**2 * spectrum.noise for weight, spectrum in pairs], axis=0) / total**2,

@@ -262,16 +262,16 @@ class _Bases:
 
     def add(self, both: FloatArray, single: tuple[float, FloatArray] | None) -> tuple[int, float]:
         """Return the index of a matrix, added if it is new, and its factor. single: sign and y for rank one."""
-        sigma, known = float(np.linalg.norm(both)), self.E[: len(self.single)]
+        sigma, stored = float(np.linalg.norm(both)), self.E[: len(self.single)]
         E = both.ravel() / sigma
-        products = known @ E
+        products = stored @ E
         for place in np.flatnonzero(np.abs(products) > 1 - 1e-6):
             sign = float(np.sign(products[place]))
-            if np.abs(E - sign * known[place]).max() < EQUAL_TOLERANCE:
+            if np.abs(E - sign * stored[place]).max() < EQUAL_TOLERANCE:
                 return int(place), sigma * sign
-        self.E[len(known)] = E
+        self.E[len(stored)] = E
         self.single.append(None if single is None else (single[0], single[1] / np.sqrt(sigma)))
-        return len(known), sigma
+        return len(stored), sigma
 
 
 def _span(matrices: FloatArray) -> FloatArray:

@@ -102,8 +102,8 @@ class Kernel(Kept):
     def factors(self) -> tuple[str, ...]:
         """The wanted parameters that do not move Z but multiply the response: delay, elements of the chain, gains."""
         delay = (DELAY,) if self.model.is_delayed else ()
-        known = (*delay, *(element.name for element in self.model.chain), *self.model.channel_numbers)
-        return tuple(name for name in self.wanted if name in known)
+        names = (*delay, *(element.name for element in self.model.chain), *self.model.channel_numbers)
+        return tuple(name for name in self.wanted if name in names)
 
     def factor_slopes(self, theta: FloatArray, part: Products) -> Iterator[ComplexArray]:
         """Return dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
@@ -291,11 +291,11 @@ class Elimination:
     def of(cls, coupled: BoolArray) -> "Elimination":
         """Return the elimination order of a pattern (n, n) of coupled coordinates, fewest couplings first."""
         acts = (coupled | coupled.T) & ~np.eye(len(coupled), dtype=bool)
-        filled, left, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []
-        while left.any():
-            k = int(np.argmin(np.where(left, (acts & left).sum(axis=1), len(acts))))
-            left[k] = False
-            filled[k] = acts[k] & left
+        filled, remaining, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []
+        while remaining.any():
+            k = int(np.argmin(np.where(remaining, (acts & remaining).sum(axis=1), len(acts))))
+            remaining[k] = False
+            filled[k] = acts[k] & remaining
             acts |= np.outer(filled[k], filled[k]) & ~np.eye(len(acts), dtype=bool)
             order.append(k)
         places = np.array(order, np.int64)

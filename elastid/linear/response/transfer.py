@@ -127,8 +127,8 @@ def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) ->
     if model.controller is None or not model.controller.log_hz or model.hold is None:
         return images
     shifted = model.controller.images_hz(freq_hz)
-    known = np.isfinite(shifted)
-    f, lines, order = shifted[known], np.nonzero(known)[0], MOTION_ORDER[model.quantity]
+    finite = np.isfinite(shifted)
+    f, lines, order = shifted[finite], np.nonzero(finite)[0], MOTION_ORDER[model.quantity]
     T = closed_loop(model, theta, np.abs(f)).T
     T = np.where(f[:, None, None] < 0, T.conj(), T)
     np.add.at(images, lines, T * ((freq_hz[lines] / f) ** order)[:, None, None])

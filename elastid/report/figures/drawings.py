@@ -20,7 +20,7 @@ from elastid.robot import Robot
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 if TYPE_CHECKING:
-    from elastid.friction_study.friction_tracking import FollowedFriction
+    from elastid.friction_study.friction_tracking import TrackedFriction
     from elastid.friction_study.result import FrictionResult, JointFriction
 
 # Begins the section of a figure of one configuration.
@@ -145,7 +145,7 @@ Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
 
 def friction_study_drawings(
     result: FrictionResult,
-    filters: Sequence[FollowedFriction] = (),
+    filters: Sequence[TrackedFriction] = (),
     log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
 ) -> Iterator[Drawing]:
@@ -178,12 +178,12 @@ def _of_joint(joint: JointFriction) -> Iterator[Named]:
         yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
 
 
-def _of_filter(followed: FollowedFriction) -> Named:
+def _of_filter(followed: TrackedFriction) -> Named:
     from elastid.report.figures import friction_records
 
     joint = followed.filtered
-    held = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.consider_parameters]
-    with_errors = f", which include the tolerances of {', '.join(held)}" if held else ""
+    errors = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.consider_parameters]
+    with_errors = f", which include the tolerances of {', '.join(errors)}" if errors else ""
     caption = (
         f"friction tracked by a Kalman filter, with 95 % bands{with_errors}. "
         "Below: normalised innovations squared (NIS), and their autocorrelation. "

@@ -64,8 +64,8 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     ends = -1.3 * largest, 1.3 * largest
     beyond = np.abs(percent[:, 0]) > ends[1]
     off = Curve(0.92 * ends[1] * np.sign(percent[beyond, 0]), y[beyond], "estimate off the scale", style.FITTED, True)
-    known = [row.truth is not None for row in rows]
-    to = "truth" if all(known) else "truth (estimate where none is known)" if any(known) else "estimate"
+    has_truth = [row.truth is not None for row in rows]
+    to = "truth" if all(has_truth) else "truth (estimate where none is known)" if any(has_truth) else "estimate"
     panels = [
         Panel([*marks, *_values(ratios, at_bound)], f"ratio to the {to}", x_ends=(low, high)),
         Panel([*_values(percent, at_bound), *[off] * bool(beyond.any())], f"deviation from the {to} in %", x_ends=ends),
@@ -257,8 +257,8 @@ def _levels(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
         curves.append(Curve(f, in_db(quality.stochastic[:, i]), "stochastic nonlinear", style.TOTAL))
     for lines, ink, name in ((quality.even, style.FITTED, "even"), (quality.odd, style.START, "odd")):
         if lines is not None:
-            level = np.sqrt(np.maximum(lines.amplitude[:, i] ** 2 - lines.noise[:, i] ** 2, 0.0))
-            curves.append(Curve(lines.freq_hz, in_db(level), f"nonlinear, {name}", ink, True))
+            amplitude = np.sqrt(np.maximum(lines.amplitude[:, i] ** 2 - lines.noise[:, i] ** 2, 0.0))
+            curves.append(Curve(lines.freq_hz, in_db(amplitude), f"nonlinear, {name}", ink, True))
     return curves
 
 
@@ -327,13 +327,14 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
 def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
     """Rms of the torque left over its own rms, by axis and octave."""
     edges = sorted({band.high_hz for balance in balances for band in balance.bands})
-    known = all(balance.has_rate for balance in balances)
-    label, left = f"octave below {'Hz' if known else 'sampling rates'}", np.full((len(balances), len(edges)), np.nan)
+    in_hz = all(balance.has_rate for balance in balances)
+    label = f"octave below {'Hz' if in_hz else 'sampling rates'}"
+    values = np.full((len(balances), len(edges)), np.nan)
     for i, balance in enumerate(balances):
         for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
-            left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.unexplained_fraction)
+            values[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.unexplained_fraction)
     names, columns = [f"{row.place}, {row.log}" for row in balances], [f"{edge:.3g}" for edge in edges]
-    panel = Panel(x=label, title="unexplained torque, % of its rms", cells=Cells(left, names, columns))
+    panel = Panel(x=label, title="unexplained torque, % of its rms", cells=Cells(values, names, columns))
     return style.matrix("Unexplained torque by octave", [[panel]])
 
 

@@ -44,12 +44,12 @@ class Condition:
     temperature: float | FloatArray
 
     @classmethod
-    def typical(cls, levels: FrictionCurve) -> Condition:
+    def typical(cls, curve: FrictionCurve) -> Condition:
         """The lowest load, and of the temperatures there the middle one."""
-        load = float(levels.load.min())
-        known = levels.temperature[levels.load <= load + SAME_LOAD * levels.load.max()]
-        known = np.sort(known[np.isfinite(known)])
-        return cls(load, float(known[len(known) // 2]) if len(known) else float("nan"))
+        load = float(curve.load.min())
+        degc = curve.temperature[curve.load <= load + SAME_LOAD * curve.load.max()]
+        degc = np.sort(degc[np.isfinite(degc)])
+        return cls(load, float(degc[len(degc) // 2]) if len(degc) else float("nan"))
 
     def at(self, speed: FloatArray, direction: float) -> Conditions:
         """Every speed (n,) in one direction."""
@@ -57,11 +57,11 @@ class Condition:
 
     def includes(self, law: StaticLaw) -> BoolArray:
         """True of levels (n,) at this condition, as far as the law depends on load and temperature."""
-        levels, rows = law.curve, np.ones(law.curve.n_conditions, dtype=bool)
+        curve, rows = law.curve, np.ones(law.curve.n_conditions, dtype=bool)
         if depends_on(law, "load"):
-            rows &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
+            rows &= np.abs(curve.load - self.load) <= SAME_LOAD * curve.load.max()
         if depends_on(law, "temperature"):
-            rows &= np.abs(levels.temperature - self.temperature) <= SAME_KELVIN
+            rows &= np.abs(curve.temperature - self.temperature) <= SAME_KELVIN
         return rows
 
     def text(self, law: StaticLaw) -> str:
@@ -76,25 +76,25 @@ def friction_curve(law: StaticLaw) -> Figure:
 
     Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
     """
-    levels, condition = law.curve, Condition.typical(law.curve)
+    measured_curve, condition = law.curve, Condition.typical(law.curve)
     on_curve = condition.includes(law)
-    curves, left = [], []
-    for direction in sorted(set(levels.direction.tolist()), reverse=True):
+    curves, errors = [], []
+    for direction in sorted(set(measured_curve.direction.tolist()), reverse=True):
         above, below = _levels(law, direction, on_curve)
         curves += above
-        left += below
+        errors += below
     for direction in (1.0, -1.0) if depends_on(law, "directions") else (0.0,):
         curves += _law(law, condition, direction)
-    measured = float(levels.speed.min()), float(levels.speed.max())
-    speed, torque = units(levels.slides)
+    measured = float(measured_curve.speed.min()), float(measured_curve.speed.max())
+    speed, torque = units(measured_curve.slides)
     lines = np.array([measured[0] / BEYOND, measured[1] * BEYOND])
     rows = [
-        [Panel(curves, y=f"{quantity(levels.slides)} in {torque}", frequency=lines, y_ends=(0.0, None),
+        [Panel(curves, y=f"{quantity(measured_curve.slides)} in {torque}", frequency=lines, y_ends=(0.0, None),
                span=measured)],
-        [Panel(left, f"speed in {speed}", "(level − law) / std", marks=(-QUANTILE_95, QUANTILE_95), frequency=lines,
+        [Panel(errors, f"speed in {speed}", "(level − law) / std", marks=(-QUANTILE_95, QUANTILE_95), frequency=lines,
                span=measured)],
     ]  # fmt: skip
-    title = f"{levels.place}: friction over speed {condition.text(law)}".rstrip()
+    title = f"{measured_curve.place}: friction over speed {condition.text(law)}".rstrip()
     return style.matrix(title, rows, (3.0, 1.0), sharex=True)
 
 
@@ -119,17 +119,17 @@ def residuals(law: StaticLaw) -> FloatArray:
 
 
 def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:
-    levels, (color, name) = law.curve, DIRECTIONS[direction]
+    curve, (color, name) = law.curve, DIRECTIONS[direction]
     above, below = [], []
     for chosen, ink, text in (
         (~on_curve, style.WEAK, "levels at other loads and temperatures"),
         (on_curve, color, f"levels, {name}"),
     ):
-        rows = chosen & (levels.direction == direction)
+        rows = chosen & (curve.direction == direction)
         if rows.any():
             looks = {} if direction >= 0 else {"marker": "s", "mfc": "none", "mew": 1}
-            x, y = levels.speed[rows], levels.torque[rows]
-            above.append(Curve(x, y, text, ink, True, style.about(y, levels.std[rows]), looks=looks))
+            x, y = curve.speed[rows], curve.torque[rows]
+            above.append(Curve(x, y, text, ink, True, style.about(y, curve.std[rows]), looks=looks))
             below.append(Curve(x, residuals(law)[rows], "", ink, True, looks=looks))
     return above, below
 
@@ -152,9 +152,9 @@ def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None
     The latter as its amplitude by configuration, with friction and without. A motor that no friction was taken out of
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.
     """
-    known = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
+    modelled = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
     taken = friction.compensated_motors()
-    curves = [_taken_out(friction, i, known.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
+    curves = [_taken_out(friction, i, modelled.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
     levels = [_unexplained(friction, i) for i in range(len(friction.places))]
     figure = style.matrix("Friction compensation", style.in_columns(curves, levels))
     for axes in figure.axes:
@@ -173,23 +173,23 @@ def curve_of(friction: CompensatedFriction, place: str) -> tuple[FloatArray, Flo
     if bend > 0:
         distance = np.linspace(0.0, 4 * bend, POINTS_TAKEN_OUT)  # a stop operator slides after 2 thresholds
         torque, std = friction.reversal(place, distance)
-        level, of_level = friction.coulomb_friction(place)
+        torque_0, of_level = friction.coulomb_friction(place)
         x = np.concatenate([[-0.1 * distance[-1], 0.0], distance])
-        return x, np.concatenate([[-level, -level], torque]), np.concatenate([[of_level, of_level], std]), True
+        return x, np.concatenate([[-torque_0, -torque_0], torque]), np.concatenate([[of_level, of_level], std]), True
     turning = max((shape.threshold for shape in shapes), default=0.0)
     # A sign that turns gradually has turned at 3 thresholds; one that turns at once is drawn to 1 mrad/s (mm/s).
     v = np.linspace(-1.0, 1.0, POINTS_TAKEN_OUT) * (5 * turning if turning > 0 else 1e-3)
     return v, *friction.sliding(place, v), False
 
 
-def _taken_out(friction: CompensatedFriction, i: int, known: float | None) -> Panel:
+def _taken_out(friction: CompensatedFriction, i: int, modelled: float | None) -> Panel:
     place, unit = friction.places[i], friction.place_units[i]
     x, torque, std, is_distance = curve_of(friction, place)
     band = style.about(torque, std)
     curves = [Curve(1e3 * x, torque, "friction", style.FITTED, band=band, band_label="95 % interval")]
-    for level in () if known is None else (known, -known):
+    for coulomb in () if modelled is None else (modelled, -modelled):
         ends, looks = 1e3 * x[[0, -1]], {"ls": "--"}
-        curves.append(Curve(ends, [level, level], "F_c of the robot model", style.TRUTH, looks=looks))
+        curves.append(Curve(ends, [coulomb, coulomb], "F_c of the robot model", style.TRUTH, looks=looks))
     F_c, of_own = friction.coulomb_friction(place)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
     words = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.filter_consistency import NIS_BAND
-from elastid.friction_study.friction_tracking import FollowedFriction
+from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.friction_study.inverse_dynamics_regression import TORQUE_COMPONENTS, MotionFriction, torque_components
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.motion_signals import MotionSignals, distinct_speeds
@@ -85,20 +85,20 @@ def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: Float
             yield Curve([sign * speed] * 2, ends, "speeds dwelt at", style.NOISE, looks={"ls": ":"})
     for low, high in ((float(velocity.min()), 0.0), (0.0, float(velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
-        level, std = sliding(motion.regression, v)
-        yield Curve(v, level, "regression", style.FITTED, band=style.about(level, std))
+        torque, std = sliding(motion.regression, v)
+        yield Curve(v, torque, "regression", style.FITTED, band=style.about(torque, std))
 
 
-def friction_filter(followed: FollowedFriction) -> Figure:
+def friction_filter(followed: TrackedFriction) -> Figure:
     """Followed numbers, NIS with its band, and autocorrelation of the innovations."""
     time, rows = followed.time_s, []
     for i, name in enumerate(followed.names):
         y, band = followed.values[:, i], (followed.low[:, i], followed.high[:, i])
         curves = [Curve(time, y, "followed", style.FITTED, band=band, band_label="95 % band")]
-        held = np.where(followed.unknown[:, i], y, np.nan)
-        if np.isfinite(held).any():
+        unobserved = np.where(followed.unknown[:, i], y, np.nan)
+        if np.isfinite(unobserved).any():
             text = "held: not observable in this motion"
-            curves.append(Curve(time, held, text, style.WEAK))
+            curves.append(Curve(time, unobserved, text, style.WEAK))
         rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")])
     low, high = (np.full_like(time, end) for end in NIS_BAND)
     text, label = "mean NIS since the point before", "mean NIS of an honest filter"

@@ -159,8 +159,8 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
     Marks beyond the axis are at its end. A number whose estimate or start is not positive is drawn about its estimate,
     relative to its size.
     """
-    known = [(value, row) for row in rows for value in (*row.interval, row.truth) if value is not None]
-    spread = [abs(_log_ratio(value, row.estimate)) for value, row in known]
+    values = [(value, row) for row in rows for value in (*row.interval, row.truth) if value is not None]
+    spread = [abs(_log_ratio(value, row.estimate)) for value, row in values]
     finite = [value for value in spread if math.isfinite(value)]
     # The axis reaches from 2 % to a factor of 100 to either side.
     reach = float(np.clip(max(finite, default=0.0), math.log(1.02), math.log(100.0)))

@@ -20,10 +20,10 @@ _PARAMETERS: KeyPath = ("fit", "parameters")
 def check_fit(study: Study) -> Iterator[Problem]:
     """All of the section that depends on others; the parameters themselves are checked as they get their units."""
     yield from _check_groups(study)
-    known = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
+    names = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
     for i, factor in enumerate(study.fit.weights.factors):
-        for place, noun, name in misnamed(factor, known):
-            yield unknown(("fit", "weights", "factors", i, *place), noun, name, known[str(place[0])])
+        for place, noun, name in misnamed(factor, names):
+            yield unknown(("fit", "weights", "factors", i, *place), noun, name, names[str(place[0])])
     try:
         parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError:

@@ -76,9 +76,9 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
 
 
 def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem]:
-    known = list(study.experiment.configurations)
-    if load.configuration is not None and load.configuration not in known:
-        yield unknown((*path, "configuration"), "configuration", load.configuration, known)
+    names = list(study.experiment.configurations)
+    if load.configuration is not None and load.configuration not in names:
+        yield unknown((*path, "configuration"), "configuration", load.configuration, names)
     if load.payload and not (robot := study.as_robot()).frames:
         advice = f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
         message = f"the robot has no frame for a payload. Add {advice}"
@@ -98,8 +98,8 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield Problem(("friction", "constant_velocity"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
-    known = [c.role == "t" for c in recorded.channels] + [file.temperature is not None for file in recorded.files]
-    if study.as_friction().law.temperature == "yes" and not any(known):
+    has_degc = [c.role == "t" for c in recorded.channels] + [file.temperature is not None for file in recorded.files]
+    if study.as_friction().law.temperature == "yes" and not any(has_degc):
         yield Problem(
             ("friction", "law", "temperature"),
             "no log has a temperature. Add a channel of role t, or give files[].temperature",

@@ -122,15 +122,15 @@ def check_files(
 
 
 def _check_file(study: Study, file: FileSpec | ResponseFileSpec, path: KeyPath, base: Path) -> Iterator[Problem]:
-    known, name, place = study.experiment.configurations, file.configuration, base / file.path
+    names, name, place = study.experiment.configurations, file.configuration, base / file.path
     if not is_log(place):
         neighbours = sorted(os.listdir(place.parent)) if os.path.isdir(place.parent) else []
         hint = did_you_mean(place.name, neighbours[:20]) if neighbours else "copy the log there, or correct the path"
         yield Problem((*path, "path"), f"{NO_LOG} (looked for {place}); {hint}")
     if not name and study.friction is None:
         yield Problem((*path, "configuration"), "this key is required", at_key=True)
-    elif name and name not in known:
-        yield unknown((*path, "configuration"), "configuration", name, known)
+    elif name and name not in names:
+        yield unknown((*path, "configuration"), "configuration", name, names)
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:

@@ -9,16 +9,16 @@ from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
 
-def unknown(path: KeyPath, noun: str, name: str, known: Iterable[str]) -> Problem:
+def unknown(path: KeyPath, noun: str, name: str, valid: Iterable[str]) -> Problem:
     """A name without a counterpart."""
-    return Problem(path, f"no {noun} is called '{name}'; {did_you_mean(name, known)}")
+    return Problem(path, f"no {noun} is called '{name}'; {did_you_mean(name, valid)}")
 
 
-def check_names(path: KeyPath, noun: str, names: Sequence[str], known: Sequence[str]) -> Iterator[Problem]:
+def check_names(path: KeyPath, noun: str, names: Sequence[str], valid: Sequence[str]) -> Iterator[Problem]:
     """Problems of entries in a list of names that are not known."""
     for i, name in enumerate(names):
-        if name not in known:
-            yield unknown((*path, i), noun, name, known)
+        if name not in valid:
+            yield unknown((*path, i), noun, name, valid)
 
 
 def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem]:

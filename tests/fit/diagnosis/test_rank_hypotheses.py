@@ -16,7 +16,7 @@ from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import FloatArray
-from elastid.base.entry_points import points
+from elastid.base.entry_points import group_entries
 from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
@@ -199,9 +199,9 @@ def installed_cause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crosstalk-cause\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[elastid.causes]\ncrosstalk = crosstalk_cause:CAUSE\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    points.cache_clear()
+    group_entries.cache_clear()
     yield info
-    points.cache_clear()
+    group_entries.cache_clear()
 
 
 def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path) -> None:

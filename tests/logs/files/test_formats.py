@@ -274,7 +274,7 @@ NO_FORMAT = 7
 def _register(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setitem(sys.modules, "elastid_doubles", sys.modules[__name__])
     point = EntryPoint("doubles", f"elastid_doubles:{name}", "elastid.readers")
-    monkeypatch.setattr(entry_points, "points", lambda group: (point,))
+    monkeypatch.setattr(entry_points, "group_entries", lambda group: (point,))
 
 
 def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-r"""Records of a friction study -> levels of passes and regressions of motions, joint by joint.
+r"""Sliding friction of each joint: records of a friction study -> torques of passes and regressions of motions.
 
 A joint that moved alone is regressed with its inertia and gravity, joints that moved together jointly with the rigid
 body that they carry; the passes of the latter are free of it.
@@ -68,14 +68,14 @@ def identify_sliding_friction(
     """Identify friction curve and motion of each joint; DataError for a joint without a usable record."""
     progress(0, 1 + len(joints))
     motions, commanded = _motions(robot, joints, measured), _commanded(robot, measured)
-    levels = list[SlidingFriction]()
+    fits = list[SlidingFriction]()
     for done, joint in enumerate(joints, start=1):
         progress(done, 1 + len(joints))
         if joint.name in commanded:
-            levels.append(_commanded_friction(joint, commanded[joint.name], measured))
+            fits.append(_commanded_friction(joint, commanded[joint.name], measured))
         else:
-            levels.append(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())))
-    return tuple(levels)
+            fits.append(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())))
+    return tuple(fits)
 
 
 GAINS_EXACT = (
@@ -116,16 +116,16 @@ def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> I
     hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
     terms, last = {**TERMS, **RIGID_TERMS}, [*range(-1, len(fit.names) - 1)]  # the delay, then the others
     std, of_names = np.sqrt(np.diag(fit.covariance))[last], [fit.names[i] for i in last]
-    for known in identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
-        names = [of_names[i] for i in known.members]
-        relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in known.members]
+    for combination in identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
+        names = [of_names[i] for i in combination.members]
+        relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in combination.members]
         if max(relative) < WIDE:
             continue
-        pairs = list(zip(known.weights, (terms[name].symbol for name in names), strict=True))
+        pairs = list(zip(combination.weights, (terms[name].symbol for name in names), strict=True))
         rest = (f"{'-' if w < 0 else '+'} {abs(w):.2g} {symbol}" for w, symbol in pairs[1:])
         sentence = " ".join([pairs[0][1], *rest])
-        shown = digits(known.value, known.std)
-        interval = f"{number(known.value, shown)} +- {number(QUANTILE_95 * known.std, 2)}"
+        shown = digits(combination.value, combination.std)
+        interval = f"{number(combination.value, shown)} +- {number(QUANTILE_95 * combination.std, 2)}"
         unit = terms[names[0]].unit_at(joint.slides)
         advice = next((text for of, least, text in SEPARATING if len({*of} & {*names}) >= least), "another motion")
         text = (
@@ -244,22 +244,22 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "Jo
     runs = measured.of(joint.name, "constant_velocity")
     planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
     of_joint, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
-    notes, levels = [*notes_of(of_joint), *motion.notes], None
+    notes, curve = [*notes_of(of_joint), *motion.notes], None
     if records := [*planned, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
-        levels = estimate_friction_curve(
+        curve = estimate_friction_curve(
             [part for record in records for part in passes_of(record)], against, _turn(joint)
         )
-        notes += levels.notes
+        notes += curve.notes
     elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in of_joint)):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
             f"joint {joint.name}",
         )
-    return SlidingFriction(joint.name, joint.slides, levels, motion.friction, tuple(notes))
+    return SlidingFriction(joint.name, joint.slides, curve, motion.friction, tuple(notes))
 
 
 def _turn(joint: Joint) -> float:
@@ -383,12 +383,12 @@ def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: flo
 
 def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:
     place, degc = f"joint {record.joint}", record.temperature
-    known = np.zeros(0, bool) if degc is None else np.isfinite(degc)
-    if degc is not None and known.any():
-        degc = np.interp(np.arange(len(degc)), np.flatnonzero(known), degc[known])
+    measured = np.zeros(0, bool) if degc is None else np.isfinite(degc)
+    if degc is not None and measured.any():
+        degc = np.interp(np.arange(len(degc)), np.flatnonzero(measured), degc[measured])
     return Motion(
         place, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
-        record.load_torque, degc if known.any() else None, record.torque_delay_s
+        record.load_torque, degc if measured.any() else None, record.torque_delay_s
     )  # fmt: skip
 
 
@@ -403,8 +403,8 @@ def check_torques(
     """DataError where torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
     powers, ratios = list[float](), list[float]()
     for joint, torque in measured.items():
-        known, size = expected[joint], max(float(np.linalg.norm(expected[joint])), 1e-300)
-        ratio, along = abs(robot.ratio(joint)), float(torque @ known)
+        model, size = expected[joint], max(float(np.linalg.norm(expected[joint])), 1e-300)
+        ratio, along = abs(robot.ratio(joint)), float(torque @ model)
         if along > MIN_CORRELATION * size * np.linalg.norm(torque) and ratio >= MIN_RATIO:
             powers.append(math.log(along / size**2) / math.log(ratio))
             ratios.append(ratio)

@@ -14,8 +14,8 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_record import FrictionRecords
-from elastid.friction_study.joint_levels import identify_sliding_friction
 from elastid.friction_study.result import FrictionResult, identify_friction
+from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import FrictionSpec
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot
