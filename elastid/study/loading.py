@@ -21,7 +21,7 @@ from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
 from elastid.study.load_file import with_load_file
-from elastid.study.messages import Problem, make_error, validate
+from elastid.study.messages import NO_LOG, Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath, Place, YamlSource, parse, read_source
@@ -220,9 +220,9 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     comment = " ".join(line.removeprefix("#").strip() for line in lines)
     stated = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
-    first = next((i for i, problem in enumerate(problems) if problem.is_missing_log), None) if stated else None
+    missing = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
     origin = f" (origin stated in the study: {stated[1]})" if stated else ""
-    return [replace(p, message=p.message + origin * (i == first)) for i, p in enumerate(problems)]
+    return [replace(p, message=p.message + origin * (i == missing)) for i, p in enumerate(problems)]
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:
