@@ -124,11 +124,11 @@ def demo(**options: Any) -> None:
 @click.option(
     "--template", default="serial", show_default=True,
     type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction",
-                       "position-reference"]),
+                       "position-reference"])
 )  # fmt: skip
 @click.option(
     "--from", "logs", multiple=True, type=click.Path(path_type=Path),
-    help="Derive the study from these logs, a robot model (URDF, MJCF or robot.yml), or both.",
+    help="Derive the study from these logs, a robot model (URDF, MJCF or robot.yml), or both."
 )  # fmt: skip
 @click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
 def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
@@ -217,7 +217,7 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 @stage_options
 def predict(
     model: Path, source: Path | None, logs: tuple[Path, ...], rate_hz: float | None, kp: tuple[float, ...],
-    kd: tuple[float, ...], delay: float | None, study: Path | None, **options: Any,
+    kd: tuple[float, ...], delay: float | None, study: Path | None, **options: Any
 ) -> None:  # fmt: skip
     """Judge a model on logs: prediction.json and prediction.png.
 

@@ -77,7 +77,7 @@ def _written(target: Target, folder: Path, values: Mapping[str, Values]) -> Iter
 # Stages of values that do not depend on the stages of all others.
 STAGES: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("responses", "modes", "geometry"), ("estimate",)),
-    "draws": ("fit",), "observers": ("follow",), "name": (), "warn": (),
+    "draws": ("fit",), "observers": ("follow",), "name": (), "warn": ()
 }  # fmt: skip
 
 

@@ -22,14 +22,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
 from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.logs.channel_guess import (
-    MIN_SAMPLES,
-    LogGuess,
-    guess_commands,
-    guess_log,
-    signals_of,
-    wrong_cells,
-)
+from elastid.logs.channel_guess import MIN_SAMPLES, LogGuess, guess_commands, guess_log, signals_of, wrong_cells
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES, Clock, clock_of
 from elastid.logs.command_log import gains_in
@@ -75,7 +68,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         raise StudyError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
-    form = TextFormatSpec() if first.is_dir() else guess_format(first)
+    form = guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
@@ -189,7 +182,7 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
 
 def _controller(path: Path, n_u: int) -> FloatArray | None:
     """Gains kp and kd (2, n_u) of a log; None unless both are there and positive."""
-    with opened_log(path, TextFormatSpec() if path.is_dir() else guess_format(path)) as log:
+    with opened_log(path, guess_format(path)) as log:
         gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
     is_known = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
     return np.array(gains) if is_known else None
@@ -199,7 +192,7 @@ def _unlike(
     path: Path, first: Path, clock: Clock, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], gains: FloatArray | None
 ) -> str:
     """Difference of a log from the first one in channels, rate or gains, of which a study has one; else empty."""
-    form = TextFormatSpec() if path.is_dir() else guess_format(path)
+    form = guess_format(path)
     with opened_log(path, form) as log:
         rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)
     if {g.key for pair in guess_commands(signals, rate_hz) for g in pair} != {g.key for pair in pairs for g in pair}:
@@ -247,7 +240,7 @@ def _of_commands(
     paths = [[path] for path in relative_paths(logs, folder)]
     files, end = list(_files(paths)), list[str]()
     if robot is not None and robot.flexible and "none" not in period[0]:
-        runs, form = runs_by_name(logs), TextFormatSpec() if logs[0].is_dir() else guess_format(logs[0])
+        runs, form = runs_by_name(logs), guess_format(logs[0])
         motions = [y for y, _ in pairs]
         positions = positions_of([[path] for path in logs], form, motions)
         states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])

@@ -121,7 +121,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _log_lines(path: Path) -> list[str]:
-    text = TextFormatSpec() if path.is_dir() else guess_format(path)
+    text = guess_format(path)
     with opened_log(path, text) as log:
         signals = _text_rows(log) if isinstance(log, TextLog) else []
         signals += [

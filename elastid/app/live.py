@@ -110,7 +110,7 @@ class Session:
         experiment = replace(study.experiment, configurations={}, without_payload=())
         problem = DesignProblem(
             robot, study.excitation, experiment, study.seeded_fit, study.estimator.quantity, study.seed, design,
-            model=study.model, friction=study.estimator.friction,
+            model=study.model, friction=study.estimator.friction
         )  # fmt: skip
         budget_s = robot_time or planned_time_s(run)
         return cls(run, goal, run.folder / "live", outputs, problem, simulate, budget_s)
@@ -323,9 +323,7 @@ class Session:
         if len(logs) > 1:
             names = ", ".join(path.name for path in logs)
             raise DataError(
-                "live/logs",
-                f"{names} are logs of one run. Keep the log of its reference",
-                f"{self.path / 'logs'}",
+                "live/logs", f"{names} are logs of one run. Keep the log of its reference", f"{self.path / 'logs'}"
             )
         return logs[0] if logs else None
 

@@ -54,12 +54,14 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
             kinds.setdefault((tuple(log.shapes()), guess_by_name(path.stem, None).quantity), []).append(path)
     if len(kinds) != 2 or len({len(paths) for paths in kinds.values()}) > 1:
         return [], []
+    is_alike = len({headings for headings, _ in kinds}) == 1  # so that they do not distinguish the files
     parts = list[tuple[list[Path], Signals]]()
     for (_, quantity), paths in kinds.items():
         with opened_log(paths[0], form) as log:
             clock = clock_of(log)
             signals = [(g, x) for g, x in signals_of(log, MAX_SAMPLES) if g.name != clock.name]
-        named = [(replace(g, quantity=g.quantity or quantity), x) for g, x in signals]
+        by_file = quantity if is_alike else ""
+        named = [(replace(g, quantity=by_file or g.quantity or quantity), x) for g, x in signals]
         parts.append((paths, named))
     parts.sort(key=lambda part: not any(g.quantity in DRIVES for g, _ in part[1]))
     signals = [(replace(g, file=i), x) for i, part in enumerate(parts, start=1) for g, x in part[1]]

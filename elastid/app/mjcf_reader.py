@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from elastid.base.escape import unused
 from elastid.logs.files.reader_process import limit_memory
 from elastid.robot import BASE, Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.body import six_numbers
@@ -48,7 +49,8 @@ def robot_of(model: Any, name: str) -> Robot:
     for i in range(model.nsite):
         body, R, p = seats[int(model.site_bodyid[i])]
         placement = Placement.of(R @ _rotation(model.site_quat[i]), p + R @ model.site_pos[i])
-        frames.append(Frame(model.site(i).name or f"site {i}", body, placement))
+        name_of_site = unused(model.site(i).name or f"site {i}", [frame.name for frame in frames])
+        frames.append(Frame(name_of_site, body, placement))
     name_in_file = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
     return Robot(name_in_file or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", tuple(frames))
 
@@ -60,12 +62,14 @@ def _joint(model: Any, i: int) -> Joint:
         raise ValueError(f"joint {name} is of type {kind}; take hinges and slides, a base that stands still")
     gears, spring, motor = _gears(model, i), None, None
     stiffness = float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0
-    damping = float(model.dof_damping.reshape(model.nv, -1)[i, 0])
+    dof = int(model.jnt_dofadr[i])
+    damping = float(model.dof_damping.reshape(model.nv, -1)[dof, 0])
     is_driven = bool(gears) or not (stiffness or any(_gears(model, j) for j in range(model.njnt)))
     if is_driven:
-        ratio = next(iter(gears.values()), 0.0) or 1.0
-        dry = float(model.dof_frictionloss[model.jnt_dofadr[i]]) / abs(ratio)
-        motor = Motor(max(float(model.dof_armature[i]), 1e-290) / ratio**2, ratio, damping / ratio**2, dry)
+        gear = next(iter(gears.values()), 1.0)
+        ratio = math.copysign(max(1.0, abs(gear)), gear)  # a smaller one is a unit of controls
+        dry = float(model.dof_frictionloss[dof]) / abs(ratio)
+        motor = Motor(max(float(model.dof_armature[dof]), 1e-290) / ratio**2, ratio, damping / ratio**2, dry)
     elif stiffness:
         spring = Spring(stiffness, damping)
     ends = model.jnt_range[i].tolist() if model.jnt_limited[i] else (-math.inf, math.inf)
@@ -75,7 +79,7 @@ def _joint(model: Any, i: int) -> Joint:
     x, y, z = model.jnt_pos[i].tolist() if kind == "hinge" else (0.0, 0.0, 0.0)
     return Joint(
         name, tuple(model.jnt_axis[i].tolist()), spring, motor, 0.0 if spring or motor else damping, limits=limits,
-        motion="rotation" if kind == "hinge" else "translation", point=(x, y, z),
+        motion="rotation" if kind == "hinge" else "translation", point=(x, y, z)
     )  # fmt: skip
 
 
@@ -119,8 +123,9 @@ def _rotation(quaternion: Any) -> Any:
 def _without_looks(spec: Any) -> None:
     """Remove textures, and meshes that add no inertia: their files need not exist."""
     is_always_by_geometry = int(spec.compiler.inertiafromgeom) == 1
+    for part in (*spec.geoms, *spec.sites, *spec.tendons):
+        part.material = ""
     for geom in spec.geoms:
-        geom.material = ""
         adds_none = geom.parent.name == "world" or geom.parent.explicitinertial or geom.mass == 0
         if geom.meshname and adds_none and not is_always_by_geometry:
             spec.delete(geom)

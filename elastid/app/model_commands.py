@@ -88,7 +88,7 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
 
 def map_study(
     run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, load: Vector, cutting: float,
-    normal: Vector | None, force: Vector | None,
+    normal: Vector | None, force: Vector | None
 ) -> None:  # fmt: skip
     """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
     if sum(option is not None for option in (path, grid, random)) > 1:
@@ -122,7 +122,7 @@ def map_study(
 
 def tune_study(
     run: Run, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
-    rate_hz: float | None, bandwidth_hz: float, samples: int,
+    rate_hz: float | None, bandwidth_hz: float, samples: int
 ) -> None:  # fmt: skip
     """References of the motors along a move of the fitted robot."""
     if duration is not None and fastest:
@@ -168,7 +168,7 @@ def _given(
     study_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
     return MoveRobots(
         identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, drawn)), family.frame,
-        rate_hz or study_rate, bandwidth_hz, error_m,
+        rate_hz or study_rate, bandwidth_hz, error_m
     )  # fmt: skip
 
 
@@ -310,11 +310,7 @@ def _friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequ
     if not prediction.balances:
         alone = ", which contain no torques. For position references: `elastid predict RUN --log LOG`"
         why = " (see the warnings above)" if prediction.missing else alone
-        raise DataError(
-            "predict/mismatch",
-            f"no joint can be predicted on these logs{why}",
-            f"--with {path}",
-        )
+        raise DataError("predict/mismatch", f"no joint can be predicted on these logs{why}", f"--with {path}")
     return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.sentences
 
 
@@ -323,11 +319,7 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     robot = study.as_robot()
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
     if lacking:
-        raise DataError(
-            "predict/mismatch",
-            f"fit of another robot, without {', '.join(lacking[:3])}",
-            f"--with {path}",
-        )
+        raise DataError("predict/mismatch", f"fit of another robot, without {', '.join(lacking[:3])}", f"--with {path}")
     taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
     friction = read_friction(taken_out) if taken_out.is_file() else None
     gears = read_gears(laid_open if laid_open.is_file() else None)

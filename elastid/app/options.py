@@ -55,26 +55,26 @@ class Folder(click.Path):
 _OPTIONS: dict[str, Decorator] = {
     "run": click.option(
         *("--run", "folder"), type=Folder(path_type=Path), metavar="DIR",
-        help="Folder of the results (default: runs/<name of the study>).",
+        help="Folder of the results (default: runs/<name of the study>)."
     ),
     "set": click.option(
         *("--set", "overrides"), multiple=True, metavar="KEY.PATH=VALUE",
-        help="Override a key of the study, for example fit.starts=5.",
+        help="Override a key of the study, for example fit.starts=5."
     ),
     "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
     "with": click.option(
         *("--with", "source"), type=click.Path(path_type=Path), metavar="RUN",
         help="Run folder with identified friction or elasticity, or its friction.h5 or fit.h5; the first argument is "
-        "then a study, whose torque channels are predicted.",
+        "then a study, whose torque channels are predicted."
     ),
     "log": click.option(
         *("--log", "logs"), type=click.Path(path_type=Path), multiple=True, metavar="FILE",
-        help="Log, in place of the logs of the study if one is given; can be repeated.",
+        help="Log, in place of the logs of the study if one is given; can be repeated."
     ),
     "dask": click.option("--dask", metavar="ADDRESS", default="", help="Run on the workers of this Dask scheduler."),
     "png": click.option("--png", is_flag=True, help="Write the figures as PNG into figures/, too."),
     "verbose": click.option("-v", "--verbose", is_flag=True, help="Print details."),
-    "quiet": click.option("-q", "--quiet", is_flag=True, help="Print warnings and errors only."),
+    "quiet": click.option("-q", "--quiet", is_flag=True, help="Print warnings and errors only.")
 }  # fmt: skip
 
 

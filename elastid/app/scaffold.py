@@ -28,6 +28,7 @@ from elastid.base.errors import StudyError
 from elastid.base.escape import file_name, one_line
 from elastid.base.files import from_template, unlinked
 from elastid.model.formulation import formulate
+from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Joint, Motor, Robot, Spring
 from elastid.robot.simplified import with_joints
 from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
@@ -64,7 +65,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     robot = load_robot(path) if is_own else _of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
-    postures = _postures(robot.driven)
+    postures = _postures(robot)
     if is_own:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
         return robot, {"study.yml": _study(robot, postures, np.array(rotors)), "robot.yml": yaml_text(robot)}
@@ -128,7 +129,9 @@ def _of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
 
 def _with_drive(joint: Joint, of_links: float) -> Joint:
     if joint.motor is None:
-        return joint
+        if joint.spring is None or joint.spring.damping:
+            return joint
+        return replace(joint, spring=replace(joint.spring, damping=_damping(joint.spring.stiffness)))
     spring = Spring(*_gear(of_links)) if joint.spring is None else joint.spring
     rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / joint.motor.ratio**2
     of_file = joint.motor.viscous + joint.viscous / joint.motor.ratio**2
@@ -140,16 +143,24 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
 def _gear(of_links: float) -> tuple[float, float]:
     """Stiffness and damping, to two digits, of a gear that swings with the inertia of its links."""
     k = of_links * (2 * math.pi * _HELD_HZ) ** 2
-    return float(f"{k:.2g}"), float(f"{2 * _DAMPING * math.sqrt(k * of_links):.2g}")
+    return float(f"{k:.2g}"), _damping(k)
 
 
-def _postures(joints: Sequence[Joint]) -> FloatArray:
-    """Angles (Q, n_u), drawn in the middle of each joint's limits."""
-    rng = np.random.default_rng(0)
+def _damping(stiffness: float) -> float:
+    return float(f"{_DAMPING * stiffness / (math.pi * _HELD_HZ):.2g}")
+
+
+def _postures(robot: Robot) -> FloatArray:
+    """Angles (Q, n_u), drawn in the middle of each joint's limits, where gravity takes half of no torque limit."""
+    joints, rng = robot.driven, np.random.default_rng(0)
     reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
     half = np.minimum(0.3 * (high - low), reach)
-    return np.asarray(np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES, len(joints))), 2))
+    drawn = np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES**2, len(joints))), 2)
+    q, theta = robot.opened(drawn).T, np.array([[value] * len(drawn) for value, _ in robot.parameters().values()])
+    gravity = inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full()[list(robot.driven_indices)]
+    part = np.max(np.abs(gravity.T) / [joint.limits.torque for joint in joints], axis=1)
+    return np.asarray(drawn[np.argsort(np.maximum(part, 1 / 2), kind="stable")[:_POSTURES]])
 
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
@@ -164,7 +175,7 @@ def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
         name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", dry=f"{_TIMES_DRY:g}",
         percent=f"{100 * _PART_OF_LIMIT:g}",
         torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
-        torque_std=f"{rms.min() / 10:.2g}", last=len(postures),
+        torque_std=f"{rms.min() / 10:.2g}", last=len(postures)
     )  # fmt: skip
 
 
@@ -187,7 +198,7 @@ def read_mjcf_servos(path: Path) -> tuple[Robot, dict[str, tuple[float, float]]]
         try:
             done = subprocess.run(
                 [sys.executable, "-m", "elastid.app.mjcf_reader", str(path.resolve())],
-                cwd=folder, capture_output=True, timeout=120, check=False,
+                cwd=folder, capture_output=True, timeout=120, check=False
             )  # fmt: skip
             reply: dict[str, Any] = json.loads(done.stdout)
         except (subprocess.TimeoutExpired, ValueError):

@@ -99,61 +99,61 @@ FITTED = "name robot model fit seed"
 STAGES = (
     Stage(
         "design", (SIMULATED,), ("plan.h5", "references/*.csv"), "elastid.app.stages.design:design",
-        f"seed robot excitation design model validation.configurations estimator.quantity estimator.friction {PLANNED}",
+        f"seed robot excitation design model validation.configurations estimator.quantity estimator.friction {PLANNED}"
     ),
     Stage(
-        "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate", f"seed {ROBOT}", "design",
+        "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate", f"seed {ROBOT}", "design"
     ),
     Stage("measure", (RECORDED, FRF), ("records.h5",), "elastid.app.stages.measure:import_logs", ROBOT),
     Stage(
         "estimate", (SIMULATED, RECORDED, FRF), ("frf.h5",), "elastid.app.stages.estimate:estimate",
-        f"estimator {ROBOT}", "design measure",
+        f"estimator {ROBOT}", "design measure"
     ),
     Stage(
         "estimate", (RESPONSES, FRF_RESPONSES), ("frf.h5",), "elastid.app.stages.estimate:import_responses",
-        f"estimator {ROBOT}",
+        f"estimator {ROBOT}"
     ),
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json", "identified_robot*.yml"), "elastid.app.stages.fit:fit",
         f"{FITTED} loads tool estimator validation.configurations", "estimate",
-        conclude="elastid.app.stages.fit:conclude",
+        conclude="elastid.app.stages.fit:conclude"
     ),
     Stage(
         "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json", "identified_robot*.yml"),
         "elastid.app.stages.gears:gears", f"{FITTED} estimator gears validation.configurations",
-        "design measure estimate fit", needs="gears", conclude="elastid.app.stages.fit:conclude",
+        "design measure estimate fit", needs="gears", conclude="elastid.app.stages.fit:conclude"
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
-        f"{FITTED} estimator tool validation", "measure? estimate fit gears",
+        f"{FITTED} estimator tool validation", "measure? estimate fit gears"
     ),
     Stage(
         "report", WITH_A_ROBOT, ("report.html", "figures"), "elastid.app.stages.report:report",
-        f"{FITTED} text report", "design estimate fit gears validate",
+        f"{FITTED} text report", "design estimate fit gears validate"
     ),
     Stage(
         "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "modes.csv", "modes.h5"),
-        "elastid.app.stages.report:report_responses", "name estimator modal text report", "estimate",
+        "elastid.app.stages.report:report_responses", "name estimator modal text report", "estimate"
     ),
     Stage(
         "design", (FRICTION,), ("plan.h5", "references/*.csv"), "elastid.app.stages.friction:design_motions",
-        "seed robot friction",
+        "seed robot friction"
     ),
     Stage(
-        "measure", (FRICTION,), ("records.h5",), "elastid.app.stages.friction:simulate_motions", "seed robot", "design",
+        "measure", (FRICTION,), ("records.h5",), "elastid.app.stages.friction:simulate_motions", "seed robot", "design"
     ),
     Stage(
         "measure", (FRICTION_RECORDED,), ("records.h5",), "elastid.app.stages.friction:import_motions",
-        "robot friction.joints friction.loads",
+        "robot friction.joints friction.loads"
     ),
     Stage(
         "constant_velocity", OF_FRICTION, ("constant_velocity.h5",), "elastid.app.stages.friction:constant_velocity",
-        "robot friction.joints validation.configurations", "measure",
+        "robot friction.joints validation.configurations", "measure"
     ),
     Stage(
         "friction", OF_FRICTION, ("friction.h5", "summary.json", "identified_robot.yml"),
         "elastid.app.stages.friction:friction", "name robot friction validation.configurations",
-        "measure constant_velocity", conclude="elastid.app.stages.friction:conclude",
+        "measure constant_velocity", conclude="elastid.app.stages.friction:conclude"
     ),
     Stage(
         "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:track_friction", "robot filter",
@@ -161,8 +161,8 @@ STAGES = (
     ),
     Stage(
         "report", OF_FRICTION, ("report.html", "figures"), "elastid.app.stages.friction:report_friction",
-        "name text report", "design friction follow",
-    ),
+        "name text report", "design friction follow"
+    )
 )  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = (
         "correlations_above_0.9", "modification_indices", "assumed_rigid", "presliding", "modes", "frf_error",
-        "warnings", "notes",
+        "warnings", "notes"
     )  # fmt: skip
     numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
     numbers |= {"starts": starts, "n_converged_starts": 0}

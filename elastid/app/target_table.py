@@ -18,7 +18,7 @@ MODULES = {
     "mujoco": "elastid.targets.mujoco", "fmu": "elastid.targets.fmu", "urdf": "elastid.targets.urdf",
     "casadi": "elastid.targets.code", "c": "elastid.targets.code", "csv": "elastid.targets.csv",
     "uff": "elastid.targets.uff", "samples": "elastid.targets.draws", "observer": "elastid.targets.friction",
-    "compensation": "elastid.targets.friction", "actuators": "elastid.targets.actuators",
+    "compensation": "elastid.targets.friction", "actuators": "elastid.targets.actuators"
 }  # fmt: skip
 
 

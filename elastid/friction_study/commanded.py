@@ -194,7 +194,7 @@ class _Problem:
         rate_hz = logs[0].rate_hz
         commanded = CommandedJoints(
             rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), carried + late,
-            logs[0].is_zoh,
+            logs[0].is_zoh
         )  # fmt: skip
         highest = max(_upper_end(log) for log in logs)
         window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))

@@ -184,7 +184,7 @@ def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     results = map(ca.densify, (predicted + gain * e, ca.horzcat(joseph, reduction @ cross), e, S))
     return ca.Function(
         "filter_step", [x, P, u, g, y, noise], [*results],
-        ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
+        ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True}
     )  # fmt: skip
 
 

@@ -104,7 +104,7 @@ def track_friction(
     notes = tuple(filter_notes(f"joint {name}", track, judged))
     return TrackedFriction(
         name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
-        judged, noise, joint, rate_hz, notes,
+        judged, noise, joint, rate_hz, notes
     )  # fmt: skip
 
 
@@ -176,7 +176,7 @@ def _track_joint(
     noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
     return track_friction(
         name, identified.slides, joints, motions, records[0].rate_hz, noise, spec.settle,
-        find_noise=spec.torque_std is None,
+        find_noise=spec.torque_std is None
     )  # fmt: skip
 
 

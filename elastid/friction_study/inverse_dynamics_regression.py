@@ -35,21 +35,8 @@ from numpy.polynomial.legendre import legval
 from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.constant_velocity import NEGATIVE
-from elastid.friction_study.least_squares import (
-    FALSE_ALARM,
-    Equations,
-    Regression,
-    shift_between,
-    solve,
-)
-from elastid.friction_study.motion_signals import (
-    Motion,
-    MotionLog,
-    MotionSignals,
-    Plateau,
-    both_bands,
-    distinct_speeds,
-)
+from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, shift_between, solve
+from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
 from elastid.friction_study.regressor import (
     ANGLE,
     MotionTerms,
@@ -128,11 +115,7 @@ class MotionFriction:
         """Friction of a motion without its judgement; DataError where friction supplies power at every speed."""
         first = signals[0]
         if chosen["coulomb"] < 0 and chosen["viscous"] <= 0:
-            raise DataError(
-                "friction/motion",
-                NEGATIVE.format(chosen["coulomb"]),
-                f"motion of {first.motion.place}",
-            )
+            raise DataError("friction/motion", NEGATIVE.format(chosen["coulomb"]), f"motion of {first.motion.place}")
         plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
         seconds = {name: sum(signal.seconds[name] for signal in signals) for name in first.seconds}
         fit = cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
@@ -415,8 +398,7 @@ def regress_robot_motion(
     }
     least = solve(equations(terms), rate_hz)
     moved = band_differences(
-        both_bands(logs, NARROW_BAND),
-        lambda log: equations_of(log, terms, of_chosen.filtered(log)),
+        both_bands(logs, NARROW_BAND), lambda log: equations_of(log, terms, of_chosen.filtered(log))
     )
     names, units = zip(*column_names(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.

@@ -187,7 +187,7 @@ class Solution:
         error, squares, independent = self.relative_error[i], self.sum_of_squares[i], self.independent[i]
         return Regression(
             tuple(name for of, name in self.names if of == joint), self.beta[mask], self.covariance[np.ix_(mask, mask)],
-            float(error), float(squares), float(independent), self.dof[mask], float(self.widening[mask].max()),
+            float(error), float(squares), float(independent), self.dof[mask], float(self.widening[mask].max())
         )  # fmt: skip
 
 
@@ -232,7 +232,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     influences = tuple(part @ bread / size for part in parts)
     return Solution(
         logs[0].names, beta, pi, pi_std, np.asarray(covariance), relative, squares, independent, dof, widening,
-        influences,
+        influences
     )  # fmt: skip
 
 

@@ -201,7 +201,7 @@ def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> 
         record, **signals,
         name=f"{record.name}-{number}", purpose="constant_velocity", there=(forth.start - start, forth.stop - start),
         back=(back.start - start, back.stop - start), speed=(abs(forth.velocity) + abs(back.velocity)) / 2,
-        start_s=record.start_s + start / record.rate_hz, notes=(),
+        start_s=record.start_s + start / record.rate_hz, notes=()
     )  # fmt: skip
 
 
@@ -317,7 +317,7 @@ class MotionSignals:
             part = replace(
                 self, motion=replace(log, **cut), decimation=slice(start - here.start, stop - here.start, step),  # type: ignore[arg-type]
                 derivatives=self.derivatives[:, here],
-                **{name: getattr(self, name)[here] for name in ("position", "velocity", "acceleration", "direction")},
+                **{name: getattr(self, name)[here] for name in ("position", "velocity", "acceleration", "direction")}
             )  # fmt: skip
             yield part, here
 

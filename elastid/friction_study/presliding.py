@@ -315,7 +315,7 @@ class PreslidingResponse:
             Record(
                 test.name, posture, i, 0, test.rate_hz, first.period_samples or len(test.torque), motor, motor,
                 ("position",), test.torque[:, None], test.position[:, None], hold=test.hold,
-                sliding=motor if test.slides else (), is_periodic=first.period_samples is not None,
+                sliding=motor if test.slides else (), is_periodic=first.period_samples is not None
             )
             for i, test in enumerate(records)
         ]  # fmt: skip

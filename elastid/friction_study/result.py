@@ -250,7 +250,7 @@ def _table(
         name = channel_name("gain", "u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
-            value + reach * std, learnt, truth.get(name),
+            value + reach * std, learnt, truth.get(name)
         )  # fmt: skip
 
 

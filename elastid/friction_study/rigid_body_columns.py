@@ -107,11 +107,23 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
 
 
 def column_names(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
-    """Return name and unit of all columns: rigid body (10 n_l), rotors (m) and offsets (m)."""
+    """Return name and unit of all columns: rigid body (10 n_l), rotors (m), offsets (m) and joints of coupled motors.
+
+    Behind the gears that couple their motors with other joints, these joints slide at speeds of their own: F, f.
+    """
     of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
     rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
-    return [*of_frames, *rotors, *((f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints)]
+    offsets = [(f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints]
+    coupled = [robot.driven_names[i] for i in _coupled(robot)]
+    sliding = [(f"F_{joint}", "N" if slides[joint] else "N*m") for joint in coupled]
+    sliding += [(f"f_{joint}", "N*s/m" if slides[joint] else "N*m*s/rad") for joint in coupled]
+    return [*of_frames, *rotors, *offsets, *sliding]
+
+
+def _coupled(robot: Robot) -> list[int]:
+    """Motors that a gear couples with other joints, among the driven ones."""
+    return np.flatnonzero(np.count_nonzero(robot.mixing, axis=1) > 1).tolist()
 
 
 def base_columns_of(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLog]) -> tuple[IntArray, FloatArray]:
@@ -146,9 +158,10 @@ class RigidColumns:
 
     @cached_property
     def _function(self) -> tuple[ca.Function, IntArray, list[int]]:
-        """Rigid body's columns from q, v, a; indices of rotors and offsets among `chosen`; places of the rows."""
+        """Rigid body's columns from q, v, a; indices of the others among `chosen`; places of the rows."""
         n_l, names = len(self.robot.joints), [joint.name for joint in self.robot.joints]
-        chosen = np.arange(10 * n_l + 2 * len(self.joints)) if self.chosen is None else self.chosen
+        every = np.arange(len(column_names(self.robot, self.joints)))
+        chosen = every if self.chosen is None else self.chosen
         places = [names.index(joint) for joint in self.rows]
         q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
         columns = regressor(self.robot)(q, v, a)[places, chosen[chosen < 10 * n_l].tolist()]
@@ -163,7 +176,11 @@ class RigidColumns:
             k = self.joints.index(joint)
             rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
         of_rigid_body = np.asarray(ca.DM(function(*state))).reshape(len(places), n, -1).swapaxes(0, 1)
-        return np.concatenate([of_rigid_body, rotors[:, :, further]], axis=2)
+        coupled, to_joints = _coupled(self.robot), np.linalg.inv(self.robot.mixing)
+        v = to_joints[coupled] @ state[1, list(self.robot.driven_indices)]
+        rows = to_joints.T[[self.robot.driven_names.index(joint) for joint in self.rows]][:, coupled]
+        sliding = np.concatenate([np.sign(v), v]).T[:, None] * np.tile(rows, 2)
+        return np.concatenate([of_rigid_body, np.concatenate([rotors, sliding], axis=2)[:, :, further]], axis=2)
 
     def sampled(self, log: MotionLog) -> FloatArray:
         """Columns (n, len(rows), n_b) at some 500 samples."""

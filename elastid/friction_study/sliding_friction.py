@@ -179,7 +179,7 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
         records[0].name, tuple(log), records[0].rate_hz, position,
         np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
         np.array([_first_velocity(record) for record in records]), np.array(turns), load, carried, late,
-        records[0].hold == "zero-order",
+        records[0].hold == "zero-order"
     )  # fmt: skip
 
 
@@ -192,7 +192,7 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
     (n, m), rate_hz = position.shape, records[0].rate_hz
     q, v, a = smoothed_motion(position, rate_hz)[0]
     whole = np.zeros((3, len(robot.joints), n))
-    whole[0, list(robot.driven_indices)] = records[0].angles(len(robot.driven))[:, None]
+    whole[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
     for signals, values in zip(whole, (q, v, a), strict=True):
         signals[places] = values.T
     dynamics, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
@@ -376,7 +376,7 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
 def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
     """The signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
-    every = zip(robot.driven_names, first.angles(len(robot.driven)).tolist(), strict=True)
+    every = zip(robot.driven_names, (robot.mixing @ first.angles(len(robot.driven))).tolist(), strict=True)
     resting = {joint: angle for joint, angle in every if joint not in log}
     return MotionLog.of({joint: _motion(record, False) for joint, record in log.items()}, resting, passband_hz)
 
@@ -420,12 +420,12 @@ def check_torques(
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
-    """True if the torque of gravity at a joint changes with its angle, the others held; true of a robot with loops."""
+    """True if the torque of gravity at a motor changes with its angle, the others held; true of a robot with loops."""
     if joint.slides or robot.loops:
         return not joint.slides
     place, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
     if posture is not None:
-        q[list(robot.driven_indices)] = posture.angles[:, None]
+        q[list(robot.driven_indices)] = (robot.mixing @ posture.angles)[:, None]
     q[place] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
     theta = np.array([[value] * 3 for value, _ in robot.parameters().values()])
     torques = np.asarray(inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full())[place]

@@ -174,7 +174,7 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
         low, high = np.log([ranges.get(name, (slow, fast)) for name in terms.searched]).T
         optima = minimise(
             lambda x: search.project(search.eta(x))[1], starts,
-            jac="3-point", bounds=(low, high), x_scale=1.0, ftol=1e-12, xtol=1e-10,
+            jac="3-point", bounds=(low, high), x_scale=1.0, ftol=1e-12, xtol=1e-10
         )  # fmt: skip
         if not optima:
             text = "no start of its Stribeck curve leads to an optimum; check its levels"
@@ -258,7 +258,7 @@ def friction_of(value: Mapping[str, float], reference: float, measured: Measured
         max(0.0, value.get("quadratic", 0.0)), value.get("exponent", 2.0),
         load=LoadDependence(max(0.0, load.pop("coulomb", 0.0)), **load) if load else None,
         temperature=TemperatureDependence(reference, **heat) if set(heat) - {"decay"} else None,
-        directions=Directions(**apart) if apart else None, measured=measured,
+        directions=Directions(**apart) if apart else None, measured=measured
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ _WORDS = {
     "acceleration": r"\w*acc(el\w*)?|qdd|ddq|\w*beschl.*", "velocity":
     r"\w*vel(oc\w*)?|\w*speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl|vitesse",
     "position": r"\w*pos(i\w*)?|\w*angles?|ang|theta|phi|\w*winkel|enc.*|q|qm|qg|\w*lage|axis|joints?|"
-    "ak|[ar]korr",
+    "ak|[ar]korr"
 }  # fmt: skip
 _MEASURED = r"act.*|aipos|meas.*|mea|ist.*|adx?|fb|fdb|mot|motor|qm"
 _UNIT_WORDS = r"nm|rad|deg|mm|rpm|hz"

@@ -14,7 +14,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.logs import RecordedSpec, TextFormatSpec
+from elastid.experiment.specs.logs import RecordedSpec
 from elastid.logs.channel_guess import guess_commands, signals_of
 from elastid.logs.channel_names import ChannelGuess
 from elastid.logs.clocks import MAX_SAMPLES, clock_of
@@ -22,7 +22,7 @@ from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.files.log import Log as LogFile
 from elastid.logs.files.text import guess_format
 from elastid.logs.repair import Log, bridged
-from elastid.logs.units_and_sides import in_joints, link_side
+from elastid.logs.units_and_sides import link_side, on_one_side, to_joints
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
 
@@ -74,7 +74,7 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     rate_hz: in place of the rate of the log's clock.  DataError if the log has no command and position of each joint,
     or no rate.
     """
-    form = TextFormatSpec() if path.is_dir() else guess_format(path)
+    form = guess_format(path)
     with opened_log(path, form) as log:
         clock, members = clock_of(log), signals_of(log, MAX_SAMPLES, with_constant=True)
         kp, kd = (gains_in(log, name, len(joints)) for name in ("kp", "kd"))
@@ -110,7 +110,7 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
         log = Log(str(path), tuple(channel.full_name for channel in channels))
         values = read_channels(path, channels, recorded.text)
         linked = [bridged(link_side(channel, x, robot, log)) for channel, x in zip(channels, values.T, strict=True)]
-        columns[role], _ = in_joints(channels, np.stack(linked, axis=1), robot)
+        columns[role], _ = on_one_side(channels, np.stack(linked, axis=1), to_joints(channels, robot))
     rate_hz, controller = rate_hz or recorded.known_rate_hz, recorded.controller
     forward = 0.0 if controller is None else controller.velocity_feedforward
     velocity = forward * rate_hz * np.gradient(columns["reference"], axis=0)

@@ -37,7 +37,7 @@ from elastid.logs.repair.masks import step, without_dropouts, without_zero_rows
 from elastid.logs.repair.missing import bridged_gaps
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.rig import repaired_signals
-from elastid.logs.units_and_sides import check_values, in_joints, link_side
+from elastid.logs.units_and_sides import check_values, link_side, on_one_side, to_shafts
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, Hold
 from elastid.robot import Joint, Robot
@@ -150,7 +150,7 @@ class _LogReader:
 
     def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
         repaired, N, rate_hz = self._repaired(gathered)
-        values, known = in_joints(gathered.channels, repaired, self.robot)
+        values, known = on_one_side(gathered.channels, repaired, to_shafts(gathered.channels, self.robot))
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
         of_motors = [c.at for c in gathered.channels if c.role == "u"]
@@ -204,13 +204,14 @@ class _LogReader:
         moving = self._moving(positions, signals)
         if not moving:
             return ()
-        at_rest = zip(self.robot.driven, self.angles, strict=True)
+        E = self.robot.mixing
+        at_rest = zip(self.robot.driven, E @ self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
-        posture = Configuration(self.file.configuration or self.name, np.array(angles))
+        posture = Configuration(self.file.configuration or self.name, np.linalg.solve(E, angles))
         load_torque = np.zeros(len(angles))  # Nm, N: holds each driven joint, the payload at the last frame
         if self.file.load:
             model = formulate(with_point_mass(self.robot, self.payload))
-            load_torque = np.abs(equilibrium(model, np.asarray(model.theta), posture).u)
+            load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, np.asarray(model.theta), posture).u))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
         return tuple(
             FrictionRecord(

@@ -149,7 +149,7 @@ def _fitted(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, Floa
 
 def _relation_at(
     u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool,
-    others: Sequence[tuple[FloatArray, int]],
+    others: Sequence[tuple[FloatArray, int]]
 ) -> TorqueRelation:  # fmt: skip
     """The relation in a band."""
     torque = derivative(u, 0, rate_hz, width)

@@ -34,16 +34,9 @@ from elastid.logs.repair import Log
 from elastid.logs.repair.masks import STOPPED
 from elastid.logs.repair.missing import repair, repair_without_period
 from elastid.logs.repair.periodicity import check_repeat, grid_samples, report_unstated_period
-from elastid.logs.repair.time_stamps import (
-    MAX_CLOCK_ERROR,
-    MIN_DELAY_CORRELATION,
-    RESAMPLED,
-    SET_BACK,
-    at_times,
-    delay,
-)
+from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR, MIN_DELAY_CORRELATION, RESAMPLED, SET_BACK, at_times, delay
 from elastid.logs.step_images import without_step_images
-from elastid.logs.units_and_sides import UNWRAPPED, hold_samples, in_joints, report_drives
+from elastid.logs.units_and_sides import UNWRAPPED, hold_samples, on_one_side, report_drives, to_joints
 from elastid.record import REFERENCE, Motion, Record, motion_unit
 from elastid.robot import before_channels
 
@@ -152,7 +145,7 @@ class RecordedRig:
         elif "none" not in (file.period, recorded.period):
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
-        signals, _ = in_joints(channels, signals, self.robot)
+        signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         held = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
         is_moved = any(other.at for other in recorded.files if other.configuration == file.configuration)
@@ -247,9 +240,7 @@ def _lags(difference: FloatArray, mean: FloatArray) -> bool:
 
 
 def joined(
-    measure: Callable[[int, int], Record],
-    bounds: Sequence[tuple[int, int]],
-    dtype: np.dtype[Any],
+    measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, int]], dtype: np.dtype[Any]
 ) -> Record | None:
     """Record of all pieces with signals in files; None if they are not synchronous.
 

@@ -102,13 +102,23 @@ def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
-    """T (n_c, n_c) from channels by their own ratio to the link side; StudyError where a coupled one is missing."""
+    """T (n_c, n_c) from channels by their own ratio to joints; StudyError where a coupled one is missing."""
+    return _through_couplings(channels, robot, "motor", np.asarray(np.linalg.inv(robot.mixing)))
+
+
+def to_shafts(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
+    """T (n_c, n_c) from channels by their own ratio to motor shafts; StudyError where a coupled one is missing."""
+    return _through_couplings(channels, robot, "link", robot.mixing)
+
+
+def _through_couplings(channels: Sequence[ChannelSpec], robot: Places, side: str, angle: FloatArray) -> FloatArray:
+    """T (n_c, n_c) for channels on one side; angle (n_u, n_u): to the angles on the other side."""
     T, motors = np.eye(len(channels)), list(robot.motor_locations)
-    if all(channel.side != "motor" for channel in channels):
+    if np.array_equal(angle, np.eye(len(angle))):
         return T
-    torque, angle = robot.mixing.T, np.linalg.inv(robot.mixing)
+    torque = np.linalg.inv(angle).T
     for row, channel in enumerate(channels):
-        if channel.side != "motor" or channel.at not in motors:
+        if channel.side != side or channel.at not in motors:
             continue
         mixed = (angle if channel.is_motion else torque)[motors.index(channel.at)]
         for source in np.flatnonzero(np.abs(mixed) > 1e-12):  # smaller elements are rounding
@@ -154,10 +164,7 @@ def value_refusals(
         if values.size == 0:
             yield i, "contains no finite number; check its name"
         elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
-            yield (
-                i,
-                f"reaches {largest:.3g}, which is implausible; check name and placeholder for missing values",
-            )
+            yield (i, f"reaches {largest:.3g}, which is implausible; check name and placeholder for missing values")
         elif np.ptp(values) == 0 and channel.role not in resting:
             yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
 
@@ -233,20 +240,20 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
 def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
     for place, channel in enumerate(channels):
         same_kind = not like.is_motion or channel.quantity == like.quantity
-        if (channel.role, channel.side, channel.at) == (like.role, "motor", motor) and same_kind:
+        if (channel.role, channel.side, channel.at) == (like.role, like.side, motor) and same_kind:
             return place
     raise StudyError(
         "study/recorded",
         f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side: "
-        f"motor{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the link "
-        "side",
+        f"{like.side}{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the "
+        f"{'link' if like.side == 'motor' else 'motor'} side",
         f"channel {like.name_in_file}",
     )
 
 
-def in_joints(channels: Sequence[ChannelSpec], signals: FloatArray, robot: Places) -> tuple[FloatArray, FloatArray]:
-    """Signals (n, c) of the joints, where gears couple these, with the known disturbances in the torques; and these."""
-    T, torques = to_joints(channels, robot), [i for i, channel in enumerate(channels) if channel.role == "u"]
+def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signals (n, c) by T of `to_joints` or `to_shafts`, with the known disturbances in the torques; and these."""
+    torques = [i for i, channel in enumerate(channels) if channel.role == "u"]
     signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
     motors, known = [channels[i].at for i in torques], np.zeros((len(signals), len(torques)))
     for channel, signal in zip(channels, signals.T, strict=True):

@@ -209,11 +209,12 @@ class Influences:
         return total * small_sample_factors(max(dof, LEAST_DOF)) ** 2
 
     def _line_factor(self, influence: ComplexArray) -> float:
-        power, seen, stated = float(np.sum(np.abs(influence) ** 2)), 1.0, 1.0
-        for lag, rho in enumerate(self._autocorrelation[: influence.shape[1] - 1], start=1):
-            product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / power
-            seen += 2 * (product * rho).real
-            stated += 2 * max(1 - lag / self.correlated_lines, 0.0) * product.real
+        spectrum = np.fft.fft(influence, 2 * influence.shape[1], axis=1)
+        products = np.fft.ifft(np.sum(np.abs(spectrum) ** 2, axis=(0, 2)))[: influence.shape[1]]
+        rho = self._autocorrelation[: influence.shape[1] - 1]
+        lags, products = np.arange(1, len(rho) + 1), products[1 : len(rho) + 1] / products[0].real
+        seen = 1 + 2 * float(np.sum((products * rho).real))
+        stated = 1 + 2 * float(np.maximum(1 - lags / self.correlated_lines, 0.0) @ products.real)
         # A fit takes the correlation of errors of local methods out of the residuals.
         return max(seen, stated if self._together > 1 else 1.0, 1.0)
 

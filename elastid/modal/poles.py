@@ -28,7 +28,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
-from elastid.modal.model import ModalFit, unstacked
+from elastid.modal.model import ModalFit, tall_qr, unstacked
 
 # The highest line over half the rate of z: poles somewhat above the band can be found.
 HIGHEST = 0.9
@@ -210,7 +210,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
             near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(unstacked(columns)) ** 2, axis=1))
         used = np.tile(~near, 2)
         A = Q[used] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
-        basis, y = np.linalg.qr(A)[0], fit.data.y[used]
+        basis, y = tall_qr(A)[0], fit.data.y[used]
         y = y - basis[:, :-2] @ (basis[:, :-2].T @ y)
         outside[r] = np.sum((basis[:, -2:].T @ y) ** 2, axis=0)
         about = np.tile(_about(fit, r)[~near], 2)

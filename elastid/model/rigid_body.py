@@ -8,7 +8,7 @@ and inertias, g in masses. Springs, dampers, friction and rotors are left out; a
 other here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -171,15 +171,24 @@ def sensor_kinematics(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> t
 def inverse_dynamics(robot: Robot) -> ca.Function:
     """tau(q, v, a, theta) (n_l,) that the joints bear, by Newton-Euler; theta in the order of robot.parameters().
 
-    Nm of a rotation, N of a translation, in the order of robot.joints.
+    Nm of a rotation, N of a translation, in the order of robot.joints; at motors that gears couple with several joints
+    of the motor's shaft, as q, v and a are, by the motor's own ratio.
     """
-    n, names = len(robot.joints), list(robot.parameters())
-    q, v, a = (ca.SX.sym(name, n) for name in "qva")
+    names = list(robot.parameters())
     theta = ca.SX.sym("theta", len(names))
-    layout = tree(robot)
-    carried = inertias(robot, layout, dict(zip(names, ca.vertsplit(theta), strict=True)))
-    tau = bias(layout, carried, turns(layout, q), v, np.array(robot.gravity), a)
-    return ca.Function("inverse_dynamics", [q, v, a, theta], [tau], ["q", "v", "a", "theta"], ["tau"])
+    carried = inertias(robot, tree(robot), dict(zip(names, ca.vertsplit(theta), strict=True)))
+    state, tau = _at_shafts(robot, carried)
+    return ca.Function("inverse_dynamics", [*state, theta], [tau], ["q", "v", "a", "theta"], ["tau"])
+
+
+def _at_shafts(robot: Robot, carried: Sequence[BodyInertia]) -> tuple[list[ca.SX], ca.SX]:
+    """Symbols q, v, a (n_l,) and torques (n_l,) for shafts of motors and for joints without a motor."""
+    layout, state = tree(robot), [ca.SX.sym(name, len(robot.joints)) for name in "qva"]
+    E = np.eye(len(robot.joints))
+    E[np.ix_(robot.driven_indices, robot.driven_indices)] = robot.mixing
+    of_shafts = ca.sparsify(ca.DM(np.linalg.inv(E)))
+    q, v, a = (of_shafts @ x for x in state)
+    return state, of_shafts.T @ bias(layout, tuple(carried), turns(layout, q), v, np.array(robot.gravity), a)
 
 
 def regressor(robot: Robot) -> ca.Function:
@@ -191,12 +200,7 @@ def regressor(robot: Robot) -> ca.Function:
     for each joint's frame in turn, I about its origin (Atkeson, An and Hollerbach, Int. J. Robotics Research 5(3),
     1986). Some columns are zero or depend on others: only combinations of the numbers can be identified.
     """
-    n = len(robot.joints)
-    q, v, a = (ca.SX.sym(name, n) for name in "qva")
-    pi = ca.SX.sym("pi", 10, n)
-    carried = []
-    for column in ca.horzsplit(pi):
-        carried.append(BodyInertia(column[0], column[1:4], _tensor(column[4:])))
-    layout = tree(robot)
-    tau = bias(layout, tuple(carried), turns(layout, q), v, np.array(robot.gravity), a)
-    return ca.Function("regressor", [q, v, a], [ca.jacobian(tau, ca.vec(pi))], ["q", "v", "a"], ["Y"])
+    pi = ca.SX.sym("pi", 10, len(robot.joints))
+    carried = [BodyInertia(column[0], column[1:4], _tensor(column[4:])) for column in ca.horzsplit(pi)]
+    state, tau = _at_shafts(robot, carried)
+    return ca.Function("regressor", state, [ca.jacobian(tau, ca.vec(pi))], ["q", "v", "a"], ["Y"])

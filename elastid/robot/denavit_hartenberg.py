@@ -15,11 +15,11 @@ import numpy as np
 from elastid.base.names import Name, OptionalName
 from elastid.base.section import Key, section
 from elastid.base.units import Angle, Length, Mass
-from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload, six_numbers
+from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, six_numbers
+from elastid.robot.gears import GearCouplings
 from elastid.robot.joint import Joint
-from elastid.robot.placement import Acceleration3, Placement, Vector3
-from elastid.robot.robot import Robot
-from elastid.robot.tolerances import FileTolerances
+from elastid.robot.placement import Placement, Vector3
+from elastid.robot.robot import Frames, Gravity, OptionalPayload, Robot, RobotTolerances, Source
 
 
 @section
@@ -86,17 +86,12 @@ class DenavitHartenberg:
     inertia_about: Annotated[Literal["center_of_mass", "origin"], Key("Reference point of the links' inertia tensors: "
         "the centre of mass or the origin of the link's frame.", "`origin` for tables of dynamic parameters, which "
         "already include m c^2.")] = "center_of_mass"
-    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "rotate it for a robot on a "
-        "wall or ceiling, or rotate the base instead, not both.")] = (0.0, 0.0, -9.81)
-    source: Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "cite paper, file "
-        "and table, and name the invented numbers.")] = ""
-    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "one per accelerometer or marker "
-        "in the logs.")] = ()
-    payload: Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no payload).",
-        "give the load at the flange during the measurement.")] = None
-    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the numbers of the table that are not "
-        "parameters, {} for typical ones, or `exact` (default: as for a robot of bodies).", "exact lengths and masses "
-        "to 3 % for a calibration and a data sheet; larger ones for tables from papers.")] = None
+    gravity: Gravity = (0.0, 0.0, -9.81)
+    source: Source = ""
+    frames: Frames = ()
+    payload: OptionalPayload = None
+    gears: GearCouplings = ()
+    tolerances: RobotTolerances = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -112,7 +107,7 @@ class DenavitHartenberg:
             parent, last = link.body_name, Placement()
         frames = (Frame(TOOL, parent, self.tool), *self.frames)
         described = self.name, tuple(bodies), self.gravity, self.source, frames, self.payload
-        return Robot(*described, tolerances=self.tolerances)
+        return Robot(*described, gears=self.gears, tolerances=self.tolerances)
 
     def _body(self, link: Link, parent: str, before: Placement) -> Body:
         """The link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""

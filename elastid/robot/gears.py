@@ -9,7 +9,7 @@ before the coupling moves it, by that spring alone.
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,13 @@ class GearCoupling:
     def __post_init__(self) -> None:
         if self.motor == self.joint:
             raise ValueError(f"gears contains couplings only. Give the ratio of motor {self.motor} in motor.ratio")
+
+
+# fmt: off
+GearCouplings: TypeAlias = Annotated[tuple[GearCoupling, ...], Key("Gear couplings, by which one axis also rotates the "
+    "motor of another axis.", "for wrists with coupled motors; a missing coupling shows as torque of one motor on "
+    "another joint.")]
+# fmt: on
 
 
 def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "") -> FloatArray:

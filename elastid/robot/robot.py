@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
 from elastid.robot.body import BASE, TENSOR_LETTERS, TOOL, Body, Frame, Payload
 from elastid.robot.connections import Compensator, Loop
-from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
+from elastid.robot.gears import Gearbox, GearCouplings, check_gears, check_series, gearboxes, mixing
 from elastid.robot.joint import Joint
 from elastid.robot.measurement_chain import CHANNEL_NUMBERS, Chain, Channel
 from elastid.robot.placement import Acceleration3, Numbers, Path, Placement, below, number_at, replaced
@@ -96,6 +96,23 @@ def split_place(place: str) -> tuple[str, str, str]:
     return kind, name, axis
 
 
+# Keys that all forms of a robot have.
+# fmt: off
+Gravity: TypeAlias = Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "change it for a robot "
+    "on a wall or ceiling, unless `base` is rotated; [0, 0, 0] removes gravity from springs and postures.")]
+Frames: TypeAlias = Annotated[tuple[Frame, ...], Key("Named frames fixed to bodies, such as the tool.", "one for each "
+    "sensor or marker, and `tool` for the payload.")]
+OptionalPayload: TypeAlias = Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no "
+    "payload).", "change it instead of the last link for another tool, since the payload has its own parameters.")]
+Source: TypeAlias = Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "give "
+    "paper and table, date of a measurement, or the word synthetic; exports include it.")]
+RobotTolerances: TypeAlias = Annotated[FileTolerances, Key("Prior standard deviations of the values in this file: `{}` "
+    "for typical ones, or `exact` (default: typical for measured data, exact for a simulated robot unless `truth` "
+    "changes such a value).", "`exact` only if all numbers were identified or calibrated; otherwise the intervals "
+    "include the tolerances.")]
+# fmt: on
+
+
 @section
 class Robot:
     """Tree of bodies with joints, closed into loops, and all attached components.
@@ -122,28 +139,19 @@ class Robot:
         "not confused.")]
     bodies: Annotated[tuple[Body, ...], Key("Rigid bodies of the robot, each listed after its parent.", "one per part "
         "that moves separately; springs in series are joints of one body.")]
-    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "change it for a robot on a "
-        "wall or ceiling; [0, 0, 0] removes gravity from springs and postures.")] = (0.0, 0.0, -9.81)
-    source: Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "give paper and "
-        "table, date of a measurement, or the word synthetic; exports include it.")] = ""
-    frames: Annotated[tuple[Frame, ...], Key("Named frames fixed to bodies, such as the tool.", "one for each sensor, "
-        "and `tool` for the payload.")] = ()
-    payload: Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no payload).",
-        "change it instead of the last link for another tool, since the payload has its own parameters.")] = None
+    gravity: Gravity = (0.0, 0.0, -9.81)
+    source: Source = ""
+    frames: Frames = ()
+    payload: OptionalPayload = None
     loops: Annotated[tuple[Loop, ...], Key("Closed loops: connections between bodies beyond the tree.",
         "for parallel linkages and closed gears; omit them in a first serial fit.")] = ()
     compensators: Annotated[tuple[Compensator, ...], Key("Gravity compensators: coil or gas springs that support part "
         "of the weight.", "give every compensator; otherwise the fit attributes its stiffness to the gear of the "
         "axis.")] = ()
-    gears: Annotated[tuple[GearCoupling, ...], Key("Gear couplings, by which one axis also rotates the motor of "
-        "another axis.", "for wrists with coupled motors; a missing coupling shows as torque of one motor on another "
-        "joint.")] = ()
+    gears: GearCouplings = ()
     chain: Annotated[Chain, Key("Measurement chain: lags and gains of drives, sensors and filters.", "if the phase "
         "falls faster with frequency than the delay explains.")] = Chain()
-    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the values in this file: `{}` for typical "
-        "ones, or `exact` (default: typical for measured data, exact for a simulated robot unless `truth` changes such "
-        "a value).", "`exact` only if all numbers were identified or calibrated; otherwise the intervals include the "
-        "tolerances.")] = None
+    tolerances: RobotTolerances = None
     # fmt: on
 
     def __post_init__(self) -> None:

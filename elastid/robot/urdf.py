@@ -19,11 +19,11 @@ from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
-from elastid.robot.body import BASE, TENSOR, TENSOR_LETTERS, Body, Frame, Payload, possible, six_numbers
+from elastid.robot.body import BASE, TENSOR, TENSOR_LETTERS, Body, Frame, possible, six_numbers
+from elastid.robot.gears import GearCouplings
 from elastid.robot.joint import Joint, Limits, Motor, Spring
-from elastid.robot.placement import Acceleration3, Placement
-from elastid.robot.robot import Robot
-from elastid.robot.tolerances import FileTolerances
+from elastid.robot.placement import Placement
+from elastid.robot.robot import Frames, Gravity, OptionalPayload, Robot, RobotTolerances, Source
 
 _RULE = NameRule(without=SEPARATOR)
 
@@ -141,17 +141,12 @@ class UrdfRobot:
         "list every movable joint, at least as {}; motors and springs are added here.")]
     name: Annotated[OptionalName, Key("Name of the robot (default: name in the URDF).", "if two robots of one type "
         "need different names.")] = ""
-    gravity: Annotated[Acceleration3, Key("Acceleration of gravity in the base frame.", "along -z of the base in most "
-        "URDFs; change it for a wall or a ceiling.")] = (0.0, 0.0, -9.81)
-    source: Annotated[str, Key("Source of the robot's numbers, as free text (default: no source).", "cite the source "
-        "of springs and motors, which the URDF lacks.")] = ""
-    frames: Annotated[tuple[Frame, ...], Key("Further named frames fixed to bodies.", "for sensors without a link in "
-        "the URDF; massless links are frames already.")] = ()
-    payload: Annotated[Payload | None, Key("Payload at one of the frames or bodies (default: no payload).",
-        "give tool and load that the URDF lacks.")] = None
-    tolerances: Annotated[FileTolerances, Key("Prior standard deviations of the numbers of the file that are not "
-        "parameters, {} for typical ones, or `exact` (default: as for a robot of bodies).", "{mass: 20 %, inertia: 50 "
-        "%} if the URDF was made for visualisation and its masses are rough.")] = None
+    gravity: Gravity = (0.0, 0.0, -9.81)
+    source: Source = ""
+    frames: Frames = ()
+    payload: OptionalPayload = None
+    gears: GearCouplings = ()
+    tolerances: RobotTolerances = None
     # fmt: on
 
     def robot(self, folder: Path) -> Robot:
@@ -165,7 +160,7 @@ class UrdfRobot:
         bodies, frames = _Reader(root, self.joints).read()
         name = self.name or (root.name if "name" in root.attributes else path.stem)
         described = name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload
-        return Robot(*described, tolerances=self.tolerances)
+        return Robot(*described, gears=self.gears, tolerances=self.tolerances)
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,6 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.polynomial.polynomial import polyval
-from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import StudyError
@@ -201,34 +199,35 @@ class Filters:
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """H (..., n_u) at freq_hz (...)."""
         z_inverse = np.exp(-2j * np.pi * np.asarray(freq_hz) / rate_hz)
-        columns = []
-        for chain in self.sections:
-            H = z_inverse**self.delay
-            for section in chain:
-                H = H * polyval(z_inverse, section[:3]) / polyval(z_inverse, section[3:])
-            columns.append(H)
-        return np.stack(columns, axis=-1)
+        H = np.repeat((z_inverse**self.delay)[..., None], len(self.sections), axis=-1)
+        for j, chain in enumerate(self.sections):
+            for b_0, b_1, b_2, a_0, a_1, a_2 in chain:
+                above, below = b_0 + z_inverse * (b_1 + z_inverse * b_2), a_0 + z_inverse * (a_1 + z_inverse * a_2)
+                H[..., j] *= above / below
+        return H
 
     @property
     def matrices(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """A (n, n), B (n, n_u), C (n_u, n), D (n_u, n_u): x_(k+1) = A x_k + B e_k, u_k = C x_k + D e_k."""
-        systems = [self._of_motor(chain) for chain in self.sections]
-        A, B, C, D = (block_diag(*parts) for parts in zip(*systems, strict=True))
+        sizes, n_u = [2 * len(chain) + self.delay for chain in self.sections], len(self.sections)
+        n = sum(sizes)
+        A, B, C, D = np.zeros((n, n)), np.zeros((n, n_u)), np.zeros((n_u, n)), np.zeros((n_u, n_u))
+        for j, (end, size, chain) in enumerate(zip(np.cumsum(sizes), sizes, self.sections, strict=True)):
+            rows = slice(end - size, end)
+            A[rows, rows], B[rows, j], C[j, rows], D[j, j] = self._of_motor(chain)
         return A, B, C, D
 
-    def _of_motor(self, sections: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-        A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
-        parts = [_state_space(section) for section in sections] + [_DELAY] * self.delay
-        for a, b, c, d in parts:
-            A = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
-            B, C, D = np.vstack([B, b @ D]), np.hstack([d @ C, c]), d @ D
+    def _of_motor(self, sections: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        """A chain of sections in controller canonical form and of delays, each fed by the previous one."""
+        n, D = 2 * len(sections) + self.delay, 1.0
+        A, B, C = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        for i, section in zip(range(0, n, 2), sections, strict=False):
+            b, a = section[:3] / section[3], section[3:] / section[3]
+            A[i], B[i], A[i + 1, i] = C, D, 1.0
+            A[i, i : i + 2] = -a[1:]
+            C, D = b[0] * C, b[0] * D
+            C[i : i + 2] = b[1:] - b[0] * a[1:]
+        for i in range(2 * len(sections), n):
+            A[i], B[i] = C, D
+            C, D = np.eye(n)[i], 0.0
         return A, B, C, D
-
-
-def _state_space(section: FloatArray) -> tuple[FloatArray, ...]:
-    """A, B, C, D of a section (6,) in controller canonical form."""
-    b, a = section[:3] / section[3], section[3:] / section[3]
-    return np.array([-a[1:], [1.0, 0.0]]), np.array([[1.0], [0.0]]), (b[1:] - b[0] * a[1:])[None], b[None, :1]
-
-
-_DELAY = (np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))

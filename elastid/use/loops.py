@@ -27,6 +27,7 @@ robot, its motors free, that moves the motor of this axis; one that is farther t
 the phase of the loop: to its gains at low frequencies, to delay, sampling and filters at high ones.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -43,7 +44,6 @@ from elastid.simulation.controller import Filters, filters_of, gains_of, low_pas
 from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
 from elastid.use.closed_loops import LIMIT_DB, Closed, PlantMode, Plants, PostureFamily, Scene, scaled
 
-_STEP = 1e-5  # of a logarithm, for central differences
 WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # of notches
 LOWEST, HIGHEST = 2e-3, 0.45  # of a notch over the rate
 CORNER = 0.4  # largest of a low pass over the rate
@@ -115,26 +115,31 @@ class Cascade:
         return self.gains.response(freq_hz, rate_hz) * self.filters(rate_hz).response(freq_hz, rate_hz)
 
     def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently."""
-        n, x = len(self.velocity_gain), self.vector
-        slopes = np.empty((*freq_hz.shape, len(x)), complex)
-        for rows in (*np.arange(3 * n).reshape(3, n), *np.arange(3 * n, len(x))[:, None]):
-            step = np.zeros(len(x))
-            step[rows] = _STEP
-            part = rows[0] // n if rows[0] < 3 * n else 3 + (rows[0] - 3 * n) // 3
-            ahead, behind = (self.at(x + shift)._factor(part, freq_hz, rate_hz) for shift in (step, -step))
-            slopes[..., rows] = np.log(ahead / behind) / (2 * _STEP)
-        return slopes
+        r"""d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently.
 
-    def _factor(self, part: int, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """Factor of F: (..., n_u) of the gains (part 0 and 1) or low passes (2), (..., 1) of one notch (from 3 on)."""
-        if part < 2:
-            return self.gains.response(freq_hz, rate_hz)
-        of_part = [low_pass(corner, rate_hz) for corner in self.low_pass_hz]
-        if part > 2:
-            freq, width, depth = self.notches[part - 3].tolist()
-            of_part = [notch(freq, width, depth, rate_hz)]
-        return Filters(tuple([section] for section in of_part)).response(freq_hz, rate_hz)
+        .. math:: L = \frac{1}{s^2 + \sqrt 2 s + 1}, \quad N = \frac{s^2 + d w s + 1}{s^2 + w s + 1}, \quad
+                  s = \frac{1 - z^{-1}}{1 + z^{-1}} \Big/ \tan\frac{\omega}{2 f_s}
+        """
+        backward = 1 - np.exp(-2j * np.pi * freq_hz[..., None] / rate_hz)
+        centre, width, depth = self.notches.T
+
+        def scaled_s(of_filter_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
+            """s (..., n), and d ln s / d ln omega (n,)."""
+            omega = 2 * np.pi * of_filter_hz / rate_hz
+            return backward / (2 - backward) / np.tan(omega / 2), -omega / np.sin(omega)
+
+        def slope(s: ComplexArray, w: FloatArray | float) -> ComplexArray:
+            """d ln (s^2 + w s + 1) / d ln s."""
+            return np.asarray((2 * s**2 + w * s) / (s**2 + w * s + 1))
+
+        integral = self.position_gain / rate_hz * (1 - backward) / backward
+        of_position = self.position_gain / (self.position_gain + rate_hz * backward) + integral / (1 + integral)
+        (low, low_rate), (s, rate) = scaled_s(self.low_pass_hz), scaled_s(centre)
+        above, below = (w * s / (s**2 + w * s + 1) for w in (depth * width, width))
+        of_centre = (slope(s, depth * width) - slope(s, width)) * rate
+        of_notches = np.stack([of_centre, above - below, above], axis=-1).reshape(*freq_hz.shape, -1)
+        of_corner = -slope(low, math.sqrt(2)) * low_rate
+        return np.concatenate([of_position, np.ones_like(of_position), of_corner, of_notches], axis=-1)
 
     def on(self, scene: Scene) -> Closed:
         """The loops that it closes."""

@@ -102,11 +102,12 @@ TRACKING_HZ = 0.5
 class _Log:
     """A log of n samples along which the joints `moving`, of n_u, move: their regressions, records and signals.
 
-    rest (n_u,): angles of the posture, at which the others are held.
+    rest (n_u,): angles of the posture, at which the others are held.  E (n_u, n_u): `robot.mixing`.
     """
 
     n: int
     rest: FloatArray
+    E: FloatArray
     moving: tuple[int, ...]
     regressions: tuple[MotionFriction, ...]
     records: tuple[FrictionRecord, ...]
@@ -119,14 +120,18 @@ class _Log:
         n, rest = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
         signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
         moving = tuple(names.index(record.joint) for record in records)
-        return cls(min(len(records[0].position), n), rest, moving, regressions, records, signals)
+        return cls(min(len(records[0].position), n), rest, robot.mixing, moving, regressions, records, signals)
 
     def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
-        """Signals (n, n_u) of all joints from the moving joints. rest: values of the other joints."""
-        values = np.full((self.n, len(self.rest)), rest)
+        """Motions (n, n_u) of all joints from the moving motors. rest: values of the other joints."""
+        values = np.full((self.n, len(self.rest)), self.E @ rest if np.ndim(rest) else rest)
         for i, column in zip(self.moving, columns, strict=True):
             values[:, i] = column[: self.n]
-        return values
+        return np.asarray(np.linalg.solve(self.E, values.T).T)
+
+    def torques(self, columns: Iterable[FloatArray]) -> FloatArray:
+        """Torques (n, n_u) on all joints from the moving motors."""
+        return self.whole(columns) @ self.E.T @ self.E
 
     @property
     def position(self) -> FloatArray:
@@ -207,9 +212,9 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
     smooth, path = formulate(without_friction(plant.model.robot)), log.position
     rate, curvature = (log.whole(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration"))
-    torque = log.whole(record.torque for record in log.records)
+    torque = log.torques(record.torque for record in log.records)
     demand = feed_forward(smooth, q, path - path[0], rate, curvature)
-    rigid = log.whole(map(_rigid_torque, log.regressions, log.signals, log.records))
+    rigid = log.torques(map(_rigid_torque, log.regressions, log.signals, log.records))
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
@@ -219,7 +224,7 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     else:
         gains, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
         position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
-        load = log.whole(still if record.disturbance is None else record.disturbance for record in log.records)
+        load = log.torques(still if record.disturbance is None else record.disturbance for record in log.records)
         velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
         error = gains.kp * (position[0] - path[0]) + gains.kd * (velocity[0] - rate[0])
@@ -231,6 +236,7 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
 
 def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[ComparedSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
+    reading, u = moved.reading @ log.E.T, moved.u @ np.linalg.inv(log.E)
     for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
         kept = replace(
@@ -240,8 +246,8 @@ def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[
         motor, link = f"motor {record.joint}", f"joint {record.joint}"
         turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
         rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
-            (MOTION, motor, turning, record.position, moved.reading[:, i]),
-            (TORQUE, motor, driving, record.torque, moved.u[:, i]),
+            (MOTION, motor, turning, record.position, reading[:, i]),
+            (TORQUE, motor, driving, record.torque, u[:, i]),
             (LINK, link, turning, record.link_position, moved.q[:, model.index(link)]),
         )
         for kind, place, unit, y, y_twin in rows:

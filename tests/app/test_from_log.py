@@ -497,12 +497,17 @@ def test_force_and_accelerometer_in_two_files_are_one_measurement(
     assert {(c.unit, c.scale, c.file) for c in outputs} == {(unit, scale, 2)}
 
 
-def test_torques_and_positions_by_the_names_of_their_files_are_one_measurement(motion: Path, tmp_path: Path) -> None:
-    """Files with the same headings: joint_effort and joint_position."""
+@pytest.mark.parametrize(("first", "second"), [("j1", "j2"), ("Joint_1", "Joint_2")])  # the latter alone: a position
+def test_files_with_the_same_headings_are_one_measurement_by_their_names(
+    first: str, second: str, motion: Path, tmp_path: Path
+) -> None:
+    """Torques and positions as joint_effort and joint_position."""
     rows = np.loadtxt(motion, delimiter=";", skiprows=1)
     for name, columns in (("joint_position", [0, 2, 4]), ("joint_effort", [0, 1, 3])):
-        np.savetxt(tmp_path / f"{name}.csv", rows[:, columns], "%.8g", ",", header="time,j1,j2", comments="")
+        np.savetxt(
+            tmp_path / f"{name}.csv", rows[:, columns], "%.8g", ",", header=f"time,{first},{second}", comments=""
+        )
     study = new(tmp_path, tmp_path / "joint_position.csv", tmp_path / "joint_effort.csv")
     channels = {(c.role, c.channel, c.file) for c in study.experiment.as_recorded().channels}
-    assert channels == {("u", "j1", 1), ("u", "j2", 1), ("y", "j1", 2), ("y", "j2", 2)}
+    assert channels == {("u", first, 1), ("u", second, 1), ("y", first, 2), ("y", second, 2)}
     assert study.friction is not None

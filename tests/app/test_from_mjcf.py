@@ -8,11 +8,12 @@ from plants.mjcf_arm import ARM
 from plants.refusals import refused
 
 from elastid.app.mjcf_reader import robot_of
-from elastid.app.scaffold import read_mjcf
+from elastid.app.scaffold import new_from_logs, read_mjcf
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Robot
+from elastid.study.robots import load_robot
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
 pytestmark = pytest.mark.oracle
@@ -29,6 +30,23 @@ def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path: Path) -> N
         (tmp_path / "crane.xml").write_text(text)
         robots.append(read_mjcf(tmp_path / "crane.xml"))
     assert robots[0] == robots[1]
+
+
+def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp_path: Path) -> None:
+    """A material of a site; a site with the name of the trunk; a gear of 0.05 beside controls; a spring undamped."""
+    text = ARM.replace("<site", '<site name="trunk" material="red"/><site').replace('name="a"', 'name="a" gear="0.05"')
+    trunk = '<worldbody><body name="trunk"><geom size=".1"/></body>'
+    assets = '<asset><texture name="t" type="2d" file="no.png"/><material name="red" texture="t"/></asset>'
+    text = text.replace("<worldbody>", assets + trunk).replace(' damping="30"', "")
+    (tmp_path / "crane.xml").write_text(text)
+    robot = load_robot(new_from_logs(tmp_path / "new", [tmp_path / "crane.xml"]).parent / "robot.yml")
+    assert [frame.name for frame in robot.frames] == ["trunk", "trunk 2", "tool"]
+    x, *_ = robot.driven
+    assert x.motor is not None
+    assert (x.motor.ratio, x.limits.torque) == (1.0, 0.05 * 7)
+    bend = next(joint for joint in robot.joints if joint.name == "bend")
+    assert bend.spring is not None
+    assert bend.spring.damping > 0
 
 
 def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
@@ -81,6 +99,7 @@ def test_a_pedestal_and_a_trunk_that_floats_are_the_base(joint: str) -> None:
     text = ARM.replace("<worldbody>", at).replace("</worldbody>", "</body></worldbody>")
     robot, before, model = compiled(text), compiled(ARM), mujoco.MjModel.from_xml_string(text)
     assert [body.name for body in robot.bodies] == [body.name for body in before.bodies]
+    assert [joint.motor for joint in robot.driven] == [joint.motor for joint in before.driven]
     assert [frame.name for frame in robot.frames if frame.body == "base"] == ["stand"] * (not joint)
     data = mujoco.MjData(model)
     data.qpos[-len(robot.joints) :] += (q := np.random.default_rng(1).normal(size=len(robot.joints)))

@@ -3,12 +3,16 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
+from plants import arm
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
-from elastid.app.scaffold import from_robot
+from elastid.app.scaffold import from_robot, new_from_logs
+from elastid.robot import Limits
 from elastid.study import load
+from elastid.study.robots import yaml_text
 from tests.robot.test_urdf import written
 
 ARM = """<robot name="two \\n#link arm">
@@ -66,3 +70,16 @@ def test_a_joint_whose_links_have_no_inertia_is_refused_at_its_line(tmp_path: Pa
     path.write_text('<robot name="two">\n' + links + joints + "</robot>")
     with refused("robot/file", place="arm.urdf:6"):
         from_robot(path)
+
+
+def test_gravity_takes_half_of_no_torque_limit_in_drafted_postures(tmp_path: Path) -> None:
+    """An arm that its motors hold stretched out with 343 of 500 Nm would have no torque left to be excited."""
+    limits = Limits((-2.5, 2.5), torque=500.0), Limits((-2.5, 2.5), torque=500.0)
+    (tmp_path / "arm.yml").write_text(yaml_text(arm.robot(limits=limits)))
+    study = load(new_from_logs(tmp_path / "new", [tmp_path / "arm.yml"])).study
+    first, second = np.array(list(study.experiment.configurations.values())).T
+    # Moments about the joints with both links in a vertical plane.
+    of_fore = arm.MASS[1] * arm.OFFSET[1] * np.cos(first + second)
+    of_both = (arm.MASS[0] * arm.OFFSET[0] + arm.MASS[1] * arm.LENGTH) * np.cos(first) + of_fore
+    assert len(first) == 5
+    assert np.max(np.abs([of_fore, of_both])) * arm.GRAVITY < 250.0

@@ -1,11 +1,15 @@
 """The open benchmark: records and truths by a seed alone, and a score that follows from both."""
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from plants.measured import EMPS, measured
+from scipy.io import loadmat
 
 from elastid.app.cli import run_command
 
@@ -54,3 +58,13 @@ def test_torques_that_are_late_by_a_part_of_a_cycle(tmp_path: Path) -> None:
     assert (row["status"], row["of"]) == ("converged", 6)
     assert row["inside"] >= 5
     assert row["k_percent"] < 2
+
+
+@pytest.mark.slow
+def test_emps_in_free_run() -> None:
+    """Published mass to 1 %; over 25 s without feedback the position stays within 6 mm rms of a stroke of 250 mm."""
+    script, log = runpy.run_path(str(OPEN / "identibench_emps.py")), loadmat(measured(EMPS))
+    u, y = log["vir"].ravel(), log["qm"].ravel()
+    numbers = script["friction_study"](u, y)
+    assert numbers[0] == pytest.approx(95.11, rel=0.01)
+    assert np.sqrt(np.mean((script["simulate"](numbers, u, y[:20]) - y) ** 2)) < 6e-3

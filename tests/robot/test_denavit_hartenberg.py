@@ -137,6 +137,12 @@ def test_an_inertia_about_the_origin_is_brought_to_the_centre_of_mass(tmp_path):
         np.testing.assert_allclose(body.inertia_matrix, expected, atol=1e-12)
 
 
+def test_a_table_has_couplings_of_gears(tmp_path):
+    """The sixth motor of the TX40 turns with its fifth joint."""
+    robot = read(tx40() | {"gears": [{"motor": "6", "joint": "5", "ratio": 0.5}]}, tmp_path)
+    np.testing.assert_array_equal(np.argwhere(robot.mixing - np.eye(6)), [[5, 4]])
+
+
 @pytest.mark.parametrize(
     ("edit", "says"),
     [

@@ -82,7 +82,7 @@ def problem_of(study: Study) -> DesignProblem:
     sections = study.excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, study.design
     return DesignProblem(
         study.as_robot(), *sections, excluded_configurations=study.validation.configurations, model=study.model,
-        friction=study.estimator.friction,
+        friction=study.estimator.friction
     )  # fmt: skip
 
 

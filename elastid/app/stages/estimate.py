@@ -97,9 +97,7 @@ class RecordsOnShafts:
 
 
 def _artefacts(
-    responses: Sequence[Response],
-    notes: Sequence[Note],
-    friction: CompensatedFriction | None = None,
+    responses: Sequence[Response], notes: Sequence[Note], friction: CompensatedFriction | None = None
 ) -> Artefacts:
     def report(console: Console) -> None:
         """Print the notes, the number of responses and lines, and the compensated friction."""

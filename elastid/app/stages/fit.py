@@ -34,14 +34,7 @@ from elastid.report.content import (
     gear_table,
     parameter_rows,
 )
-from elastid.report.run_summary import (
-    OPEN_GEARS,
-    accuracy,
-    is_wrong,
-    next_steps,
-    numbers_answer,
-    residual_sentence,
-)
+from elastid.report.run_summary import OPEN_GEARS, accuracy, is_wrong, next_steps, numbers_answer, residual_sentence
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
@@ -184,10 +177,10 @@ SYMBOLS = (
     ("elastic joint {} (bearing or link, no motor)", False, {**OF_JOINTS, **OF_BEARINGS}),
     (
         "motor {} (motor side)", None,
-        {"fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft"},
+        {"fm": "viscous friction", "Jm": "inertia", "km": "stiffness of the shaft", "dm": "damping of the shaft"}
     ),
     ("body {}", None, {"m": "mass", "I": "inertia"}),
-    ("the outputs relative to the inputs", None, {"delay": "time delay"}),
+    ("the outputs relative to the inputs", None, {"delay": "time delay"})
 )  # fmt: skip
 STD_PARTS = {
     "std_noise": "measured variance of the FRFs (noise, and distortion between realisations)",

@@ -67,12 +67,7 @@ def gears(study: Study, work: Work) -> Artefacts:
 
 
 def on_straight_springs(
-    robot: Robot,
-    responses: Sequence[Response],
-    result: Result,
-    model: ModelSpec,
-    spec: FitSpec,
-    execution: Execution,
+    robot: Robot, responses: Sequence[Response], result: Result, model: ModelSpec, spec: FitSpec, execution: Execution
 ) -> tuple[Result, Robot]:
     """A fit and robot without the laws of springs of the robot's file, which are found from the records, too.
 

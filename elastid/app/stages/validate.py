@@ -130,7 +130,7 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
 
 def _balanced(
     path: Path, friction: CompensatedFriction | None, E: FloatArray | None, spec: EstimatorSpec,
-    model: tuple[Sequence[Part], Response],
+    model: tuple[Sequence[Part], Response]
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))

@@ -189,14 +189,14 @@ class SimulatedFrictionRig:
         noise = draw_noise(self.simulated.noise, len(run.path.position), rate_hz, model.n_u, model.inputs, seed)
         trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
         first = motion.period_samples or 0 if motion.purpose == "presliding_test" else 0
-        temperature, planned = self._thermometer(run, number), motion.planned
+        temperature, planned, E = self._thermometer(run, number), motion.planned, self.robot.mixing
         return FrictionRecord(
             motion.name,
             motion.joint,
             motion.purpose,
             rate_hz,
-            (trajectory.reading + noise.outputs)[first:, i],
-            (trajectory.u + noise.torque)[first:, i],
+            (trajectory.reading @ E.T + noise.outputs)[first:, i],
+            (trajectory.u @ np.linalg.inv(E) + noise.torque)[first:, i],
             temperature=None if temperature is None else temperature[first:],
             there=run.path.there,
             back=run.path.back,
@@ -244,7 +244,7 @@ class SimulatedFrictionRig:
         places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
         point = equilibrium(model, model.theta, run.plant.point.configuration)
         torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])
-        return float(np.abs(torque[:, run.index]).mean())
+        return float(np.abs(torque @ np.linalg.inv(self.robot.mixing)[:, run.index]).mean())
 
     def _thermometer(self, run: FrictionRun, number: int) -> FloatArray | None:
         """Temperatures as they are logged (n,), with one error for the motion."""

@@ -130,7 +130,7 @@ class TextLog(Log):
         delimiter = _delimiter(self.format)
         read = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
-            ndmin=2, max_rows=most,
+            ndmin=2, max_rows=most
         )  # fmt: skip
         try:
             return read(lines), ""
@@ -267,9 +267,7 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
         raise DataError("files/damaged", f"{archive} is not read. Unpack it, and give the path of the log", path)
     if b"\0" in raw[:4096] and not wide_encoding(raw):
         raise DataError(
-            "files/damaged",
-            "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5",
-            path,
+            "files/damaged", "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5", path
         )
     if is_large and b"\n" in raw and not wide_encoding(raw) and packing(path) is None:
         encoding = encoding_of(raw[: raw.rindex(b"\n")])
@@ -307,7 +305,7 @@ def _digits(number: re.Match[str]) -> str:
 
 def guess_format(path: Path) -> TextFormatSpec:
     """The format of a text log: the delimiter and decimal with which most of its fields are numbers."""
-    return _best_format(path)[1]
+    return TextFormatSpec() if path.is_dir() else _best_format(path)[1]
 
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:

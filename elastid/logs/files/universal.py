@@ -28,7 +28,7 @@ TIME_HISTORY = 1
 # Functions of a data set 58 by their type.
 FUNCTIONS = {
     0: "unknown", 2: "auto spectrum", 3: "cross spectrum", 5: "transmissibility", 6: "coherence", 9: "power spectral "
-    "density", 12: "spectrum",
+    "density", 12: "spectrum"
 }  # fmt: skip
 
 

@@ -175,10 +175,7 @@ CLIPPED = "samples at a limit"
 
 def step(x: FloatArray) -> float:
     """Return the step q of a signal (n,) whose finite values are whole steps apart but for spikes; else 0."""
-    values, smallest_gap = (
-        np.unique(x[:: max(1, len(x) // STEP_SAMPLES)]),
-        1e-9 * np.nanmax(np.abs(x), initial=0),
-    )
+    values, smallest_gap = (np.unique(x[:: max(1, len(x) // STEP_SAMPLES)]), 1e-9 * np.nanmax(np.abs(x), initial=0))
     # Spikes off the grid are many among the different values of a coarse grid, but few among the changes. What is whole
     # steps of q is whole steps of a fraction of q, too.
     largest = 0.0

@@ -158,12 +158,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
 
 
 def _replaced(
-    x: FloatArray,
-    suspects: BoolArray,
-    L: int,
-    sign: int,
-    to_nearest: FloatArray,
-    are_lost: bool = False,
+    x: FloatArray, suspects: BoolArray, L: int, sign: int, to_nearest: FloatArray, are_lost: bool = False
 ) -> tuple[FloatArray, BoolArray]:
     """Signal (P L,) with interpolations of the suspects (P L,) that are far from them, and flags of these samples.
 

@@ -98,9 +98,7 @@ def link_side_response(
     freq_hz, G = freq_hz[good], G[good]
     if np.any(np.diff(freq_hz) == 0):
         raise DataError(
-            "responses/lines",
-            f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz occurs twice. Keep one line",
-            table.path,
+            "responses/lines", f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz occurs twice. Keep one line", table.path
         )
     gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
     gain_of_elements = gain[:, :, None] / (f_u * _hold_response(table.path, freq_hz, inputs, spec))[:, None, :]
@@ -118,7 +116,7 @@ def link_side_response(
     return Response(
         freq_hz, G, u_places, y_places, quantity, configuration, noise=noise, notes=notes,
         sliding=robot.sliding((*u_places, *y_places)), input_units=input_units(inputs, robot),
-        hold=ZohTorque(rates, sampled) if any(rates) else None,
+        hold=ZohTorque(rates, sampled) if any(rates) else None
     )  # fmt: skip
 
 
@@ -161,9 +159,7 @@ def _discarded_lines_notes(table: ResponseTable, freq_hz: FloatArray, good: Bool
         return ()
     if not good.any():
         raise DataError(
-            "responses/lines",
-            f"none of its {len(good)} lines is finite, plausible and above 0 Hz",
-            table.path,
+            "responses/lines", f"none of its {len(good)} lines is finite, plausible and above 0 Hz", table.path
         )
     n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))
     reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, _UNUSABLE)) if n]

@@ -252,7 +252,7 @@ def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
 _FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, 9.80665
 _UNITS = {
     1: (1.0, 1.0), 2: (_FOOT, _POUND), 3: (1.0, _KILOGRAM), 4: (_FOOT, 0.138254954376), 5: (1e-3, 1e-3),
-    6: (1e-2, 1e-2), 7: (0.0254, _POUND), 8: (1e-3, _KILOGRAM), 10: (1e-3, 1.0),
+    6: (1e-2, 1e-2), 7: (0.0254, _POUND), 8: (1e-3, _KILOGRAM), 10: (1e-3, 1.0)
 }  # fmt: skip
 
 

@@ -1,0 +1,103 @@
+"""EMPS in free run as the benchmark identibench poses it: the friction study of elastid as a model of the position.
+
+    uv run --with identibench python scripts/benchmarks/open/identibench_emps.py
+
+`friction_study` estimates mass and friction of the carriage from the training log by a study of elastid. The model
+integrates them from 20 samples of the position, with the drive voltage of the test log as its only input: errors of the
+force add up over 25 s, since no measured position corrects them. `output_error` fits the same six numbers to the
+positions of the training log in free run, which is what the benchmark asks for. The last line is one JSON object: rms
+error of the position in mm.
+
+Measured: friction study 14.0 mm (friction_study_mm), output error 7.8 mm (output_error_mm), of a stroke of 250 mm.
+"""
+
+import json
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+import elastid
+from elastid.base.arrays import FloatArray
+
+RATE_HZ, N_PER_V = 1000, 35.15065188  # of the drive (Janot, Gautier and Brunot 2019)
+STUDY = """\
+name: emps
+robot:
+  name: carriage
+  gravity: [0, 0, 0]
+  bodies: [{name: carriage, joints: [{name: 1, motion: translation, axis: x, motor: {inertia: 95.11, ratio: 1}}]}]
+friction: {constant_velocity: detect}
+experiment:
+  recorded:
+    rate_hz: RATE
+    channels:
+      - {role: u, at: motor 1, channel: force, quantity: force, unit: N}
+      - {role: y, at: motor 1, channel: position, quantity: position, unit: m}
+    files: [{path: log.csv}]
+"""
+NUMBERS = ("J_m1", "Fc_m1", "f_m1", "dFc_m1", "df_m1", "o_m1")
+UNITS = np.array([1.0, 1.0, 10.0, 0.3, 5.0, 0.3])  # steps of the search, kg, N, N s/m
+
+
+def simulate(numbers: FloatArray, u: FloatArray, y_init: FloatArray) -> FloatArray:
+    """Position (N,) in free run from the first positions y_init."""
+    J, F_c, f, dF_c, df, o = numbers.tolist()
+    step_s = 1 / RATE_HZ
+    v, q = float(np.polyfit(np.arange(len(y_init)), y_init, 1)[0]) * RATE_HZ, float(y_init[0])
+    y = np.empty(len(u))
+    for k, force in enumerate(N_PER_V * u):
+        y[k] = q
+        sign = np.sign(v) or np.sign(force - o)
+        # Implicit in the viscous friction; Coulomb friction stops the carriage, it does not reverse it.
+        following = (v + step_s / J * (force - o - sign * F_c - dF_c)) / (1 + step_s / J * (f + sign * df))
+        v = following if following * sign > 0 else 0.0
+        q += step_s * v
+    return y
+
+
+def friction_study(u: FloatArray, y: FloatArray) -> FloatArray:
+    """The six numbers from voltage u (N,) and position y (N,), by a friction study of elastid."""
+    with tempfile.TemporaryDirectory() as folder:
+        study = Path(folder) / "study.yml"
+        study.write_text(STUDY.replace("RATE", str(RATE_HZ)), encoding="utf-8")
+        table = np.column_stack([N_PER_V * u, y])
+        np.savetxt(study.with_name("log.csv"), table, delimiter=",", header="force,position", comments="")
+        values = {number.name: number.value for number in elastid.run(study, Path(folder) / "run").result.numbers}
+    return np.array([values.get(name, 0.0) for name in NUMBERS])
+
+
+def output_error(u: FloatArray, y: FloatArray) -> FloatArray:
+    """The six numbers with which the free run is nearest to y (N,), from the numbers of the friction study."""
+    start = friction_study(u, y)
+
+    def errors_mm(x: FloatArray) -> FloatArray:
+        return 1e3 * (simulate(start + x * UNITS, u, y[:20]) - y)
+
+    return start + least_squares(errors_mm, np.zeros(len(start)), max_nfev=15, diff_step=1e-3).x * UNITS
+
+
+def model_by(identify: Callable[[FloatArray, FloatArray], FloatArray], context: Any) -> Callable[..., FloatArray]:
+    """Model (u (N, 1), y_init, attributes) -> y (N, 1) of identibench, fitted to its training log."""
+    log = next(iter(context.get_train_valid_sequences()))
+    numbers = identify(np.ravel(log[0]), np.ravel(log[1]))
+    return lambda u, y_init, *_: simulate(numbers, np.ravel(u), np.ravel(y_init))[:, None]
+
+
+def main() -> None:
+    """The benchmark's own evaluation of both, then one JSON line."""
+    from identibench import BenchmarkEMPS_Simulation, run_benchmark
+
+    scores = {
+        f"{identify.__name__}_mm": run_benchmark(BenchmarkEMPS_Simulation, partial(model_by, identify))["metric_score"]
+        for identify in (friction_study, output_error)
+    }
+    print(json.dumps({name: round(float(score), 2) for name, score in scores.items()}))
+
+
+if __name__ == "__main__":
+    main()
