@@ -125,7 +125,7 @@ def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
 
 
 def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:
-    """Covariance of vec G by noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V.  C_V (F, n_y, n_y): of one period."""
+    """Covariance of vec G by noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V.  C_V (F, n_y, n_y): in one period."""
     P = data.periods
     if np.ptp(P) == 0:
         return kronecker(estimate.input_factor / P[0], C_V, data.dof)

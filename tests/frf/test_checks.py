@@ -133,4 +133,3 @@ def test_equal_phases_and_scattered_realisations_have_a_note() -> None:
     G = Response(np.arange(1.0, 100), np.ones((99, 1, 1)) + 0j, *names, Configuration("b", np.zeros(1)), noise, total)
     noises = (noise, Covariance(total.variance / 4, 4), None)
     assert [len(checks.scatter_notes(replace(G, noise=part))) for part in noises] == [1, 0, 0]
-    assert not checks.scatter_notes(replace(G, total=noise))
