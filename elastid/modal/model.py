@@ -32,7 +32,7 @@ from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
 RESIDUALS = (-2, -1, 0, 1, 2)
-ILL_CONDITIONED = 1e-7  # diagonal of L, below which rounding spoils Q
+ILL_CONDITIONED = 1e-5  # diagonal of L, below which rounding spoils Q
 
 
 @dataclass(frozen=True)

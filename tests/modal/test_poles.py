@@ -10,7 +10,7 @@ from plants.marks import SEEDS
 
 from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes, modal_data
-from elastid.modal.model import ModalFit
+from elastid.modal.model import ModalFit, tall_qr
 from elastid.modal.modes import mac
 from elastid.modal.poles import HIGHEST, poles_over_orders, residual_peaks, stabilisation
 from elastid.response import Covariance, Response
@@ -165,3 +165,16 @@ def test_a_response_of_opposite_phase_has_the_modes_of_its_conjugate() -> None:
     assert modes.notes == ()
     np.testing.assert_allclose(inverted.freq_hz, modes.freq_hz, rtol=1e-6)
     np.testing.assert_allclose(inverted.zeta, modes.zeta, rtol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_tall_matrix_has_orthonormal_factors(seed: int) -> None:
+    """Three pairs of columns that differ by 1e-11 to 1e-5: Q^T Q = I and A = Q R to rounding, R triangular."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((500, 12))
+    A[:, :3] = A[:, 3:6] + 10 ** rng.uniform(-11, -5, 3) * A[:, :3]
+    A /= np.linalg.norm(A, axis=0)
+    Q, R = tall_qr(A)
+    np.testing.assert_allclose(Q.T @ Q, np.eye(12), atol=1e-12)
+    np.testing.assert_allclose(Q @ R, A, atol=1e-12)
+    np.testing.assert_array_equal(np.tril(R, -1), 0)
