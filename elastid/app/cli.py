@@ -32,7 +32,7 @@ from elastid.app.options import (
 from elastid.app.stage_table import NAMES
 from elastid.app.target_table import MODULES
 from elastid.base.codes import renamed
-from elastid.base.errors import ElastidError
+from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
 
 
@@ -448,7 +448,8 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
             click.echo(printable("".join([text.getvalue(), *answers])), err=True, nl=False)
             return error.exit_code
         case MemoryError() | ImportError():
-            return _ended(f"not enough memory for this study ({error}). Shorten its records", 2)
+            cause = f"the memory of the process is exhausted ({str(error) or type(error).__name__})"
+            return explained(StudyError("run/memory", f"{cause}. Shorten the records, or raise its limit (ulimit -v)"))
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
             advice = "Close programs that use it, free disk space or correct permissions, or give another --run"

@@ -52,11 +52,6 @@ class _Logs:
     signals: Signals
     shapes: Mapping[str, tuple[int, ...]]
 
-    @property
-    def firsts(self) -> list[Path]:
-        """First file of each measurement."""
-        return [measurement[0] for measurement in self.measurements]
-
 
 def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
     """The files of a new study in a folder, by name, guessed from the first of the logs; robot: that was measured.
@@ -101,7 +96,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
     unused += [f"# First cell without a number: {one_line(cell.partition('. ')[0])}" for cell in wrong]
     if guess.is_motion:
-        _columns(read.firsts, form, guess, False)
+        _columns([measurement[0] for measurement in read.measurements], form, guess, False)
         paths = [relative_paths(measurement, folder) for measurement in read.measurements]
         content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
         inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
@@ -114,7 +109,7 @@ def _of_torques(
     read: _Logs, folder: Path, guess: LogGuess, robot: Robot | None, frame: str, positions: Positions
 ) -> Iterator[str]:
     """Lines of a study of responses to torques, or to the force of a hammer or shaker, from its experiment on."""
-    driving, logs = {joint.torque.key for joint in guess.joints}, read.firsts
+    driving, logs = {joint.torque.key for joint in guess.joints}, [files[0] for files in read.measurements]
     period = _period(np.stack([x for g, x in read.signals if g.key in driving], axis=1))
     runs = runs_by_name(logs)
     names, configurations = _configurations(len(logs), guess.motions, robot, positions, [run[0] for run in runs])
@@ -145,12 +140,14 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
         listed = ", ".join(f"{name} {n}" for n, name in lengths.items())
-        text = f"its signals have different numbers of samples ({listed}), and their rates are not stated"
-        return "records/clock", f"{text}. Export them at one rate"
+        reason = "so that their rates or start times differ. Export all signals with one clock"
+        return "records/clock", f"its signals have different numbers of samples ({listed}), {reason}"
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
         missing = "power spectra have no phase and no input. Give --from the time histories of force and accelerations"
+    elif any(re.search(r"putData\{\d", signal.name) for signal in signals):
+        missing = "an iddata object of several experiments. Save each one, getexp(data, k), in a file of its own"
     elif signals and {signal.quantity for signal in signals} == {"acceleration"}:
         missing = (
             "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same "

@@ -163,7 +163,8 @@ def _text_table(log: TextLog) -> _Table | None:
             continue
         labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
-        parts = _cartesian(labels) if words is _PAIRS[0] else _polar(labels, x, y)
+        parts = dict(zip(("real", "imaginary"), map(quoted, labels), strict=True))
+        parts = parts if words is _PAIRS[0] else _polar(labels, x, y)
         x = 10 ** (x / 20) if parts.get("magnitude_unit") == "dB" else x
         G = (x + 1j * y if words is _PAIRS[0] else x).astype(np.complex128)
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
@@ -173,10 +174,6 @@ def _text_table(log: TextLog) -> _Table | None:
         freq = log.columns([log.headings.index(frequency)])[:, 0]
         return _table(freq, G.reshape(len(x), len(rows), len(columns)), keys, outputs, inputs)
     return None
-
-
-def _cartesian(labels: Sequence[str]) -> dict[str, str]:
-    return dict(zip(("real", "imaginary"), map(quoted, labels), strict=True))
 
 
 def _polar(labels: Sequence[str], magnitude: FloatArray, phase: FloatArray) -> dict[str, str]:

@@ -18,6 +18,7 @@ from elastid.logs.channel_guess import JointGuess, LogGuess
 from elastid.logs.channel_names import ChannelGuess, ChannelKey
 from elastid.logs.clocks import MAX_SAMPLES
 from elastid.logs.files.formats import opened_log
+from elastid.logs.units_and_sides import without_placeholders
 from elastid.robot import Joint, Robot
 
 MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
@@ -100,6 +101,6 @@ def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: 
             ys = [ChannelSpec("y", "any", positions[k].name, positions[k].column, quantity="position") for k in of_file]
             if ys:
                 with opened_log(path, form) as log:
-                    x = log.values(ys, slice(0, MAX_SAMPLES))
+                    x = without_placeholders(log.values(ys, slice(0, MAX_SAMPLES)))
                 moments[i][:, of_file] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
     return {motion.key: moments[:, :, i] for i, motion in enumerate(positions)}

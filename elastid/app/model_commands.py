@@ -20,6 +20,7 @@ from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.app.stages.validate import Validated, judge
 from elastid.app.summaries import predicted, validation_summary
+from elastid.base.display import Answer
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
@@ -29,7 +30,6 @@ from elastid.fit.fitted_robot import FittedRobot, estimated_robot
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.command_summaries import answer_of_loops, answer_of_map, answer_of_move
-from elastid.report.command_summary import Answer
 from elastid.report.figures.fit import octaves_figure
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer

@@ -44,8 +44,6 @@ _ACCELERATION, _TIMES_DRY, _PART_OF_LIMIT = 4.0, 3.0, 0.2
 _NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
 _LEAST_INERTIA = 1e-12  # kg m^2, of links that a motor moves: less is rounding
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
-
-
 _OF_ELASTID = (".yml", ".yaml")
 
 

@@ -157,7 +157,7 @@ STAGES = (
     ),
     Stage(
         "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:track_friction", "robot filter",
-        "measure friction", needs="filter",
+        "measure friction", needs="filter"
     ),
     Stage(
         "report", OF_FRICTION, ("report.html", "figures"), "elastid.app.stages.friction:report_friction",

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape as escape_html
 from itertools import zip_longest
-from typing import Any
+from typing import Any, TypeAlias
 
 from elastid.base.escape import one_line, printable
 
@@ -46,6 +46,29 @@ class Display:
     def _rest(self) -> Iterator[str]:
         if len(self.rows) > MAX_ROWS:
             yield f"  ... and {len(self.rows) - MAX_ROWS} more rows"
+
+
+# Questions of an answer, each with its sentences.
+Questions: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer of a command on its page and on the terminal: title, questions with sentences, tables with titles.
+
+    notes: below the tables of the page alone.  text: to copy.
+    """
+
+    title: str
+    questions: Questions
+    tables: tuple[Display, ...] = ()
+    notes: tuple[str, ...] = ()
+    text: str = ""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Sentences of all questions."""
+        return tuple(sentence for _, sentences in self.questions for sentence in sentences)
 
 
 def _html(text: str) -> str:

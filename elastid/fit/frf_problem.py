@@ -116,7 +116,7 @@ class Assembly:
         return notes_of(self.weights)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
-        """Return the fit with every configuration linearised at x."""
+        """Return the fit with every configuration linearised at x (n_x,)."""
         part = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
         inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
@@ -154,7 +154,7 @@ class Assembly:
         return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
-        """Return the springs that no single stiffness describes at the equilibrium of x."""
+        """Return notes on springs that no single stiffness describes at the equilibrium of x (n_x,)."""
         model = self.linearisation.model
         groups: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
         for configuration in (response.configuration for response in self.responses):
@@ -167,7 +167,7 @@ class Assembly:
         return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> "Assembly":
-        """Return the assembly with the weights of the robust loss at x."""
+        """Return the assembly with the weights of the robust loss at x (n_x,)."""
         if self.spec.weights.loss == "square":
             return self
         factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x)

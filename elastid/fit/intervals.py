@@ -96,7 +96,7 @@ class _Source:
     used: BoolArray
 
     def draw(self, rng: np.random.Generator) -> ComplexArray:
-        """Return a measured response."""
+        """Return a measured response drawn at random."""
         F, m = self.root.shape[:2]
         z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
         e = (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape)

@@ -125,7 +125,7 @@ def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
 
 
 def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:
-    """Covariance of vec G by the disturbing noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
+    """Covariance of vec G by noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V.  C_V (F, n_y, n_y): in one period."""
     P = data.periods
     if np.ptp(P) == 0:
         return kronecker(estimate.input_factor / P[0], C_V, data.dof)
@@ -170,7 +170,7 @@ def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, d
 
 
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
-    """left (x) right; fewer degrees of freedom than outputs leave right singular, until it is smoothed over lines."""
+    """left (F, n_u, n_u) (x) right (F, n_y, n_y), singular with dof < n_y until it is smoothed over lines."""
     variance = power(right)[:, :, None] * power(left)[:, None, :]
     for array in (left, right, variance):
         array.flags.writeable = False  # so that no copy is needed

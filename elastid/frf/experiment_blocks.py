@@ -158,12 +158,12 @@ class MeanSpectra:
 
     @cached_property
     def U(self) -> tuple[ComplexArray, ...]:
-        """Torques of each block."""
+        """Spectra of the torques (F, n_u, E) of each block."""
         return tuple(block.U for block in self.blocks)
 
     @cached_property
     def Y(self) -> tuple[ComplexArray, ...]:
-        """Motions of each block."""
+        """Spectra of the outputs (F, n_y, E) of each block."""
         return tuple(block.Y for block in self.blocks)
 
     @cached_property
@@ -182,7 +182,7 @@ class MeanSpectra:
         return added_cross_products(self.U, self.U)
 
     def of_periods(self, X: Sequence[ComplexArray], Z: Sequence[ComplexArray]) -> ComplexArray:
-        """Sum over experiments of P X Z^H, P periods each; X, Z: Y or U of each block."""
+        """Sum (F, a, b) over experiments of P X Z^H, P periods each; X, Z: Y or U of each block."""
         if np.ptp(self.periods) > 0:
             return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], Z)
         product = self.UU if X is self.U else self.YY if Z is self.Y else added_cross_products(X, Z)

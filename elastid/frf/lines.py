@@ -25,7 +25,7 @@ _LARGEST_STEP, _STEP_FRACTION, _MIN_MOVING_FRACTION, _MIN_STEP = 10.0, 0.95, 0.2
 
 
 def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> list[RecordSpectra]:
-    """Spectra of each record; with its driver, in which unstated lines are found, unless it is large."""
+    """Compute the spectra of each record, with its driver unless it is large; planned (F,): DFT bins of the plan."""
     is_stated = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
     every = [RecordSpectra(record) for record in records]
     return [part if is_stated or part.is_large else replace(part, driver=part.dft(part.driver_role)) for part in every]

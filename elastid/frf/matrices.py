@@ -14,7 +14,7 @@ Stacks: TypeAlias = Sequence[ComplexArray]
 
 
 def squared_magnitude(A: ComplexArray) -> FloatArray:
-    """|A|^2 of each element, without the root that its magnitude costs."""
+    """|A|^2 of each element of A (...), without the square root of np.abs."""
     return A.real**2 + A.imag**2
 
 
@@ -51,7 +51,7 @@ def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
 
 
 def inverse(A: ComplexArray) -> ComplexArray:
-    """A^-1 of each matrix; raise LinAlgError for a singular matrix."""
+    """Invert each matrix of A (..., n, n); raise LinAlgError for a singular matrix."""
     F, n, _ = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.inv(A), np.complex128)

@@ -89,7 +89,7 @@ class Compared:
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
     def weighed(self, good: IntArray) -> "Compared":
-        """Spectra in units of the noise that the good periods (indices) have at each line and its neighbours."""
+        """Divide spectra by the noise of the good periods at each line and its neighbours; good (k,): their indices."""
         c, _, n = self.X.shape
         of_good = self.X[:, good]
         V = of_good - of_good.mean(axis=1, keepdims=True)

@@ -98,7 +98,7 @@ def coherences_of_powers(
 
 
 def described_lines(lines: IntArray, record: Record) -> str:
-    """Lines as messages name them: their number and their range."""
+    """Number and range in Hz of lines (k,), DFT bins, for a message."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     unit = "Hz" if record.has_rate else "of the sampling rate"
     end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""
@@ -106,7 +106,7 @@ def described_lines(lines: IntArray, record: Record) -> str:
 
 
 def discarded_lines_note(lines: IntArray, first: Record, why: str) -> Note:
-    """A note on lines of records like the first at which G is not estimated."""
+    """A note on lines (k,), DFT bins of records like the first, at which G is not estimated."""
     return Note("frf/lines-discarded", f"{described_lines(lines, first)} discarded, because {why}")
 
 

@@ -91,7 +91,7 @@ class RecordSpectra:
         return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES
 
     def dft(self, role: Role) -> ComplexArray:
-        """The DFT of a signal as it was logged."""
+        """DFT (P, N // 2 + 1, c) of each period of the c channels of a signal, in logged units."""
         if role == self.driver_role and self.driver is not None:
             return self.driver
         return self._of_periods(role, 0, self.record.n_repeats)
@@ -195,7 +195,7 @@ class PeriodSpectra:
         return replace(self, z=self.z[:, index], scale=self.scale[index])
 
     def only(self, keep: IntArray) -> "PeriodSpectra":
-        """Spectra of some of the periods."""
+        """Spectra of some of the periods; keep (k,): their indices."""
         if len(keep) == len(self.periods):
             return self
         return replace(self, periods=self.periods[keep], z=self.z[keep])

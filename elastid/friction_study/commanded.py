@@ -372,8 +372,8 @@ def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
             gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.has_gravity[i] else []
             columns = [a[:, i], v[:, i], np.sign(v[:, i]), np.ones(n), *gravity]
             used = slice(width, n - width)
-            known = log.load[:, i] + (log.coupled_inertia[i] + log.late_inertia[i]) * a[:, i]
-            rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - known)[used]))
+            load = log.load[:, i] + (log.coupled_inertia[i] + log.late_inertia[i]) * a[:, i]
+            rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - load)[used]))
     numbers = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, joint in enumerate(problem.joints):
         X, y = (np.concatenate(parts) for parts in zip(*rows[joint], strict=True))

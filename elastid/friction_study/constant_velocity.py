@@ -189,7 +189,7 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
         passes.append(
             Pass(
                 f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part], record.torque[part],
-                record.load_torque, float(measured.mean()) if len(measured) else np.nan, record.slides, record.load,
+                record.load_torque, float(measured.mean()) if len(measured) else np.nan, record.slides, record.load
             )
         )  # fmt: skip
     return tuple(passes)

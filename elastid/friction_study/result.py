@@ -323,7 +323,7 @@ def _joint(
     return JointFriction(
         name, sliding.slides, sliding.constant_velocity, sliding.motion, static, presliding, at_rest,
         None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), unidentified,
-        (*notes, *refused), sliding.commanded,
+        (*notes, *refused), sliding.commanded
     )  # fmt: skip
 
 

@@ -388,7 +388,7 @@ def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) ->
         degc = np.interp(np.arange(len(degc)), np.flatnonzero(measured), degc[measured])
     return Motion(
         place, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
-        record.load_torque, degc if measured.any() else None, record.torque_delay_s,
+        record.load_torque, degc if measured.any() else None, record.torque_delay_s
     )  # fmt: skip
 
 

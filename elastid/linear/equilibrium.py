@@ -223,7 +223,7 @@ def preloads(
 
 
 def spring_notes(model: ElasticModel, theta: FloatArray, at: Iterable[OperatingPoint]) -> tuple[Note, ...]:
-    """Return a note for each joint that rests inside its backlash, with the configurations."""
+    """Return a note for each joint that rests inside its backlash in any configuration; theta (n_theta,), SI."""
     if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
         return ()
     points = tuple(at)

@@ -83,7 +83,7 @@ class Estimated:
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
         where: str = "", doubts: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
-        """Return the numbers of a fit; fixed: names that keep their base."""
+        """Return the numbers x (n_x,) of a fit.  base (n_theta,): SI.  fixed: names that keep their base."""
         indices = [i for i, name in enumerate(names) if name in parameters.names and name not in fixed]
         places = [parameters.names.index(names[i]) for i in indices]
         return cls(

@@ -119,7 +119,7 @@ def is_load(place: str) -> bool:
 
 
 def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Return Z^T matrix Z, symmetric to the last bit."""
+    """Return Z^T matrix Z (n, n), symmetric to the last bit; Z (n_q, n), matrix (n_q, n_q)."""
     if len(Z) == Z.shape[1]:
         return matrix  # nothing is held: Z is the unit matrix
     product = Z.T @ matrix @ Z

@@ -193,7 +193,7 @@ class Linearisation:
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
     ) -> LinearModel:
-        """Return the LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
+        """Return the LinearModel about the equilibrium of a configuration, theta (n_theta,); errors as `linearise`."""
         model = self.model
         check_theta(theta, self.parameters)
         theta, of_presliding = np.split(theta, [len(model.parameters)])

@@ -62,7 +62,7 @@ def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
 
 
 def normalised(shapes: ComplexArray) -> ComplexArray:
-    """Scale the columns to a largest entry of 1."""
+    """Scale the columns of shapes (n, n_m) to a largest entry of 1."""
     if not shapes.size:
         return shapes
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)

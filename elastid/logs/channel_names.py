@@ -18,7 +18,7 @@ _WORDS = {
     "ak|[ar]korr"
 }  # fmt: skip
 _MEASURED = r"act.*|aipos|meas.*|mea|ist.*|adx?|fb|fdb|mot|motor|qm"
-_UNIT_WORDS = r"nm|rad|deg|mm|rpm|hz"
+_UNIT_WORDS = r"[mk]?nm|m?rad|deg|mm|rpm|hz|inc|rev|counts?|ticks?|arms|ma"
 _NOT_MEASURED = (
     r"ref.*|cmd.*|command.*|aspos|ak|[ar]korr|d|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
     "model|init|kin|dyn|traj|qg|simple|follow.*"

@@ -16,7 +16,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.logs.clocks import TIME_UNITS, corrected_stamps, stamp_unit
+from elastid.logs.clocks import corrected_stamps, stamp_size
 from elastid.logs.files.formats import contents, read_channels
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.masks import samples_before_motion
@@ -224,7 +224,7 @@ def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:
         text = f"wrong values of {name}: {len(wrong)}, the first at {log.time_of(wrong[0])}; interpolated"
         log.report("time stamps corrected", len(wrong), text)
     t = stamps if len(stamps) else t
-    return t * TIME_UNITS[stamp_unit(t, rate_hz)]
+    return t * stamp_size(t, rate_hz)[1]
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:

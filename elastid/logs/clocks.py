@@ -75,6 +75,8 @@ def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
     """The stamps (n,) with wrong ones interpolated, and the numbers of these; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 
+    if np.isnan(t).mean() > _MAX_WRONG_FRACTION:
+        return t[:0], np.zeros(0, np.int64)
     away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
     is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
     none = np.zeros(0, np.int64)
@@ -84,14 +86,20 @@ def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
     return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
 
 
-def stamp_unit(t: FloatArray, rate_hz: float) -> str:
-    """Unit of stamps (n,): s, or another one of TIME_UNITS if only that fits the rate."""
-    steps = np.diff(t)
-    if not np.any(steps > 0):
-        return "s"
-    far = {unit: abs(np.log(np.median(steps[steps > 0]) * size * rate_hz)) for unit, size in TIME_UNITS.items()}
-    nearest = min(far, key=far.__getitem__)
-    return nearest if far[nearest] < MAX_RATE_LOG and far["s"] > np.log(MAX_RATE_RATIO) else "s"
+def time_units(t: FloatArray) -> dict[str, float]:
+    """Units that stamps (n,) may have, with their sizes in s, the typical one first; 100 ns since 1601 of Windows."""
+    return {"100 ns": 1e-7} if len(t) and 1e17 < t[0] < 1e18 else TIME_UNITS
+
+
+def stamp_size(t: FloatArray, rate_hz: float) -> tuple[str, float]:
+    """Unit of stamps (n,) and its size in s: the first of their units, or another one if only that fits the rate."""
+    steps, units = np.diff(t), time_units(t)
+    unit = next(iter(units))
+    if np.any(steps > 0):
+        far = {name: abs(np.log(np.median(steps[steps > 0]) * size * rate_hz)) for name, size in units.items()}
+        nearest = min(far, key=far.__getitem__)
+        unit = nearest if far[nearest] < MAX_RATE_LOG and far[unit] > np.log(MAX_RATE_RATIO) else unit
+    return unit, units[unit]
 
 
 def channel_rates(log: Log) -> list[tuple[str, str, float]]:
@@ -131,9 +139,10 @@ def clock_of(log: Log) -> Clock:
             # Gaps left out, their mean is that of a clock that jitters or is rounded.
             typical_hz = 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)]))
             low, high = 20.0, 200e3  # of logs of machines
-            unit = next((u for u, s in TIME_UNITS.items() if low <= typical_hz / s <= high), "s")
+            units = time_units(t)
+            unit = next((u for u, s in units.items() if low <= typical_hz / s <= high), next(iter(units)))
             grid = even_grid(t)
-            rate_hz = (typical_hz if grid is None else grid[1]) / TIME_UNITS[unit]
+            rate_hz = (typical_hz if grid is None else grid[1]) / units[unit]
             is_even = grid is not None and len(grid[0]) > grid[0][-1]
             why = f"steps of {name}, which seems to be in {unit}"
             why += f"; the time does not rise after sample {falls[0]}" if len(falls) else ""

@@ -58,17 +58,17 @@ def in_brackets(name: str) -> list[str]:
 
 
 def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:
-    """Return the unit in a heading; stated: by the file, in a row or an attribute of its own.
+    """Return the unit in a heading; stated: by the file, in a row or an attribute, for a heading without a known unit.
 
     >>> unit_of_heading("Torque[mNm]").unit, unit_of_heading("present_current_mA").unit
     ('mN*m', 'mA')
     >>> unit_of_heading("Position actual value [inc]").unknown
     'inc'
     """
-    for text in (stated, *in_brackets(name)):
-        if text and not _NO_UNIT.fullmatch(text.strip()):
-            unit = unit_of_text(text)
-            return HeadingUnit(unit) if HeadingUnit(unit).quantity else HeadingUnit(unknown=text.strip())
+    texts = [text for text in (*in_brackets(name), stated) if text and not _NO_UNIT.fullmatch(text.strip())]
+    if texts:
+        units = map(HeadingUnit, map(unit_of_text, texts))
+        return next((unit for unit in units if unit.quantity), HeadingUnit(unknown=texts[0].strip()))
     # A capital letter begins a word, but not behind the prefix of a unit: mNm, mA, daNm.
     text = re.sub(r"(?<=[a-z])(?<![^A-Za-z][mk])(?<!^[mk])(?<![^A-Za-z]da)(?=[A-Z])", "_", name).lower()
     for unit in _UNITS:

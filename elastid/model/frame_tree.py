@@ -230,10 +230,7 @@ def last_common(layout: Tree, first: int, second: int) -> int:
 
 
 def between(
-    layout: Tree,
-    turned: Sequence[Turn],
-    first: tuple[Attachment, Point],
-    second: tuple[Attachment, Point],
+    layout: Tree, turned: Sequence[Turn], first: tuple[Attachment, Point], second: tuple[Attachment, Point]
 ) -> ca.SX:
     """The vector (3,) from one body's point to another's, in the axes of the last frame that carries both, m."""
     frame = last_common(layout, first[0].frame, second[0].frame)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from elastid.base.display import Display, degrees, number, percent
-from elastid.report.command_summary import Answer
+from elastid.base.display import Answer, Display, degrees, number, percent
 from elastid.report.figures.use import SHOWN
 from elastid.use.closed_loops import LIMIT_DB
 from elastid.use.loops import Loops, LoopState

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from elastid.base.display import Display, number, percent
-from elastid.report.command_summary import Answer
+from elastid.base.display import Answer, Display, number, percent
 from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.fit import fleet_parameter
 

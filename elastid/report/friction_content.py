@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from elastid.base.display import digits, interval_of, number, percent
+from elastid.base.display import Questions, digits, interval_of, number, percent
 from elastid.base.errors import NoteGroup, grouped, notes_of
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, UnidentifiedTerm
-from elastid.report.command_summary import Questions
 from elastid.validation.log_comparison import LINK, NO_COMPARISON, LogComparison
 
 # The first answer, by the status.

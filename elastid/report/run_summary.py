@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elastid.base.display import capital, number, percent
+from elastid.base.display import Questions, capital, number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import Result
 from elastid.fit.status_terms import (
@@ -29,7 +29,6 @@ from elastid.fit.status_terms import (
 )
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
-from elastid.report.command_summary import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
 from elastid.validation.frf_error import FrfError, noise_p
 from elastid.validation.residual_tests import FALSE_ALARM

@@ -62,5 +62,5 @@ __all__ = [
     "GasSpring", "Gear", "GearCoupling", "GearRipple", "Hysteresis", "InertiaTensor", "Joint", "Limits",
     "LoadDependence", "Loop", "LuGre", "MaxwellSlip", "MeasuredRange", "Motor", "Payload", "Pin", "Placement",
     "Robot", "Rod", "Spring", "TemperatureDependence", "Tolerances", "TransmissionError", "Vector3",
-    "before_channels", "channel_name", "logged", "low_pass_response", "unit_axis",
+    "before_channels", "channel_name", "logged", "low_pass_response", "unit_axis"
 ]  # fmt: skip

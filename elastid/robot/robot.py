@@ -29,7 +29,7 @@ def check_unique_names(robot: "Robot") -> None:
             raise ValueError(f"body {name}: this name is reserved for the base. Rename the body")
     check_different("body", bodies)
     for kind, parts in (
-        ("joint", robot.joints), ("frame", robot.frames), ("loop", robot.loops), ("compensator", robot.compensators),
+        ("joint", robot.joints), ("frame", robot.frames), ("loop", robot.loops), ("compensator", robot.compensators)
     ):  # fmt: skip
         check_different(kind, [part.name for part in parts])
     masses = [*bodies, *(loop.name for loop in robot.loops)]
@@ -185,7 +185,7 @@ class Robot:
         """How much of each there is, and the joints with motor and spring."""
         counts = (
             (len(self.bodies), "bodies"), (len(self.driven), "motors"), (len(self.loops), "loops"),
-            (len(self.compensators), "compensators"), (len(self.gears), "gear couplings"),
+            (len(self.compensators), "compensators"), (len(self.gears), "gear couplings")
         )  # fmt: skip
         words = [f"{n} {noun if n > 1 else noun.replace('ies', 'y').rstrip('s')}" for n, noun in counts if n]
         load = [] if self.payload is None else [f"payload {self.payload.mass:g} kg"]

@@ -109,7 +109,7 @@ def read_elements(path: Path) -> UrdfElement:
 
 
 _MOVING: dict[str, Literal["rotation", "translation"]] = {
-    "revolute": "rotation", "continuous": "rotation", "prismatic": "translation",
+    "revolute": "rotation", "continuous": "rotation", "prismatic": "translation"
 }  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
 from elastid.study.load_file import with_load_file
-from elastid.study.messages import Problem, make_error, validate
+from elastid.study.messages import NO_LOG, Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath, Place, YamlSource, parse, read_source
@@ -67,8 +67,8 @@ def _convert_parameter(
         return _convert(value, names, (*path, *keys), table, problems)
 
     if not names:
-        known = did_you_mean(pattern, table, every)
-        problems.append(Problem(path, f"the robot has no parameter '{pattern}'; {known}", at_key=True))
+        advice = did_you_mean(pattern, table, every)
+        problems.append(Problem(path, f"the robot has no parameter '{pattern}'; {advice}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")
     bounds = None if spec.bounds is None else (number(spec.bounds[0], "bounds", 0), number(spec.bounds[1], "bounds", 1))
@@ -111,8 +111,8 @@ def with_usual_tolerances(study: Study) -> Study:
     if experiment.simulated is not None:
         paths = {name: path for name, (_, path) in (robot.numbers | robot.geometry).items()}
         free = choose(study.fit, robot, tuple(experiment.configurations)).free_names
-        held = [name for name in experiment.simulated.truth if name in paths and name not in free]
-        if tolerances is None and any(kind_of(paths[name]) for name in held):
+        fixed = [name for name in experiment.simulated.truth if name in paths and name not in free]
+        if tolerances is None and any(kind_of(paths[name]) for name in fixed):
             tolerances = Tolerances()
     else:
         of_current = any(channel.quantity == "current" for channel in experiment.channels)
@@ -220,9 +220,9 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     comment = " ".join(line.removeprefix("#").strip() for line in lines)
     stated = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
-    first = next((i for i, problem in enumerate(problems) if problem.is_missing_log), None) if stated else None
+    missing = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
     origin = f" (origin stated in the study: {stated[1]})" if stated else ""
-    return [replace(p, message=p.message + origin * (i == first)) for i, p in enumerate(problems)]
+    return [replace(p, message=p.message + origin * (i == missing)) for i, p in enumerate(problems)]
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:
@@ -231,10 +231,10 @@ def _exclude_all_amplitudes(study: Study) -> Study:
     if study.friction is not None or not left_out:
         return study
     planned = 1 if study.excitation is None else len(study.excitation.amplitudes)
-    levels = {name: list(range(1, planned + 1)) for name in left_out}
+    amplitudes = {name: list(range(1, planned + 1)) for name in left_out}
     if recorded is not None:
-        levels = {name: sorted({f.amplitude for f in recorded.files if f.configuration == name}) for name in left_out}
-    names = tuple(at_amplitude(name, level) for name in left_out for level in levels[name])
+        amplitudes = {q: sorted({f.amplitude for f in recorded.files if f.configuration == q}) for q in left_out}
+    names = tuple(at_amplitude(name, amplitude) for name in left_out for amplitude in amplitudes[name])
     return replace(study, validation=replace(study.validation, configurations=names))
 
 
@@ -305,7 +305,7 @@ def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
 def _override(source: YamlSource, keys: KeyPath, value: YamlSource, option: str) -> YamlSource:
     place = Place(2, 0, 0, option)
     data, path = _put(source.data, keys, value.data, option)
-    unchanged = {known: places for known, places in source.places.items() if known[: len(path)] != path}
+    unchanged = {steps: places for steps, places in source.places.items() if steps[: len(path)] != path}
     added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in unchanged}
     below = {(*path, *keys_below): (place, place) for keys_below in value.places}
     return YamlSource(data, {**unchanged, **added, **below}, source.text)

@@ -39,11 +39,6 @@ class Problem:
     at_key: bool = False
     is_weak: bool = False
 
-    @property
-    def is_missing_log(self) -> bool:
-        """True if the problem is a log that does not exist."""
-        return self.message.startswith(NO_LOG)
-
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
     """The section `root` made of plain data, and no problems; or None and the problems, each once."""

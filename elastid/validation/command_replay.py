@@ -188,7 +188,7 @@ def _held(signal: FloatArray, edges: FloatArray, period_s: float) -> FloatArray:
 _FACTORS = tuple((2.0 ** np.arange(-3, 4)).tolist())
 _DELAYS = tuple((0.02 * np.arange(-1, 9)).tolist())
 _GRIDS: dict[Literal["clock", "delay", "kp", "kd"], tuple[float, ...]] = {
-    "clock": _FACTORS, "delay": _DELAYS, "kp": _FACTORS, "kd": _FACTORS,
+    "clock": _FACTORS, "delay": _DELAYS, "kp": _FACTORS, "kd": _FACTORS
 }  # fmt: skip
 
 

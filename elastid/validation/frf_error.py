@@ -190,7 +190,7 @@ class Validation:
         rows = [
             (
                 a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
-                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}",
+                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}"
             )
             for a in self.configurations
         ]  # fmt: skip
@@ -216,10 +216,7 @@ def validate(
 
 
 def agreement(
-    measured: Response,
-    modelled: Response,
-    is_validation: bool = False,
-    shifts: ComplexArray | None = None,
+    measured: Response, modelled: Response, is_validation: bool = False, shifts: ComplexArray | None = None
 ) -> FrfError:
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
 

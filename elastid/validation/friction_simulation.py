@@ -26,11 +26,7 @@ from elastid.experiment.simulated.plant import Plant
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.friction_record import FrictionRecord, FrictionRecords
-from elastid.friction_study.inverse_dynamics_regression import (
-    TORQUE_COMPONENTS,
-    MotionFriction,
-    torque_components,
-)
+from elastid.friction_study.inverse_dynamics_regression import TORQUE_COMPONENTS, MotionFriction, torque_components
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.regressor import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction

@@ -65,7 +65,7 @@ class MeasuredModes:
                 number(f, digits(f, f_std)), number(1.96 * f_std, 2),
                 percent(zeta, digits(zeta, zeta_std)), percent(1.96 * zeta_std, 2),
                 *(model if np.isfinite(self.model_hz[i]) else ("missing" if self.is_missing[i] else "-", "", "")),
-                self.outputs[i],
+                self.outputs[i]
             ))  # fmt: skip
         return rows
 

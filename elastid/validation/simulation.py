@@ -140,7 +140,7 @@ def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
     u = logged(moved.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, discarded_periods=(), hold="zero-order", hold_samples=(),
-        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),
+        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs)
     )  # fmt: skip
 
 

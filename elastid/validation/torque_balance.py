@@ -36,15 +36,7 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Motion, Record
 from elastid.robot.simplified import elastic_coordinates, stiffened
-from elastid.validation.log_comparison import (
-    DRY,
-    ELASTICITY,
-    FRICTION,
-    RIGID_BODY,
-    VISCOUS,
-    BandBalance,
-    TorqueBalance,
-)
+from elastid.validation.log_comparison import DRY, ELASTICITY, FRICTION, RIGID_BODY, VISCOUS, BandBalance, TorqueBalance
 
 
 def torque_balance(
@@ -148,7 +140,7 @@ def elastic_balances(
     return tuple(
         torque_balance(
             place, record.name, record.units_of_inputs[i], record.rate_hz, measured[:, i],
-            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.has_rate,
+            {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.has_rate
         )
         for i, place in enumerate(motors.inputs)
     )  # fmt: skip

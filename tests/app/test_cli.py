@@ -334,3 +334,12 @@ def _descendants(pid: int) -> list[int]:
 )
 def test_missing_files_have_one_exit_code(words: str, tmp_path: Path) -> None:
     assert run_command(words.format(tmp_path).split()) == 2
+
+
+@pytest.mark.parametrize("error", [MemoryError(), ImportError("failed to map segment from shared object")])
+def test_exhausted_memory_is_named_with_a_code(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+    """An allocator gives no text, and a library that finds no room an import error."""
+    assert cli.explained(error) == 2
+    text = capsys.readouterr().err
+    assert "[run/memory]" in text
+    assert (str(error) or "MemoryError") in text

@@ -33,8 +33,12 @@ UNKNOWN = ("Arms", "%", "inc", "0.1%")
 CLOCKS = {"time": 1.0, "Time [ms]": 1e3, "timestamp": 1e6, "time_ns": 1e9, "index": 0.0, "": 0.0}
 
 
+# Of a further column.
+HEADINGS = ("Temp. [°C]", '"a,b"', "x: y", "# no", "null", "😀", "IO 1", "\u0085q")
+
+
 class Case(NamedTuple):
-    """How a log is written."""
+    """How a log is written; odd: a row of units that contradict headings, an error of a cell, or a further column."""
 
     layout: str
     units: tuple[str, str]
@@ -45,6 +49,7 @@ class Case(NamedTuple):
     numbers: tuple[int, ...]
     order: int
     copies: int
+    odd: str
 
 
 CASES = st.builds(
@@ -58,6 +63,7 @@ CASES = st.builds(
     st.sampled_from([(1,), (1, 2), (2, 1), (1, 2, 4), (3, 1, 2)]),
     st.integers(0, 1 << 16),
     st.integers(1, 2),
+    st.sampled_from(["", "units", "cell", *HEADINGS]),
 )
 
 
@@ -91,18 +97,25 @@ def write(folder: Path, case: Case) -> list[Path]:
     if case.clock:
         heads = [case.clock, *heads]
         rows = np.column_stack([np.arange(1200) * (CLOCKS[case.clock] / 250 or 1.0), rows])
+    if case.odd in HEADINGS:
+        heads, rows = [*heads, case.odd], np.column_stack([rows, np.sin(np.arange(1200) / 40)])
     paths = [folder / f"log_{i}.csv" for i in range(case.copies)]
     for i, path in enumerate(paths):
         scaled = rows * np.array([1.0 if head == case.clock else 1 + 0.05 * i for head in heads])
-        np.savetxt(
-            path, scaled, "%.9g", case.delimiter, header=case.delimiter.join(heads), comments="", encoding="utf-8"
-        )
+        cells = [heads, *([f"{x:.9g}" for x in row] for row in scaled)]
+        if case.odd == "units":
+            cells.insert(1, ["[deg]", "[Nm]", "[-]", "[s]"] * 3)
+        elif case.odd == "cell":
+            cells[600][case.order % len(heads)] = "#N/A"
+        path.write_text("\n".join(case.delimiter.join(row[: len(heads)]) for row in cells) + "\n", encoding="utf-8")
     return paths
 
 
 def check_statements(text: str, case: Case) -> None:
     """A stated unit is the study's; an unknown one has a question mark; without one its reason is written."""
     bracketed = "_" not in case.form
+    if case.odd == "units":  # of which any may be the log's
+        return
     for role, unit in (("u", case.units[0]), ("y", case.units[1])):
         if not bracketed and unit in IN_BRACKETS:  # a label as well
             continue

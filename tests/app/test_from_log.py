@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from plants.measured import BENCH, EMPS, KUKA, measured
 from plants.mjcf_arm import ARM as CRANE
+from plants.refusals import refused
 from scipy.io import savemat
 
 from elastid.app import cli
@@ -15,7 +16,7 @@ from elastid.app.console import Console
 from elastid.app.from_log import texts_from_logs
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import imported_responses
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.store.measured import read_responses
@@ -69,7 +70,7 @@ def test_a_motion_becomes_a_study_of_friction_that_runs(motion: Path, tmp_path: 
         assert numbers[f"f_m{k}"] == pytest.approx(5, rel=0.01)
 
 
-@pytest.mark.parametrize(("column", "cell"), [(0, "-999"), (0, "nan"), (0, "65535"), (1, "100"), (1, "-999")])
+@pytest.mark.parametrize(("column", "cell"), [(0, "-999"), (0, "nan"), (0, "65535"), (1, "100"), (1, "#N/A")])
 def test_one_wrong_cell_changes_neither_kind_nor_rate(motion: Path, tmp_path: Path, column: int, cell: str) -> None:
     lines = motion.read_text().splitlines()
     cells = lines[2000].split(";")
@@ -95,12 +96,10 @@ def test_rows_that_run_backwards_in_time_are_refused(motion: Path, tmp_path: Pat
     new(tmp_path, motion)
     head, *rows = motion.read_text().splitlines()
     motion.write_text("\n".join([head, *reversed(rows)]) + "\n")
-    with pytest.raises(DataError) as refusal:
+    with refused("records/clock", place=str(motion)):
         texts_from_logs(tmp_path / "other", [motion])
-    assert (refusal.value.code, refusal.value.place) == ("records/clock", str(motion))
-    with pytest.raises(StudyError) as faulty:
+    with refused("study/invalid", holds="rate_hz"):
         load_with_logs(tmp_path / "new" / "study.yml")
-    assert "rate_hz" in str(faulty.value)
 
 
 def test_a_log_whose_clock_was_set_back_is_one_of_friction(motion: Path, tmp_path: Path) -> None:
@@ -118,9 +117,8 @@ def test_a_log_whose_clock_was_set_back_is_one_of_friction(motion: Path, tmp_pat
 def test_a_log_of_one_row_is_too_short(motion: Path, tmp_path: Path) -> None:
     """Its delimiter is right."""
     motion.write_text("\n".join(motion.read_text().splitlines()[:2]) + "\n")
-    with pytest.raises(DataError) as refusal:
+    with refused("records/values"):
         texts_from_logs(tmp_path / "new", [motion])
-    assert refusal.value.code == "records/values"
 
 
 def test_hammer_tests_without_force_are_refused(tmp_path: Path) -> None:
@@ -224,9 +222,10 @@ def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp
         ({"t": 5 + np.arange(400) / 500}, ""),
         ({"t": 2.0 * np.arange(400)}, ""),
         ({"t": np.delete(np.arange(401) / 500, 99)}, "t"),
+        ({"t": 133_300_000_000_000_000 + 20_000 * np.delete(np.arange(401), 99)}, "t"),
         ({"fs": 500.0}, ""),
     ],
-    ids=["s", "ms", "gap", "rate"],
+    ids=["s", "ms", "gap", "filetime", "rate"],
 )
 def test_the_rate_is_that_of_the_clock_of_a_log(clock: dict[str, Any], time: str, tmp_path: Path) -> None:
     """Wherever it begins and whatever its unit; stamps of an even one need not be read."""
@@ -407,11 +406,8 @@ def test_logs_that_are_not_of_one_study_are_refused(change: dict, numbers: list[
     controller = new(tmp_path, tmp_path / "a.npz").experiment.as_recorded().controller
     assert controller is not None
     assert controller.position_gain == (20.0, 20.0)
-    with pytest.raises(DataError) as refusal:
+    with refused("records/channels", holds=("b.npz", *numbers)):
         texts_from_logs(tmp_path / "new", [tmp_path / "a.npz", tmp_path / "b.npz"])
-    assert refusal.value.code == "records/channels"
-    assert "b.npz" in str(refusal.value)
-    assert all(number in str(refusal.value) for number in numbers)
 
 
 def test_commands_without_time_are_refused(tmp_path: Path) -> None:
@@ -419,9 +415,8 @@ def test_commands_without_time_are_refused(tmp_path: Path) -> None:
     command = np.sin(np.arange(600.0) / 100)[:, None]
     arrays = {"command_rad": command, "position_rad": 0.9 * command, "kp": 20.0, "kd": 1.0}
     np.savez(tmp_path / "log.npz", **arrays)
-    with pytest.raises(DataError) as refusal:
+    with refused("records/clock"):
         texts_from_logs(tmp_path / "new", [tmp_path / "log.npz"])
-    assert refusal.value.code == "records/clock"
     np.savez(tmp_path / "log.npz", **arrays, rate_hz=250.0)
     assert new(tmp_path, tmp_path / "log.npz").experiment.as_recorded().rate_hz == 250
 
@@ -468,9 +463,8 @@ def test_channels_of_a_scope_with_their_own_sample_times_are_in_step(tmp_path: P
     measured = np.interp(freq, response.freq_hz, np.real(response.G[:, 0, 0]))
     np.testing.assert_allclose(measured, G.real, atol=1e-3 * abs(G).max())
     scope_export(tmp_path / "late.csv", start_ms=-1)
-    with pytest.raises(DataError, match="1 ms") as refused:
+    with refused("records/clock", holds="1 ms"):
         texts_from_logs(tmp_path, [tmp_path / "late.csv"])
-    assert refused.value.code == "records/clock"
 
 
 @pytest.mark.parametrize("file", ["raw_data_x.csv", "resonances_x.csv"])
@@ -480,9 +474,8 @@ def test_accelerations_or_spectra_alone_are_refused(file: str, tmp_path: Path) -
     head = names["resonances" in file]
     rows = np.column_stack([np.arange(400) / 3200, rng.normal(0, 300, (400, head.count(",")))])
     np.savetxt(tmp_path / file, rows, "%.6f", ",", header=head, comments="")
-    with pytest.raises(DataError) as refused:
+    with refused("records/channels"):
         texts_from_logs(tmp_path, [tmp_path / file])
-    assert refused.value.code == "records/channels"
 
 
 @pytest.mark.parametrize(("size", "unit", "scale"), [(9806.65, "mm/s^2", 1), (1.0, "m/s^2", 9.80665), (0, "m/s^2", 1)])

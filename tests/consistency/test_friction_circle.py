@@ -20,7 +20,7 @@ from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
 from elastid.nonlinear.compensate_friction import compensate_friction
 from elastid.nonlinear.identify_friction import identify_motor_friction
-from elastid.robot import Limits, Robot
+from elastid.robot import Limits
 from elastid.robot.simplified import with_joints
 from elastid.simulation.spec import ControllerSpec
 
@@ -31,15 +31,11 @@ PASSES = ConstantVelocitySpec((0.05, 1.2), count=6, spacing="logarithmic", repea
 FAR = 2.6
 
 
-def limited(machine: Robot) -> Robot:
-    """With limits, within which passes are designed."""
-    return with_joints(machine, lambda joint: replace(joint, limits=LIMITS) if joint.motor else joint)
-
-
 @pytest.fixture(scope="module")
 def passes() -> FrictionResult:
     """Of the robot of `dry_friction`, both axes, 3 min of the robot."""
-    machine, law = limited(robot()), LawSpec(directions="no")
+    machine = with_joints(robot(), lambda joint: replace(joint, limits=LIMITS) if joint.motor else joint)
+    law = LawSpec(directions="no")
     spec = FrictionSpec(rate_hz=500.0, constant_velocity=PASSES, law=law)
     noise = NoiseSpec(torque_std=0.3, angle_std=1e-7)
     simulated = SimulatedSpec(noise=noise, controller=ControllerSpec(3.0), substeps=4)

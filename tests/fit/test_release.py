@@ -85,18 +85,16 @@ def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(er
         assert (std < 0.004 * truth) if error == 0 else (std > 0.005 * truth)
 
 
-def turned(G: Response) -> Response:
-    """Measured 0.15 rad from where its record says."""
-    return replace(G, configuration=replace(G.configuration, angles=np.array(G.configuration.angles) + 0.15))
-
-
 @pytest.mark.parametrize("seed", [0, slow(1)])
 @pytest.mark.parametrize(
     ("cause", "fault"),
     [
         ("torques@c1", lambda G: replace(G, G=1.1 * G.G)),
         ("delay@c1", lambda G: replace(G, G=G.G * np.exp(-2e-3j * np.pi * G.freq_hz)[:, None, None])),
-        ("angle_2@c1", turned),
+        (
+            "angle_2@c1",
+            lambda G: replace(G, configuration=replace(c := G.configuration, angles=c.angles + 0.15)),
+        ),
     ],
 )
 def test_one_wrong_record_is_a_misfit_of_its_own_cause_and_not_of_the_ratios(

@@ -4,11 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
 from elastid.base.arrays import ComplexArray
+from elastid.covariance import Covariance
+from elastid.frf import checks
 from elastid.frf.checks import hit_notes, inconsistency_notes, pulses, separated_lines
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Configuration, Record
+from elastid.response import Response
 
 MOTORS = ("motor 1", "motor 2", "motor 3")
 
@@ -24,9 +28,10 @@ def test_each_input_is_held_against_its_own_noise() -> None:
     X = U[:, None] + error * noise[:, None] / np.sqrt(2)
     mean, variance = X.mean(axis=1), X.var(axis=1, ddof=1).mean(axis=-1)
     block = Block(mean, mean, None, np.full(2, float(P)), variance, 2 * (P - 1))
-    flags = separated_lines(MeanSpectra((block,), np.zeros(0), 0), [[]], "arithmetic").reshape(-1, 3)
-    assert flags[:, :2].mean() > 0.99
-    assert flags[:, 2].mean() < 0.02
+    for method in ("arithmetic", "h1"):
+        flags = separated_lines(MeanSpectra((block,), np.zeros(0), 0), [[]], method).reshape(-1, 3)
+        assert flags[:, :2].mean() > 0.99
+        assert flags[:, 2].mean() < 0.02
 
 
 def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
@@ -107,3 +112,24 @@ def test_faults_are_named(fault: str, code: str) -> None:
     else:
         u, y = u[: STARTS[2] + 3], y[: STARTS[2] + 3]
     assert codes(u, y) == [code]
+
+
+def test_records_of_one_configuration_have_one_clock_and_the_same_places() -> None:
+    """Clocks differ by at most 1e-4."""
+    first = record(*hits())
+    checks.refuse_mismatch([first, replace(first, rate_hz=RATE_HZ * (1 + 9e-5))])
+    for changed in ({"rate_hz": RATE_HZ * (1 - 2e-4)}, {"inputs": MOTORS[:1]}):
+        with refused("frf/records"):
+            checks.refuse_mismatch([first, replace(first, **changed)])
+
+
+def test_equal_phases_and_scattered_realisations_have_a_note() -> None:
+    """Inputs that differ by 10 % are a repeat; scatter of 0.5 |G| counts at 50 times the noise, not at twice."""
+    U = np.random.default_rng(0).normal(size=(99, 1, 1)) + 0j
+    blocks = [Block(u, u, None, np.full(1, 2.0), np.zeros((99, 1)), 4) for u in (U, 1.1 * U, U[::-1])]
+    assert len(checks.repeated_phase_notes(blocks, 3 * [[record(*hits())]])) == 1
+    noise, total = (Covariance(np.full((99, 1, 1), std**2), 4) for std in (0.01, 0.5))
+    names = ("motor 1",), ("motor 1",), "position"
+    G = Response(np.arange(1.0, 100), np.ones((99, 1, 1)) + 0j, *names, Configuration("b", np.zeros(1)), noise, total)
+    noises = (noise, Covariance(total.variance / 4, 4), None)
+    assert [len(checks.scatter_notes(replace(G, noise=part))) for part in noises] == [1, 0, 0]

@@ -165,17 +165,6 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     assert response.notes[0].code == "frf/lines-discarded"
 
 
-def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
-    a, b = _experiments(_plant(10, 1, 2), np.arange(5, 15), 1, np.random.default_rng(0))
-    for changed in (
-        replace(b, rate_hz=400.0),
-        replace(b, period_samples=128),
-        replace(b, inputs=("motor 9", *b.inputs[1:])),
-    ):
-        with refused("frf/records"):
-            estimate([a, changed], ALL_PERIODS)
-
-
 def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:
     """planned and band together; an empty band is refused."""
     lines = np.arange(5, 60, 2)

@@ -41,11 +41,6 @@ def motion(seed: int, top: float = 0.2) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: top / largest * v(t)
 
 
-def profile(seed: int, top: float = 0.2) -> np.ndarray:
-    """Velocities (n,) of such a motion in the middle of steps of 50 us."""
-    return motion(seed, top)((np.arange(20_000) + 0.5) * 5e-5)
-
-
 def minor_loop(law: Law, curve: Curve) -> tuple[float, float]:
     """Torque where a small excursion back begins, and where it ends at the same displacement."""
     there, little = np.full(600, 1e-2), np.full(60, -1e-2)
@@ -155,7 +150,7 @@ def test_a_joint_at_rest_under_load_does_not_creep() -> None:
 @pytest.mark.slow
 def test_what_passes_the_check_gives_no_energy(seed: int, top: float) -> None:
     """Constant sigma_1 with just enough viscous friction, and a falling one at its bound, only take."""
-    v = profile(seed, top)
+    v = motion(seed, top)((np.arange(20_000) + 0.5) * 5e-5)
     sigma_1 = 30.0
     viscous = sigma_1 * (F_S - F_C) / F_C
     slip = 2 * np.abs(v).max() * 5e-5 * F_S  # the sum is the integral to first order

@@ -20,10 +20,6 @@ H, TIME_CONSTANT, AMBIENT = 8.0, 45 * 60.0, 34.0
 SPEEDS = (8.0, 60.0, 200.0)
 
 
-def level_of(speed: FloatArray, T: FloatArray) -> FloatArray:
-    return 26 * published_friction.torque(np.asarray(speed), np.zeros_like(speed), np.asarray(T))
-
-
 def power_at(t: float) -> float:
     """An hour and a half of work, half an hour of pause, then work at other powers."""
     minutes = t / 60
@@ -44,7 +40,8 @@ def campaign(seed: int, second_share: float = 0.0, thermometer: bool = True) -> 
     T = AMBIENT + shares @ theta / H
     tests = np.repeat(np.arange(0, len(time_s), 5), len(SPEEDS))
     speeds = np.tile(SPEEDS, len(tests) // len(SPEEDS))
-    levels = level_of(speeds, T[tests]) + 0.02 * rng.standard_normal(len(tests))
+    torques = published_friction.torque(speeds, np.zeros_like(speeds), T[tests])
+    levels = 26 * torques + 0.02 * rng.standard_normal(len(tests))
     power = np.array([power_at(t + 30) for t in time_s[:-1]])
     readings = T + 0.5 * rng.standard_normal(len(T)) if thermometer else np.full(len(T), np.nan)
     std = np.full(len(tests), 0.02)

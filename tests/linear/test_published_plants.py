@@ -66,6 +66,10 @@ def test_three_mass_resonances_and_antiresonances_equal_published_numbers():
     np.testing.assert_allclose(found.freq_hz, [9.0439, 11.4776], rtol=0, atol=6e-5)
     np.testing.assert_allclose(found.zeta, [0.04479, 0.08247], rtol=0, atol=6e-6)
     np.testing.assert_allclose(found.real_poles, [0.0, -0.29968], rtol=0, atol=6e-6)
+    assert found.real_poles[0] == 0  # the rigid body, to the last digit
+    poles = state_space(replace(model, quantity="position"), model.theta_ref).to_control().poles()
+    np.testing.assert_allclose(found.poles, sorted(poles[poles.imag > 1], key=abs), rtol=1e-6)
+    np.testing.assert_allclose(found.shapes[np.abs(found.shapes).argmax(axis=0), [0, 1]], 1.0)
     freq_hz, zeta = antiresonances(model)
     np.testing.assert_allclose(freq_hz, [4.2283, 10.3902], rtol=0, atol=6e-5)
     np.testing.assert_allclose(zeta, [0.03726, 0.02332], rtol=0, atol=6e-6)

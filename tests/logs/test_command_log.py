@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
-from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import CascadeSpec, FileSpec, RecordedSpec
 from elastid.logs.command_log import read_command_log, read_study_log
@@ -55,13 +55,11 @@ def test_columns_of_a_text_are_assigned_by_joint_names(signals: dict[str, np.nda
 def test_log_without_commands_or_time_is_refused(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, position=signals["position"])
-    with pytest.raises(DataError) as refusal:
+    with refused("records/channels"):
         read_command_log(path, JOINTS, 100.0)
-    assert refusal.value.code == "records/channels"
     np.savez(path, position=signals["position"], command=signals["command"])
-    with pytest.raises(DataError) as refusal:
+    with refused("records/clock"):
         read_command_log(path, JOINTS)
-    assert refusal.value.code == "records/clock"
 
 
 def test_channels_of_a_study_have_units_and_its_controller_gains(
@@ -86,6 +84,5 @@ def test_channels_of_a_study_have_units_and_its_controller_gains(
     np.testing.assert_allclose(log.velocity[1:-1], signals["command_velocity"][1:-1], atol=1e-9)
     assert log.kp is not None
     assert log.kp.tolist() == [20.0, 40.0]
-    with pytest.raises(StudyError) as refusal:
+    with refused("study/recorded"):
         read_study_log(path, RecordedSpec(400.0, (*of_role["y"], torque), (FileSpec("log.npz"),)), ROBOT)
-    assert refusal.value.code == "study/recorded"

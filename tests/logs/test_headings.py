@@ -30,6 +30,15 @@ def test_a_unit_as_a_word_has_its_size(unit: str) -> None:
         assert TABLE[unit_of_heading(name).unit][1] == pytest.approx(SIZES[unit])
 
 
+def test_a_known_unit_in_brackets_is_preferred_to_another_statement() -> None:
+    assert [unit_of_heading("pos_1 [mm]", stated).unit for stated in ("deg", "xyz", "", "mm")] == ["mm"] * 4
+    assert [unit_of_heading(f"pos_1 [{unit}]", "deg").unit for unit in ("xyz", "-")] == ["deg"] * 2
+
+
+def test_a_unit_in_a_name_is_no_joint() -> None:
+    assert {guess_by_name(name, None).parts[1] for name in ("position_base_inc", "cmd_base_inc")} == {"base"}
+
+
 @pytest.mark.parametrize("unit", ["inc", "counts", "ticks", "%", "0.1% rated torque", "Arms", "LSB", "xyz"])
 def test_another_text_in_brackets_is_an_unknown_unit_and_never_stated(unit: str) -> None:
     heading = unit_of_heading(f"Torque actual value [{unit}]")

@@ -64,7 +64,7 @@ class FrictionRun:
             bandwidth_hz = min(bandwidth_hz, 0.1 * rate_hz / self.motion.period_samples)
         gains = tune(
             model, point.q, bandwidth_hz, controller.damping_ratio,
-            controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
+            controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None
         )  # fmt: skip
         try:
             return simulate(self.plant.loop, gains, commands, point.q, self._friction())

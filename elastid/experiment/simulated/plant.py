@@ -103,7 +103,7 @@ def _loop_of(
 
 def true_plant(
     robot: Robot, spec: SimulatedSpec, rate_hz: float, start: Configuration, highest_hz: float = 0.0, samples: int = 0,
-    is_free: bool = False, of_numbers: bool = False,
+    is_free: bool = False, of_numbers: bool = False
 ) -> Plant:  # fmt: skip
     """The plant of a section `simulated`, with its truth, at rest in `start`.
 

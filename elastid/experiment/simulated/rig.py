@@ -143,7 +143,7 @@ class SimulatedRig:
         sampled = (True,) * len(self.outputs)  # also accelerations, which are those of sampled motions
         return Record(
             *names, *timing, *places, quantities, u, y, r, notes=notes, hold="zero-order", sliding=sliding,
-            sampled=sampled,
+            sampled=sampled
         )  # fmt: skip
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:

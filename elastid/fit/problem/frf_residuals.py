@@ -211,7 +211,7 @@ class ElasticFit:
         return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
-        """Return V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
+        """Return V, its gradient and 2 J^T J at x (n_x,); V is infinite where the model has no response."""
         try:
             every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
             V, g, A = (sum(terms) for terms in zip(*every, strict=True))  # in the order of the chunks
@@ -224,7 +224,7 @@ class ElasticFit:
         return Evaluation(V + b, 2 * g + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
 
     def rough(self, x: FloatArray) -> Evaluation:
-        """Evaluate V with J^T J from single precision, enough for a step."""
+        """Evaluate V at x (n_x,) with J^T J from single precision, enough for a step."""
         return self.evaluate(x, np.float32)
 
     @cached_property
@@ -243,7 +243,7 @@ class ElasticFit:
         return (self.block(part, x, part.mixing) for part in self.parts)
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        """Return the residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
+        """Return residuals (F, n_y, n_u) and slopes (n_x, F, n_y, n_u) of one part; mixing: `Part.mixing`."""
         G, dG = part.columns.evaluate(part.theta(self.parameters, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
@@ -302,7 +302,7 @@ def part_of(
 def part_with(
     columns: Columns, images: ComplexArray, response: Response, weights: Weights, criterion: ResidualKind
 ) -> Part:
-    """Return the part of one configuration with the columns of its model and its images of held torques."""
+    """Return the part of one configuration with the columns of its model; images (F, n_y, n_u): aliases."""
     kernel, used = columns.kernel, weights.used
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.

@@ -132,7 +132,7 @@ def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], paramet
 
 
 def find_border_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> tuple[Note, ...]:
-    """Return a note on each body whose inertia ended at the border of the possible ones."""
+    """Return a note on each body whose inertia at x (n_x,) is at the border of the physically possible ones."""
     text = (
         "the data ask for a physically impossible inertia (a principal moment above the sum of the other two); it "
         "ended at the border: check its mass, its centre of mass and the placement of its joint"

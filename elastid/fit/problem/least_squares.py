@@ -57,13 +57,13 @@ ResidualKind: TypeAlias = Literal["complex", "log"]
 
 
 def difference(criterion: ResidualKind, measured: ComplexArray, G: ComplexArray) -> ComplexArray:
-    """e = Ghat - G, or ln(Ghat / G), its phase wrapped; not finite where either is zero: such elements are left out."""
+    """e = Ghat - G, or ln(Ghat / G) with wrapped phase, (..., F, n_y, n_u); not finite, and unused, where one is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return measured - G if criterion == "complex" else np.log(measured / G)
 
 
 def error_gain(criterion: ResidualKind, G: ComplexArray) -> ComplexArray:
-    """s = -de/dG = 1, or 1 / G; of e = s (Ghat - G) to first order at G = Ghat: how an error of Ghat appears in it."""
+    """s = -de/dG = 1, or 1 / G (F, n_y, n_u): to first order e = s (Ghat - G) at G = Ghat."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.ones_like(G) if criterion == "complex" else 1.0 / G
 

@@ -72,7 +72,7 @@ class NoiseShapes:
         return cls(own, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> "NoiseShapes":
-        """Return the shapes on some of the lines."""
+        """Return the shapes on some lines; lines (F,) is True where a line stays."""
         return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
 
 

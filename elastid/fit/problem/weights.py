@@ -47,7 +47,7 @@ class Whitening(Kept):
         return inverse(np.asarray(np.linalg.cholesky(relative)))
 
     def lines(self, keep: BoolArray | slice) -> "Whitening":
-        """Return the whitening on some lines."""
+        """Return the whitening on some lines; keep (F,) is True where a line stays."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
         noise = self.noise.lines(mask)

@@ -89,7 +89,7 @@ def separates_inputs(fit: LocalFit, experiments: Experiments) -> BoolArray:
 
 
 def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) -> FittedResponse:
-    """G at the usable lines, its covariance by noise, and the total one from the residual."""
+    """G (F, n_y, n_u) at the usable lines, its covariance by noise, and the total one from the residual."""
     n_y, closed, dof = experiments.n_y, experiments.closed, experiments.dof
     B = fit.B[usable]
     F, _, n_u = B.shape

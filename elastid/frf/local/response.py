@@ -370,7 +370,7 @@ def merge_repeats(spectra: Sequence[SteadySpectra], closed: bool) -> list[Steady
 
 
 def driver_of(spectra: SteadySpectra, closed: bool) -> ComplexArray:
-    """The reference in closed loop, else the inputs."""
+    """The reference in closed loop, else the inputs, (F, n_u)."""
     return spectra.R if closed and spectra.R is not None else spectra.U
 
 

@@ -80,7 +80,7 @@ class ClosedLoop:
     entering: ComplexArray
 
     def change(self, plain: ComplexArray, motors: ComplexArray) -> ComplexArray:
-        """Return dT caused by changes of G_y, channels included, and of G_m."""
+        """Return dT (F, n_y, n_r) caused by changes of G_y (F, n_y, n_m), channels included, and G_m (F, n_m, n_m)."""
         return (plain - self.L @ motors) @ self.A
 
     def of_gain(self, gain: int, motor: str) -> ComplexArray:

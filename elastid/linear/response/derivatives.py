@@ -108,7 +108,7 @@ class Sensitivity:
 
 
 def as_rank_one(matrix: FloatArray) -> tuple[float, FloatArray] | None:
-    """Return sigma = +-1 and y of a symmetric matrix sigma y y^T; None for a higher rank."""
+    """Return sigma = +-1 and y (n,) of a symmetric matrix (n, n) sigma y y^T; None for a higher rank."""
     i = int(np.argmax(np.abs(matrix.diagonal())))
     largest = float(matrix[i, i])
     if not largest:

@@ -154,7 +154,8 @@ class Kernel(Kept):
         (C, T), tilted = model.readout(theta), self._sides.tilted
         right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
-        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows, *self._motor_rows]), n_y + len(tilted)
+        controlled = () if model.controller is None else (model.B,)
+        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows, *controlled]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
@@ -217,10 +218,6 @@ class Kernel(Kept):
     @property
     def _theta_of_images(self) -> FloatArray:
         return self.model.theta_ref if self.images_at is None else self.images_at
-
-    @property
-    def _motor_rows(self) -> tuple[FloatArray, ...]:
-        return () if self.model.controller is None else (self.model.B,)
 
     @cached_property
     def _moved_rows(self) -> tuple[FloatArray, ...]:
@@ -332,7 +329,7 @@ class Elimination:
 def solved_products(
     M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
 ) -> ComplexArray:
-    """Return the products by LAPACK."""
+    """Return B^T Z^-1 Y (F, b, k) by LAPACK; Z = K + j omega D - omega^2 M, omega (F,) in rad/s."""
     Z, of_lines = np.empty((len(omega), *K.shape), complex), omega[:, None, None]
     np.subtract(K, of_lines**2 * M, out=Z.real)
     np.multiply(of_lines, D, out=Z.imag)

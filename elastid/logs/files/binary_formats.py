@@ -71,7 +71,7 @@ def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]
 def opened_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
 
-    Missing values are NaN, time stamps s from the first.
+    A column of lists of one length is a matrix.  Missing values are NaN, time stamps s from the first.
     """
     parquet = installed("pyarrow.parquet", "parquet", path)
     with parquet.ParquetFile(path) as file:
@@ -99,7 +99,10 @@ def _column(file: Any, name: str, field: Any, n: int) -> StoredArray:
     dtype = field.type.to_pandas_dtype() if types.is_floating(field.type) else np.float64
     unit = (field.metadata or {}).get(b"unit", b"") if is_number else b"s" if is_time else b""
     kind = np.dtype(dtype if is_number or is_time else object)
-    return StoredArray((n,), kind, partial(_read_column, file, name), unit.decode("utf-8", "replace"))
+    shape: tuple[int, ...] = (n,)
+    if types.is_fixed_size_list(field.type):
+        shape, kind = (n, field.type.list_size), np.dtype(field.type.value_type.to_pandas_dtype())
+    return StoredArray(shape, kind, partial(_read_column, file, name), unit.decode("utf-8", "replace"))
 
 
 def _read_column(file: Any, name: str) -> NDArray[Any]:
@@ -109,10 +112,14 @@ def _read_column(file: Any, name: str) -> NDArray[Any]:
 
 
 def _values(table: Any, name: str) -> NDArray[Any]:
+    from pyarrow import types
+
     column = table.column(0).combine_chunks()
     for member in name.removeprefix(table.column_names[0]).strip(".").split("."):
         column = column.field(member) if member else column
-    return np.asarray(column.to_numpy(zero_copy_only=False))
+    is_matrix = types.is_fixed_size_list(column.type)
+    values = np.asarray((column.flatten() if is_matrix else column).to_numpy(zero_copy_only=False))
+    return values.reshape(len(column), -1) if is_matrix else values
 
 
 @contextmanager

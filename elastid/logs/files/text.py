@@ -285,13 +285,18 @@ _APOSTROPHES = "'’", re.compile(rf"(?<![\w.'’]){_FIRST}((?:['’]\d{{3}})+)(
 _COMMAS = ",", re.compile(rf"(?<![\w.,]){_FIRST}((?:,\d{{3}})+)(?=\.\d)")
 
 
-def plain_numbers(content: str, text: TextFormatSpec) -> str:
-    """Return a text with points as decimals, and without the separators of thousands of its format.
+# Of spreadsheets, as #N/A, #NV, #VALUE! and #DIV/0!.
+_ERRORS_OF_CELLS = re.compile(r"#(?:N/?[AV]|[A-Z]+[!?]|DIV/0!)")
 
-    >>> plain_numbers("1.512;-4,55043", TextFormatSpec(";", ","))
-    '1512;-4.55043'
+
+def plain_numbers(content: str, text: TextFormatSpec) -> str:
+    """Return a text with points as decimals, nan for errors of cells, and no separators of thousands of its format.
+
+    >>> plain_numbers("1.512;-4,55043;#N/A", TextFormatSpec(";", ","))
+    '1512;-4.55043;nan'
     """
     has_comma = text.decimal == ","
+    content = _ERRORS_OF_CELLS.sub("nan", content) if "#" in content else content
     groups = (_DECIMAL_COMMA,) if has_comma else (_APOSTROPHES,) if text.delimiter == "," else (_APOSTROPHES, _COMMAS)
     for separators, pattern in groups:
         if any(separator in content for separator in separators):

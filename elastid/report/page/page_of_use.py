@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.base.display import Answer
 from elastid.base.escape import embedded_json
 from elastid.base.files import write_atomically
 from elastid.report.command_summaries import LISTED
-from elastid.report.command_summary import Answer
 from elastid.report.figures.style import own_style
 from elastid.report.figures.use import SHOWN
 from elastid.report.page.explorer import asset, packed

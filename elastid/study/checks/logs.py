@@ -17,7 +17,7 @@ from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.channel_doubts import channel_doubts
 from elastid.logs.channels import gather_channels
-from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, TIME_UNITS, is_clock, is_time, stamp_unit, stamps_of
+from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, is_time, stamp_size, stamps_of, time_units
 from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
 from elastid.logs.files.text import WRITTEN_OTHERWISE
@@ -315,8 +315,8 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
         mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
-        rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in TIME_UNITS.items()}
-        unit = stamp_unit(stamps, rate_hz)
+        rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in time_units(stamps).items()}
+        unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
             is_known = all(_differs(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair)
             advice = "lower rate_hz to that" if is_known else "correct rate_hz, or give the time in s"

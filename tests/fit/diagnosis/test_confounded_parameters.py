@@ -57,15 +57,11 @@ def on_a_pedestal(stiffness: float) -> Robot:
     return Robot("arm on a post", (post, replace(upper, parent="post"), fore))
 
 
-def fitted_on_base(robot: Robot) -> Result:
-    """A robot identified as if it were the arm on the ground."""
-    return identify(measure(robot, np.random.default_rng(4), 2e-3), arm(), SPEC_OF_BASE)
-
-
 @pytest.mark.slow
 def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> None:
     """120 times as stiff as the gear: k_1 is off by several of its own std, and by less than two with a usual base."""
-    result, k = fitted_on_base(on_a_pedestal(120 * 3e4)), 3e4
+    measured, k = measure(on_a_pedestal(120 * 3e4), np.random.default_rng(4), 2e-3), 3e4
+    result = identify(measured, arm(), SPEC_OF_BASE)
     assert result.status == "converged"
     off = result.values["k_1"] - k
     assert abs(off) > 5 * result.std["k_1"]

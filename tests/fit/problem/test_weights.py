@@ -32,11 +32,6 @@ def response(variance, outputs=("motor 1",), **known) -> Response:
     return replace(response, **known)
 
 
-def sampled(rng, variance, dof):
-    """What a sample variance of so many complex degrees of freedom looks like."""
-    return variance * rng.chisquare(2 * dof, np.shape(variance)) / (2 * dof)
-
-
 @pytest.mark.parametrize("dof", [1.0, 3.0, 10.0])
 @pytest.mark.parametrize("true", [np.full(F, 0.1), 0.04 * np.abs(G) ** 2, 0.1 / FREQ**2])
 def test_weights_from_few_degrees_of_freedom_are_unbiased_and_steady(dof, true):
@@ -45,7 +40,8 @@ def test_weights_from_few_degrees_of_freedom_are_unbiased_and_steady(dof, true):
     For noise that is flat, that follows the resonance, and that falls with frequency.
     """
     rng = np.random.default_rng(0)
-    weights = np.array([true / smooth_variance(sampled(rng, true, dof), G, dof)[0] for _ in range(100)])
+    drawn = true * rng.chisquare(2 * dof, (100, *np.shape(true))) / (2 * dof)  # sample variances
+    weights = np.array([true / smooth_variance(variance, G, dof)[0] for variance in drawn])
     inner = weights[:, 20:-20]
     assert abs(inner.mean() - 1) < 0.06
     assert inner.std() < 1.6 / np.sqrt(24)

@@ -36,13 +36,8 @@ def decayed(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArr
     return (model - DATA) / 0.01, slopes / 0.01
 
 
-def decay(parameters: Parameters) -> LeastSquares:
-    return problem(parameters, lambda x: decayed(parameters, x))
-
-
-DECAY = decay(
-    Parameters(tuple(Parameter(name, x, lower=0.1, upper=100.0, log=True) for name, x in (("a", 1.0), ("b", 10.0))))
-)
+STARTS = Parameters(tuple(Parameter(name, x, lower=0.1, upper=100, log=True) for name, x in (("a", 1.0), ("b", 10.0))))
+DECAY = problem(STARTS, lambda x: decayed(STARTS, x))
 
 both_solvers = pytest.mark.parametrize("method", ["trust_region", "ipopt"])
 

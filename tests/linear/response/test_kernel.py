@@ -83,14 +83,9 @@ def system(rng, hangs_on, n_rest, damping=1e-3):
     return M, damping * K, K
 
 
-def whole(M, D, K, B):
-    Z = K + 1j * OMEGA[:, None, None] * D - OMEGA[:, None, None] ** 2 * M
-    return np.linalg.solve(Z, B.astype(complex))
-
-
 def products_over_size(M, D, K, B, Y):
     """B^T Z^-1 Y by elimination, and by LAPACK, over the size of X at each line."""
-    X = whole(M, D, K, B)
+    X = np.linalg.solve(K + 1j * OMEGA[:, None, None] * D - OMEGA[:, None, None] ** 2 * M, B.astype(complex))
     size = np.abs(X).max(axis=(1, 2), keepdims=True)
     expected = X.swapaxes(1, 2) @ Y
     np.testing.assert_allclose(solved_products(M, D, K, OMEGA, B, Y) / size, expected / size, atol=1e-13)

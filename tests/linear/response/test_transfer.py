@@ -16,9 +16,6 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration, ZohTorque
 
-FREQ_HZ = np.geomspace(0.5, 90, 130)
-
-
 angles = st.tuples(*[st.floats(-2, 2)] * 3)
 
 

@@ -298,16 +298,17 @@ def test_an_entry_point_that_holds_no_format_is_named(
 
 
 def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
-    """Time stamps of Parquet, its null, and whole numbers and floats of 32 bits as they are."""
+    """Time stamps of Parquet, its null, whole numbers and floats of 32 bits as they are, and lists of one length."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     at = np.datetime64("2026-05-01T10:00:00", "ns") + np.arange(4) * np.timedelta64(2_500_000, "ns")
-    table = pa.table(
-        {"t": at, "x": pa.array([1, None, 3, 4]), "f": np.arange(4, dtype=np.float32), "who": ["a", "b", "c", "d"]}
-    )
+    f, lists = np.arange(4, dtype=np.float32), pa.FixedSizeListArray.from_arrays(pa.array(np.arange(8.0)), 2)
+    table = pa.table({"t": at, "x": pa.array([1, None, 3, 4]), "f": f, "who": ["a", "b", "c", "d"], "obs.q": lists})
     pq.write_table(table, tmp_path / "log.dat")
-    assert contents(tmp_path / "log.dat", TEXT) == dict.fromkeys(("t", "x", "f"), (4,))
+    assert contents(tmp_path / "log.dat", TEXT) == {"t": (4,), "x": (4,), "f": (4,), "obs.q": (4, 2)}
+    column = read_channels(tmp_path / "log.dat", [ChannelSpec("u", "motor 1", "obs.q", 2)], TEXT)
+    np.testing.assert_array_equal(column[:, 0], [1, 3, 5, 7])
     read = read_channels(tmp_path / "log.dat", [ChannelSpec("u", "motor 1", name) for name in ("t", "x", "f")], TEXT)
     np.testing.assert_array_equal(read, [[0, 1, 0], [0.0025, np.nan, 1], [0.005, 3, 2], [0.0075, 4, 3]])
 

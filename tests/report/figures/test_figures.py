@@ -32,7 +32,7 @@ from elastid.report.content import parameter_rows
 from elastid.report.figures import fit, friction, friction_records, use
 from elastid.response import Levels, Quality
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.use.map import WorkspaceMap, map_workspace
+from elastid.use.map import map_workspace
 from elastid.validation.fleet import FleetValue
 from elastid.validation.log_comparison import DRY, INERTIA
 
@@ -199,10 +199,7 @@ def taken_out(*shapes: BasisFunction) -> Drawn:
     return friction.friction_taken_out(found, robot((4.0, 7.0))), [panel, *panels]
 
 
-def arm_map() -> WorkspaceMap:
-    return map_workspace(result(), np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]]), name="arm")
-
-
+POSTURES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
 CASES: dict[str, Callable[[], Drawn]] = {
     "parameters": partial(parameters, TRUTH),
     "parameters without a truth": parameters,
@@ -222,7 +219,7 @@ CASES: dict[str, Callable[[], Drawn]] = {
     "oil": partial(taken_out, BasisFunction("motor 1", "sign", 0.01)),
     "bristle": partial(taken_out, *taken_friction().shapes),
     "motion": lambda: (friction_records.friction_motion(study.motion()), [{}, {}]),
-    "map": lambda: (use.workspace_figure(arm_map()), [{}, {}]),
+    "map": lambda: (use.workspace_figure(map_workspace(result(), POSTURES, name="arm")), [{}, {}]),
 }
 
 

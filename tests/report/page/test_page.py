@@ -18,11 +18,10 @@ from plants.arm_modes import ARM, mode_row
 from plants.report_values import TRUTH, balance, pair, report_content, write_report
 from plants.taken_friction import LEFT, taken_friction
 
-from elastid.base.display import number
+from elastid.base.display import Answer, number
 from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
 from elastid.nonlinear.compensated_friction import CompensatedFriction
-from elastid.report.command_summary import Answer
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
 from elastid.report.page.page import first_screen, html, html_of_responses
