@@ -30,7 +30,7 @@ SAME_ANGLE = 1e-3
 # Standard deviations of ratios over the tolerance of the file, and mean and std of their logarithm beforehand, for rigs
 # with transmission errors of 0 to 2 % of the ratio in 2, 3 and 5 postures (scripts/studies/results.csv).
 RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
-RATIO_PRIOR = np.log(5.0), 2.0
+RATIO_PRIOR = np.log(8.0), 2.0
 ALIKE = 0.7  # std of the logarithm among the gears of a robot
 # Ratios are the cause of an excess up to this std over the tolerance (2 % of the ratio by default) and from this part.
 LARGEST_STD, EXPLAINED = 6.7, 0.8
