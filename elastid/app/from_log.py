@@ -60,7 +60,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     """
     first = logs[0]
     if lost := [path for path in logs if not path.exists()]:
-        raise StudyError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
+        raise StudyError("files/missing", "there is no such file or folder. Give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
     form = guess_format(first)

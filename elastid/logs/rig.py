@@ -309,7 +309,7 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
 MAX_CHANGE = 0.1
 MIN_TIMES_NOISE = 4.0
 MAX_LAG = 0.05  # samples: logs that are closer to step are left as they are
-_ADVICE = "give each its own experiment (same phases) or realisation (other phases)"
+_ADVICE = "Give each its own experiment (same phases) or realisation (other phases)"
 
 
 def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
@@ -347,7 +347,7 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
         raise DataError(
             "records/inconsistent",
             f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
-            f"{record.rate_hz:g} Hz; {_ADVICE}",
+            f"{record.rate_hz:g} Hz. {_ADVICE}",
         )
     is_known = first.r is not None and record.r is not None
     (a, of_a), (b, of_b) = (
@@ -362,7 +362,7 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
         noise = of_a[i] + of_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}; {_ADVICE}")
+            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}. {_ADVICE}")
     aligned = _shift_periods(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)

@@ -57,7 +57,7 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         # A signal may be in several files, which it synchronises.
         signal = (channel.role, channel.at, channel.file)
         if signal in signals:
-            yield i, "at", f"two channels have role {channel.role} at '{channel.at}'; omit one"
+            yield i, "at", f"two channels have role {channel.role} at '{channel.at}'. Omit one"
         signals.add(signal)
         has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
         if channel.role == "d" and channel.at in motors and not has_torque:
@@ -154,7 +154,7 @@ def value_refusals(
 ) -> Iterator[tuple[int, str]]:
     """Yield index and reason of each implausible column (n,); may_rest: roles that may be constant."""
     if max(map(len, columns)) < 2:
-        yield 0, "has one row, as all of its log; export the whole measurement"
+        yield 0, "has one row only, as has its log. Export the whole measurement"
         return
     finite = [column[np.isfinite(column)] for column in columns]
     moving = {channel.role for channel, x in zip(channels, finite, strict=True) if np.any(x != x[:1])}
@@ -162,11 +162,11 @@ def value_refusals(
     resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
     for i, (channel, values) in enumerate(zip(channels, finite, strict=True)):
         if values.size == 0:
-            yield i, "contains no finite number; check its name"
+            yield i, "contains no finite number. Check its name"
         elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
-            yield (i, f"reaches {largest:.3g}, which is implausible; check name and placeholder for missing values")
+            yield (i, f"reaches {largest:.3g}, which is implausible. Check name and placeholder for missing values")
         elif np.ptp(values) == 0 and channel.role not in resting:
-            yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
+            yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples. Check its sensor and its name"
 
 
 def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, log: Log) -> None:
