@@ -140,8 +140,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
         listed = ", ".join(f"{name} {n}" for n, name in lengths.items())
-        reason = "so that their rates or start times differ. Export all signals with one clock"
-        return "records/clock", f"its signals have different numbers of samples ({listed}), {reason}"
+        return "records/clock", f"its signals differ in their numbers of samples ({listed}). Export them with one clock"
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
