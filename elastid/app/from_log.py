@@ -54,13 +54,13 @@ class _Logs:
 
 
 def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
-    """The files of a new study in a folder, by name, guessed from the first of the logs; robot: that was measured.
+    """Draft the files of a study in a folder, by name, from the first log. robot: the measured robot, if known.
 
     Raises StudyError or DataError for a log that cannot be read, in which nothing moves, or that is not of the robot.
     """
     first = logs[0]
     if lost := [path for path in logs if not path.exists()]:
-        raise StudyError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
+        raise StudyError("files/missing", "there is no such file or folder. Give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
     form = guess_format(first)
@@ -108,7 +108,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
 def _of_torques(
     read: _Logs, folder: Path, guess: LogGuess, robot: Robot | None, frame: str, positions: Positions
 ) -> Iterator[str]:
-    """Lines of a study of responses to torques, or to the force of a hammer or shaker, from its experiment on."""
+    """Yield the lines of a study of responses to torques or forces, from the key `experiment` on."""
     driving, logs = {joint.torque.key for joint in guess.joints}, [files[0] for files in read.measurements]
     period = _period(np.stack([x for g, x in read.signals if g.key in driving], axis=1))
     runs = runs_by_name(logs)
@@ -140,8 +140,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
         listed = ", ".join(f"{name} {n}" for n, name in lengths.items())
-        reason = "so that their rates or start times differ. Export all signals with one clock"
-        return "records/clock", f"its signals have different numbers of samples ({listed}), {reason}"
+        return "records/clock", f"its signals differ in their numbers of samples ({listed}). Export them with one clock"
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
@@ -188,7 +187,7 @@ def _controller(path: Path, n_u: int) -> FloatArray | None:
 def _unlike(
     path: Path, first: Path, clock: Clock, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], gains: FloatArray | None
 ) -> str:
-    """Difference of a log from the first one in channels, rate or gains, of which a study has one; else empty."""
+    """Return the difference of a log from the first one in channels, rate or controller gains; empty without one."""
     form = guess_format(path)
     with opened_log(path, form) as log:
         rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)
@@ -265,7 +264,7 @@ def _of_commands(
 def _unused(
     guess: LogGuess, signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]], clock: Clock
 ) -> Iterator[str]:
-    """The columns of a log that its study does not use, a line for each reason."""
+    """Yield a comment for each reason why columns of a log are not used."""
     used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
     used |= set() if guess.is_motion else {channel.key for channel in guess.further}
     sensors = [joint.sensor for joint in guess.joints if joint.sensor]

@@ -32,7 +32,8 @@ def relative_paths(paths: Sequence[Path], folder: Path) -> list[str]:
 
 def quoted(text: str) -> str:
     """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
-    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text, ensure_ascii=False)
+    is_plain = re.fullmatch(r"(?!(?i:null|true|false|yes|no|on|off)$)[A-Za-z]\w*([. ]\w+)*", text)
+    return text if is_plain else json.dumps(text, ensure_ascii=False)
 
 
 def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:

@@ -87,10 +87,10 @@ def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequen
         name = channels[i].name_in_file
         if size != usual and size[0] == usual[0] and count == len(members) - 1 > 1:
             text = f"{name} has unit {unit}, {channels[members[sizes.index(usual)]].name_in_file} and the others"
-            yield Doubt(i, "unit", f"{text} {units[sizes.index(usual)]}; use one unit for all joints of a log")
+            yield Doubt(i, "unit", f"{text} {units[sizes.index(usual)]}. Use one unit for all joints of a log")
         if are_numbered and label != number:
             text = f"{name} has number {label} in its name and is assigned to {channels[i].at}"
-            yield Doubt(i, "at", f"{text}; check the order of the channels")
+            yield Doubt(i, "at", f"{text}. Check the order of the channels")
 
 
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
@@ -200,7 +200,7 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
         if stated.gain < 0:
             i = next((i for i in (a, b) if _by_torque(joint, i).is_against_motion), b)
             names = f"{joint.named(a)} and {joint.named(b)} of joint {joint.joint.name}"
-            yield Doubt(i, "sign", f"{names} have opposite signs; give one of them sign: -1")
+            yield Doubt(i, "sign", f"{names} have opposite signs. Give one of them sign: -1")
             return
         is_consistent = True
     for i in joint.motions[:1]:
@@ -227,7 +227,7 @@ def _of_sensor(joint: JointSignals) -> Iterator[Doubt]:
     is_certain = np.isfinite(std)
     if MIN_GAIN_OVER_STD * std < -gain or (not is_certain and relations[1].is_against_motion):
         text = f"motor torque and torque sensor ({names}) have opposite signs"
-        yield Doubt(i, "sign", f"{text}; change the sign of the sensor channel (role d)")
+        yield Doubt(i, "sign", f"{text}. Change the sign of the sensor channel (role d)")
         return
     if not is_certain:  # the sensor measures an inertia, which is a part of the motor's
         inertias = [relation.inertia for relation in relations]

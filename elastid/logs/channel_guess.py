@@ -1,6 +1,6 @@
 """Channels of a log: guessed by names, units and the motions of one joint.
 
-Signals whose names identify nothing are those that the other signals lack.
+A signal without a telling name has the quantity that is missing among the other signals.
 """
 
 import re
@@ -36,11 +36,10 @@ from elastid.logs.units_and_sides import MAX_COMPUTABLE, unwrapped
 
 DRIVES = ("torque", "force", "current", "voltage")
 MIN_SAMPLES = 100  # of a log
-_MIN_MEASURED_FRACTION = 2 / 3  # of a signal's samples, the others missing
+_MIN_MEASURED_FRACTION = 2 / 3  # of the samples of a signal
 _GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
-_MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
-
-_MIN_COUNTS = 50  # range of whole numbers, from which on they may be counts
+_MOTION_HZ = 3.0  # half of the power of a torque is below it in a motion, and above it in a vibration test
+_MIN_COUNTS = 50  # minimum range of whole numbers that may be counts
 
 T = TypeVar("T")
 Values = Mapping[ChannelKey, FloatArray]
@@ -48,7 +47,7 @@ Values = Mapping[ChannelKey, FloatArray]
 
 @dataclass(frozen=True)
 class JointGuess:
-    """A torque, the motion at its motor, and how the second explains the first.
+    """Torque and motion of a motor, and the fraction of the torque that the motion explains.
 
     sensor: torque sensor behind the gear.  sensor_gain: of the torque over the sensor; 1 if unknown.
     """
@@ -107,20 +106,20 @@ class LogGuess:
 
 
 def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Signals (n,) of the usual length that change, matrices by their columns, with the guesses by their names.
+    """Return varying signals (n,) of the most frequent length, matrices by column, each with the guess by its name.
 
-    with_constant: also signals that do not change.
+    with_constant: include constant signals.
     """
     if channels_ms := channel_rates(log):
         return _resample_to_slowest(log, channels_ms, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
-    usual = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
+    frequent = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
     result = []
     for name, shape in shapes.items():
         count = min(shape) if len(shape) > 1 else 1
         alike = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
-        for column in alike if usual and max(shape) == usual[0][0] else ():
+        for column in alike if frequent and max(shape) == frequent[0][0] else ():
             number = column if len(alike) > 1 else None
             try:
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
@@ -201,7 +200,7 @@ def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
 
 
 def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Signals named as commands of no quantity are positions if the position of their joint follows them."""
+    """Interpret signals named as commands, without a quantity, as positions if their joint's position follows them."""
     positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
 
     def of(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
@@ -216,7 +215,7 @@ def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple
 
 
 def _lag(x: FloatArray, y: FloatArray) -> int:
-    """Samples by which y follows x, a twentieth of them at most."""
+    """Return the delay of y behind x in samples, at most a twentieth of the signal."""
     X, Y = (np.fft.rfft(signal - signal.mean(), 2 * len(signal)) for signal in (x, y))
     return int(np.argmax(np.fft.irfft(X.conj() * Y)[: max(1, len(x) // 20)]))
 
@@ -231,7 +230,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
         drives, motions = _completed(drives, motions, [g for g, x in signals if not is_clock(x)])
     if not drives:
         return None
-    given, slides = motions[0].quantity, all(g.quantity == "force" for g in drives)
+    quantity, slides = motions[0].quantity, all(g.quantity == "force" for g in drives)
     speeds = {g.parts[1]: g for g in _best_family([g for g in guesses if g.quantity == "velocity"], MOTIONS)}
     motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
     motions = _with_common_unit(motions)
@@ -240,15 +239,15 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
     joints = _by_number(joints, [drive.parts[1] for drive in drives])
     joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
-    taken = {joint.motion.key for joint in joints}
+    motor_motions = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
-    alike = MOTIONS if slides and len(drives) < len(measured) else (given,)  # of a structure all of them
-    further = [g for g in measured.values() if g.quantity in alike and g.key not in taken]
+    alike = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
+    further = [g for g in measured.values() if g.quantity in alike and g.key not in motor_motions]
     further = [_with_unit(g, None, values, rate_hz, slides) for g in further]
     torques = np.stack([values[joint.torque.key] for joint in joints])
     power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
     half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
-    is_motion = bool(np.all(half_hz < _MOTION_HZ)) and given == "position"
+    is_motion = bool(np.all(half_hz < _MOTION_HZ)) and quantity == "position"
     return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
 
 
@@ -326,9 +325,9 @@ def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -
 def _completed(
     drives: list[ChannelGuess], motions: list[ChannelGuess], guesses: Sequence[ChannelGuess]
 ) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
-    """Drives and motions with one of them missing: signals without telling names, of the joints of the others.
+    """Complete drives or motions, if either is missing, by signals without a quantity at the same joints.
 
-    A force without a motion is that of a hammer or a shaker, and what else is in its log are accelerations.
+    A force without a motion is a hammer's or a shaker's, and all other signals of its log are accelerations.
     """
     labels, unknown = [g.parts[1] for g in drives or motions], [g for g in guesses if not g.quantity]
     families = [[g for g in unknown if g.parts[0] == name] for name in dict.fromkeys(g.parts[0] for g in unknown)]

@@ -31,8 +31,8 @@ ChannelKey: TypeAlias = tuple[str, int | None, int]
 class ChannelGuess:
     """One signal, its quantity and its unit (empty where unknown), and the reasons.
 
-    rank: how much its name speaks for a measured signal.  sign: against its torque.  scale: of its numbers to the unit.
-    ratio: of the gear on whose motor's side it is, 1 on the link's.  rate_hz: None for the rate of the log.
+    rank: words in its name for a measured signal, less words against it.  sign: relative to its torque.  scale: factor
+    from its numbers to the unit.  ratio: of the gear for a motor-side signal, else 1.  rate_hz: None as for the log.
     file: 2 for the second of the two files of a measurement.
     """
 

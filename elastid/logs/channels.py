@@ -146,7 +146,7 @@ def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Se
 
 
 def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
-    """The sample with which the first period begins that is not all rest before the excitation (n, d)."""
+    """Return the first sample of the first period in which the excitation (n, d) is not zero throughout."""
     rest = 0 if period is None else samples_before_motion(drivers)
     count = int(rest / period) if period else 0
     if count == 0:
@@ -248,30 +248,30 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _E
 
 
 def _aligned(parts: Sequence[_Part], period: float | None, experiment: _Experiment) -> list[_Part]:
-    """All parts in step with the first file, the start of which is cut where another log started later."""
+    """Align all parts with the first file, which is cut to the latest start of all logs."""
     paths, channels = experiment.paths, experiment.recorded.channels
     base = [part for part in parts if part.file == 1]
     n = min(len(part.signals) for part in base)
     N = None if period is None else round(period)
-    shifts, moved, log = {}, [], experiment.log(1)
+    shifts, shifted, log = {}, [], experiment.log(1)
     for number in sorted({part.file for part in parts} - {1}):
-        name, own = paths[number - 1].name, [part for part in parts if part.file == number]
-        ratio = _clock_of(base, own, N, channels)
+        name, of_file = paths[number - 1].name, [part for part in parts if part.file == number]
+        ratio = _clock_of(base, of_file, N, channels)
         if ratio != 1:
-            for i, part in enumerate(own):
+            for i, part in enumerate(of_file):
                 times = np.arange(int((len(part.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
                 whole = (period or float(len(part.signals))) * ratio
-                own[i] = replace(part, signals=at_times(part.signals, times, whole))
+                of_file[i] = replace(part, signals=at_times(part.signals, times, whole))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
-        shift, by = _delay_of(base, own, N, channels, paths[number - 1])
+        shift, by = _delay_of(base, of_file, N, channels, paths[number - 1])
         shifts[number] = shift
-        moved += own
+        shifted += of_file
         up_to = "" if N is None else " (up to whole periods)"
         log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {by}")
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(part, signals=part.signals[start:]) for part in base]
-    for part in moved:
+    for part in shifted:
         shift, signals = shifts[part.file], part.signals
         if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in part.members):
             # One period of the excitation alone is repeated.
@@ -288,7 +288,7 @@ def _aligned(parts: Sequence[_Part], period: float | None, experiment: _Experime
 
 
 def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:
-    """Samples of another file for one of the first, by signals that repeat in both; 1 if these show no difference."""
+    """Return the ratio of the clocks of another file and the first, by periodic signals in both; 1 if they agree."""
     ours, theirs = (None if N is None else _periodic(_by_place(parts, N, channels), N) for parts in (base, further))
     if N is None or ours is None or theirs is None:
         return 1.0

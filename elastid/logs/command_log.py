@@ -127,7 +127,7 @@ def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
         for channel in recorded.channels:
             if (channel.role, channel.at, channel.quantity) == (role, place, "position"):
                 return channel
-    text = f"no channel of role {role}, quantity position at motor {joint}; add it to experiment.recorded.channels"
+    text = f"no channel of role {role}, quantity position at motor {joint}. Add it to experiment.recorded.channels"
     raise StudyError("study/recorded", text, "--study")
 
 

@@ -21,12 +21,12 @@ from elastid.simulation.controller import loop_of, sampled_responses
 from elastid.simulation.spec import ReferencePathSpec
 
 _SMALLEST = 0.03  # of the largest reference: DFT lines with smaller ones are not compared
-# Of current loop and torque filter, half of it beside low_pass_hz: a sample at a step of the command shows the torque
-# before it.
+# Lag of current loop and torque filter, half of it if low_pass_hz is stated: a sample at a step of the command contains
+# the torque before the step.
 TORQUE_LAG_S = 3e-4
-# From this part of the power of a torque on, which the controller explains, its gains are known to _MAX_GAIN_ERROR.
+# Explained fraction of the power of a torque above which the gains are identified to _MAX_GAIN_ERROR.
 _MIN_CERTAIN, _MAX_GAIN_ERROR = 0.98, 0.1
-_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # from the log of a reference to the path that it takes
+_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # delay of the reference path behind the logged reference, in cycles
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,13 +16,13 @@ from elastid.robot import Joint
 
 # Widths of the Gaussian in samples: the band up to a tenth of the rate, a fortieth, and a hundred-sixtieth.
 WIDTHS = (2.0, 8.0, 32.0)
-# Correlation of a derivative with the signal that is it.
+# Minimum correlation of a derivative with the signal that is stated to be this derivative.
 MIN_CORRELATION = 0.98
-# Share of a torque that the motion of its joint explains, at least.
+# Minimum fraction of a torque that the motion of its joint explains.
 MIN_EXPLAINED = 0.75
-# Likewise of the acceleration alone, for a statement on the inertia.
+# Minimum fraction that the acceleration alone explains, for a statement on the inertia.
 MIN_BY_INERTIA = 0.2
-# Acceleration of another joint over its own, from which on it may move it; what viscous friction must explain then.
+# Ratio of accelerations above which another joint may move this one; fraction that viscous friction must then explain.
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
 # |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
 MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0
@@ -99,11 +99,11 @@ def torque_relation(
     turns: bool = True,
     others: Sequence[tuple[FloatArray, int]] = (),
 ) -> TorqueRelation:
-    """How the motion y (n,), a derivative of the position of the given order, explains the torque u (n,).
+    """Regress the torque u (n,) on the motion y (n,), a derivative of the position of the given order.
 
-    turns: the joint turns, so that gravity may change with its angle.  others: motions of other joints and their
-    orders.  The controller of a joint that they move gives -k_d v, as friction with a wrong sign would: then dry
-    friction shows the sign, or viscous friction that explains nearly all.
+    turns: gravity may change with the angle.  others: motions of other joints and their orders.  If these move the
+    joint, its controller adds -k_d v, which resembles friction of the wrong sign. The sign then follows from dry
+    friction, or from viscous friction that explains nearly all of the torque.
     """
     bands = [width for width in _widths(u) if np.ptp(u) > 0]
     relations = [_relation_at(u, y, order, rate_hz, width, turns, others) for width in bands]
@@ -169,16 +169,17 @@ def _relation_at(
     signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
     shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
     is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1
-    if is_against and moving:  # joints that move in proportion show the sign of none of them
+    if is_against and moving:  # joints that move in proportion do not determine the sign
         B = np.stack([np.ones_like(torque), *(x[:: int(width / 2)] for x in moving)], axis=1)
-        own, left = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
-        is_seen = np.var(own[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
-        is_against = bool(is_seen and min(np.linalg.lstsq(own, left, rcond=1e-9)[0] * np.std(own, axis=0)) < 0)
+        independent, remaining = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
+        is_seen = np.var(independent[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
+        slopes = np.linalg.lstsq(independent, remaining, rcond=1e-9)[0]
+        is_against = bool(is_seen and min(slopes * np.std(independent, axis=0)) < 0)
     return TorqueRelation(
         explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)
     )
 
 
 def travel(x: FloatArray) -> float:
-    """The range of a signal (n,), single spikes left out."""
+    """Return the range of a signal (n,) without single spikes."""
     return float(np.percentile(x, 99.9) - np.percentile(x, 0.1))

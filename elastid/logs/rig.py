@@ -146,7 +146,7 @@ class RecordedRig:
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
-        held = hold_samples(recorded, channels, rate_hz)
+        hold_lengths = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
         is_moved = any(other.at for other in recorded.files if other.configuration == file.configuration)
         inputs = recorded.places_of(file.configuration, "u") if is_moved else acting
@@ -173,8 +173,8 @@ class RecordedRig:
             r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
             has_rate=gathered.log.rate_hz is not None,
             notes=log.findings.at(where),
-            hold="zero-order" if any(held) else "band-limited",
-            hold_samples=() if set(held) <= {0.0} or set(held) == {1.0} else held,
+            hold="zero-order" if any(hold_lengths) else "band-limited",
+            hold_samples=() if set(hold_lengths) <= {0.0} or set(hold_lengths) == {1.0} else hold_lengths,
             half_wave=recorded.half_wave,
             repairs=dict(repairs),
             discarded_periods=tuple(log.findings.discarded_periods),
@@ -232,7 +232,7 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
 
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
-    """True if a mean period differs from another one (N,) by a lag that counts, and that its noise does not explain."""
+    """True if the lag between two mean periods (N,) exceeds MAX_LAG and its noise."""
     slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
     along, steepness = float(difference @ slope), float(slope @ slope)
     is_long = abs(along) > MAX_LAG * steepness
@@ -248,8 +248,8 @@ def joined(
     """
     n, first = bounds[-1][1], measure(*bounds[0])
     period = mean_period(_driver(first), first.period_samples) if first.is_periodic else None
-    given = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
-    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in given.items()}
+    of_roles = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
+    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in of_roles.items()}
     notes, left_out = dict[Note, None](), list[int]()
     repairs: Counter[str] = Counter()
     for start, end in bounds:
@@ -309,7 +309,7 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
 MAX_CHANGE = 0.1
 MIN_TIMES_NOISE = 4.0
 MAX_LAG = 0.05  # samples: logs that are closer to step are left as they are
-_ADVICE = "give each its own experiment (same phases) or realisation (other phases)"
+_ADVICE = "Give each its own experiment (same phases) or realisation (other phases)"
 
 
 def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
@@ -347,7 +347,7 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
         raise DataError(
             "records/inconsistent",
             f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
-            f"{record.rate_hz:g} Hz; {_ADVICE}",
+            f"{record.rate_hz:g} Hz. {_ADVICE}",
         )
     is_known = first.r is not None and record.r is not None
     (a, of_a), (b, of_b) = (
@@ -362,19 +362,19 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
         noise = of_a[i] + of_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}; {_ADVICE}")
+            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}. {_ADVICE}")
     aligned = _shift_periods(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)
 
 
 def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
-    """Why b (N,) is no repetition of a (N,), of which noise is the variance of the difference, NaN if unknown."""
+    """Return why b (N,) is no repetition of a (N,). noise: variance of their difference, NaN if unknown."""
     power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
-    left = float(np.sum((b - gain * a) ** 2))
+    unexplained = float(np.sum((b - gain * a) ** 2))
     least = MIN_TIMES_NOISE * len(a) * noise if np.isfinite(noise) else 0.5 * power
-    if left > max(MAX_CHANGE * power, least):
-        return f"{left / power:.0%} of the power of the second log has another excitation than the first"
+    if unexplained > max(MAX_CHANGE * power, least):
+        return f"{unexplained / power:.0%} of the power of the second log has another excitation than the first"
     if abs(gain - 1) > MAX_CHANGE and (gain - 1) ** 2 * float(a @ a) > least:
         return f"the excitation of the second log is {gain:.3g} times that of the first"
     return ""

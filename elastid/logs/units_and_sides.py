@@ -57,7 +57,7 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         # A signal may be in several files, which it synchronises.
         signal = (channel.role, channel.at, channel.file)
         if signal in signals:
-            yield i, "at", f"two channels have role {channel.role} at '{channel.at}'; omit one"
+            yield i, "at", f"two channels have role {channel.role} at '{channel.at}'. Omit one"
         signals.add(signal)
         has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
         if channel.role == "d" and channel.at in motors and not has_torque:
@@ -86,18 +86,18 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log)
 
 def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
     """Values (n,) without their jumps by nearly a turn, or by the 2^k of a counter of whole numbers, and the number."""
-    known = np.isfinite(values)
-    x = values[known]
+    is_finite = np.isfinite(values)
+    x = values[is_finite]
     span = float(np.ptp(x)) if x.size else 0.0
     # The shortest counter has 8 bits, and starts again near its ends.
     is_counter = span >= 2**8 - 2**4 and np.all(x == np.round(x))
     steps, whole = np.abs(np.diff(x)), 2.0 ** math.ceil(math.log2(span + 1)) if is_counter else turn
-    usual = float(np.max(steps, initial=0.0, where=steps < whole / 2))
+    largest_step = float(np.max(steps, initial=0.0, where=steps < whole / 2))
     jumps = steps[steps >= whole / 2]
-    if not jumps.size or usual > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
+    if not jumps.size or largest_step > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
         return values, 0
     result = values.astype(np.float64)
-    result[known] = np.unwrap(x, period=whole)
+    result[is_finite] = np.unwrap(x, period=whole)
     return result, jumps.size
 
 
@@ -127,7 +127,7 @@ def _through_couplings(channels: Sequence[ChannelSpec], robot: Places, side: str
 
 
 def without_placeholders(signals: FloatArray) -> FloatArray:
-    """Signals (n, c) with NaN for values that no sensor gives, in channels with few of them."""
+    """Return signals (n, c) with NaN for impossible values, in channels with few of them."""
     is_wrong = np.abs(signals) > MAX_COMPUTABLE
     few = is_wrong.mean(axis=0) <= MAX_WRONG_FRACTION if len(signals) else is_wrong.any(axis=0)
     return np.where(is_wrong & few, np.nan, signals) if is_wrong.any() else signals
@@ -152,25 +152,25 @@ def check_values(
 def value_refusals(
     channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], may_rest: Collection[str] = ()
 ) -> Iterator[tuple[int, str]]:
-    """Place and reason of each column (n,) that no sensor of its role gives; may_rest: roles that may be constant."""
+    """Yield index and reason of each implausible column (n,); may_rest: roles that may be constant."""
     if max(map(len, columns)) < 2:
-        yield 0, "has one row, as all of its log; export the whole measurement"
+        yield 0, "has one row only, as has its log. Export the whole measurement"
         return
-    known = [column[np.isfinite(column)] for column in columns]
-    moving = {channel.role for channel, x in zip(channels, known, strict=True) if np.any(x != x[:1])}
+    finite = [column[np.isfinite(column)] for column in columns]
+    moving = {channel.role for channel, x in zip(channels, finite, strict=True) if np.any(x != x[:1])}
     # An input may rest while others act.
     resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
-    for i, (channel, values) in enumerate(zip(channels, known, strict=True)):
+    for i, (channel, values) in enumerate(zip(channels, finite, strict=True)):
         if values.size == 0:
-            yield i, "contains no finite number; check its name"
+            yield i, "contains no finite number. Check its name"
         elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
-            yield (i, f"reaches {largest:.3g}, which is implausible; check name and placeholder for missing values")
+            yield (i, f"reaches {largest:.3g}, which is implausible. Check name and placeholder for missing values")
         elif np.ptp(values) == 0 and channel.role not in resting:
-            yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
+            yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples. Check its sensor and its name"
 
 
 def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, log: Log) -> None:
-    """Report torques of signals (n, c) that are no measured ones: the command twice, mirrored, or another motor's.
+    """Report torques of signals (n, c) that were not measured: the command twice, inverted, or another motor's.
 
     N: samples of the period, None without one.
     """
@@ -189,8 +189,8 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
             text = f"u at {place} and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)
-    known = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
-    for a, b in combinations(known, 2):
+    compared = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
+    for a, b in combinations(compared, 2):
         is_one = C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]
         if channels[a].role == channels[b].role and is_one:
             text = (
@@ -201,9 +201,9 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
 
 
 def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
-    """The correlation of r and u (n,), each line with the power that r has there.
+    """Return the correlation of r and u (n,), each DFT line weighted by the power of r, not of u.
 
-    Feedback makes u largest where it turns the phase most.
+    Feedback makes u largest at the lines of the largest phase shift.
     """
     if N is None:
         first, second = (np.concatenate([x - x.mean(), np.zeros(len(x))]) for x in (r, u))
@@ -252,17 +252,17 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
 
 
 def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signals (n, c) by T of `to_joints` or `to_shafts`, with the known disturbances in the torques; and these."""
+    """Signals (n, c) by T of `to_joints` or `to_shafts`, with known disturbances added to the torques; and these."""
     torques = [i for i, channel in enumerate(channels) if channel.role == "u"]
     signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
-    motors, known = [channels[i].at for i in torques], np.zeros((len(signals), len(torques)))
+    motors, disturbances = [channels[i].at for i in torques], np.zeros((len(signals), len(torques)))
     for channel, signal in zip(channels, signals.T, strict=True):
         if channel.role == "d" and channel.at in motors:
-            known[:, motors.index(channel.at)] += signal
-    if known.any():
+            disturbances[:, motors.index(channel.at)] += signal
+    if disturbances.any():
         signals = signals.copy()
-        signals[:, torques] += known
-    return signals, known
+        signals[:, torques] += disturbances
+    return signals, disturbances
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:

@@ -133,7 +133,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     if not is_log(path):
         problem = "is a folder but not a ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
         raise StudyError(
-            "files/missing", f"log file {path} {problem}; check path under files (relative to the study's folder)"
+            "files/missing", f"log file {path} {problem}. Check path under files (relative to the study's folder)"
         )
     head = b""
     if not os.path.isdir(path):

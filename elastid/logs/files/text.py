@@ -233,7 +233,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         raise DataError(
             "records/text",
             f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
-            f"'{text.delimiter}'; set delimiter, decimal and header_lines under text{otherwise_written(path, text)}",
+            f"'{text.delimiter}'. Set delimiter, decimal and header_lines under text{otherwise_written(path, text)}",
             path,
         )
     n_columns = len(_fields(numbers[first], text))

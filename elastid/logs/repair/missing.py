@@ -55,7 +55,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         text = f"{_missing(missing, good, log, int(c))}, the first is {log.time_of(missing[0])}"
         if missing.size > MAX_MISSING_FRACTION * len(good):
             raise DataError(
-                "records/missing-samples", f"{log.where}: {text}; measure again, or cut them off with samples"
+                "records/missing-samples", f"{log.where}: {text}. Measure again, or exclude them with samples"
             )
         result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
         poor |= of_channel
@@ -71,7 +71,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     if P - len(left_out) < 2:
         raise DataError(
             "records/missing-samples",
-            f"{text}, and two complete repetitions are needed; measure again, or cut the bad part off with samples",
+            f"{text}, and two complete repetitions are needed. Measure again, or exclude the faulty part with samples",
             log.where,
         )
     log.report("repetitions left out", len(left_out), f"{text}, and are left out")
@@ -88,8 +88,8 @@ def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tupl
         if gap is None:
             raise DataError(
                 "records/missing-samples",
-                f"{log.where}: {text}, and no other period has the {n} from {log.time_of(at.start)} on; "
-                "measure again, or cut them off with samples",
+                f"{log.where}: {text}, and no other period has the {n} from {log.time_of(at.start)} on. "
+                "Measure again, or exclude them with samples",
             )
         result[at] = gap.values
         if n > MAX_BRIDGED and gap.error > limit:

@@ -44,9 +44,9 @@ _TIMES_AT_ONCE = 4096
 MIN_DELAY_CORRELATION = 0.5
 # Quartz clocks differ by less; a period that is off by more is stated wrong.
 MAX_CLOCK_ERROR = 5e-4
-# Resampling must leave at most this part of the power that does not repeat.
+# Maximum non-repeating power after resampling, relative to the power before.
 MAX_REMAINING_FRACTION = 0.5
-# A log may end this part of a period too early; the rest is taken from the period before.
+# Fraction of a period that may be missing at the end; the period before replaces it.
 MAX_MISSING_END = 5e-3
 # Deviations from an even grid, and shifts over a whole record, in samples, that do no harm.
 MAX_GRID_DEVIATION = 0.02
@@ -56,8 +56,8 @@ MAX_ROUNDING = 0.8
 MIN_GAP = 1.9
 # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
 MIN_RATE_FRACTION = 0.75
-# Residuals at the stamps over those on an even grid, below which the stamps are those of the samples, and the knots per
-# sample there: fewer leave out more of a signal than the jitter moves.
+# Residuals at the stamps over residuals on an even grid, below which the samples were taken at the stamps; knots per
+# sample of this test: with fewer, the error of the band limit exceeds the effect of the jitter.
 SMOOTHER, JUDGED_FRACTION = 0.8, 0.9
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
@@ -201,7 +201,7 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
 
 
 def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
-    """Signals (n, c), finite, at the generator's clock, where it differs; DataError where fewer than two are left."""
+    """Resample finite signals (n, c) to the generator's clock if it differs; DataError for fewer than two periods."""
     P = len(signals) // N
     if P < 2:
         return signals

@@ -191,7 +191,7 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
         listed = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
         raise DataError(
             "responses/table",
-            f"no {lacking} in it; name response and frequency under columns. There are {listed}",
+            f"no {lacking} in it. Name response and frequency under columns. There are {listed}",
             path,
         )
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))

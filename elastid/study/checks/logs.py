@@ -50,7 +50,7 @@ def check_measured(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
-    """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
+    """Check that log files exist, channels and robot fit, and the estimation method suits the period."""
     path = _RECORDED
     yield from check_files(study, recorded.files, path, base)
     yield from check_channels(study, recorded.channels, path)
@@ -92,7 +92,7 @@ def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
 
 
 def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
-    """Files of responses exist, one for each configuration; channels are on the robot."""
+    """Check that there is one response file for each configuration, and that channels and robot fit."""
     path: KeyPath = ("experiment", "responses")
     yield from check_files(study, responses.files, path, base)
     yield from check_channels(study, responses.channels, path)
@@ -110,7 +110,7 @@ def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iter
 def check_files(
     study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
 ) -> Iterator[Problem]:
-    """Files exist and are of configurations that exist, each of which has one; studies of friction need none."""
+    """Check that files and their configurations exist, and that each configuration has a file, except for friction."""
     for i, file in enumerate(files):
         yield from _check_file(study, file, (*path, "files", i), base)
     tools = filter(None, (study.tool, study.validation.tool))
@@ -165,7 +165,7 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
-    """Channels are on the robot, in units of their quantity, and one signal each."""
+    """Check that channels are on the robot, have units of their quantity, and are different signals."""
     for i, key, text in channel_refusals(channels, study.places):
         yield Problem((*path, "channels", i, key), text)
 
@@ -175,7 +175,7 @@ _MAX_LOGS, _MAX_BYTES = 12, 1 << 26
 
 
 def check_logs(study: Study, base: Path) -> Iterator[Problem]:
-    """Contradictions between a study without errors and its recorded logs, relative to `base`; each once."""
+    """Yield each contradiction between a valid study and its logs once. base: folder of their paths."""
     recorded = study.experiment.recorded
     if recorded is None:
         return
@@ -201,7 +201,7 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
-    """The logs of one experiment have a signal or a clock in common, as the stage measure needs it."""
+    """Check that the logs of one experiment have a common signal or clock, which the stage measure needs."""
     file = recorded.files[i]
     if sum((base / name).stat().st_size for name in (file.path, *file.also)) > _MAX_BYTES:
         return
@@ -231,7 +231,7 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
 
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
-    """Channels of one file that are not in it; DataError where none of them is."""
+    """Yield channels that are missing in their file; DataError if all are."""
     refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
     if refusals and len(refusals) == len(members):
         log.values([recorded.channels[k] for k in members], slice(0, 2))
