@@ -449,7 +449,9 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
             return error.exit_code
         case MemoryError() | ImportError():
             cause = f"the memory of the process is exhausted ({str(error) or type(error).__name__})"
-            return explained(StudyError("run/memory", f"{cause}. Shorten the records, or raise its limit (ulimit -v)"))
+            return explained(
+                StudyError("run/memory", f"{cause}. Shorten the records, lower --jobs, or raise the limit (ulimit -v)")
+            )
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
             advice = "Close programs that use it, free disk space or correct permissions, or give another --run"

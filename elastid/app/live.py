@@ -323,7 +323,9 @@ class Session:
         if len(logs) > 1:
             names = ", ".join(path.name for path in logs)
             raise DataError(
-                "live/logs", f"{names} are logs of one run. Keep the log of its reference", f"{self.path / 'logs'}"
+                "live/logs",
+                f"{names} are logs of the same experiment. Keep the log that followed its reference",
+                f"{self.path / 'logs'}",
             )
         return logs[0] if logs else None
 

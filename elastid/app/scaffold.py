@@ -149,13 +149,14 @@ def _damping(stiffness: float) -> float:
 
 
 def _postures(robot: Robot) -> FloatArray:
-    """Angles (Q, n_u), drawn in the middle of each joint's limits, where gravity takes half of no torque limit."""
+    """Draw angles (Q, n_u) within the joint limits, with gravity torques of at most half the limits where possible."""
     joints, rng = robot.driven, np.random.default_rng(0)
     reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
     half = np.minimum(0.3 * (high - low), reach)
     drawn = np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES**2, len(joints))), 2)
-    q, theta = robot.opened(drawn).T, np.array([[value] * len(drawn) for value, _ in robot.parameters().values()])
+    q = robot.opened(drawn @ robot.mixing.T).T  # of the motors' shafts
+    theta = np.array([[value] * len(drawn) for value, _ in robot.parameters().values()])
     gravity = inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full()[list(robot.driven_indices)]
     part = np.max(np.abs(gravity.T) / [joint.limits.torque for joint in joints], axis=1)
     return np.asarray(drawn[np.argsort(np.maximum(part, 1 / 2), kind="stable")[:_POSTURES]])

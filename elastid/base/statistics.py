@@ -54,7 +54,7 @@ def chi_square_limit(dof: float, tail: float) -> float:
 def f_test(drop: float, added: int, residual: float, dof: float) -> float:
     """The p-value of `added` further parameters that lower a sum of squares by `drop` to `residual` with `dof` left.
 
-    A sum that rounding or a poor search lets grow has a p-value of 1.
+    If the sum of squares increases, the p-value is 1.
 
     >>> round(f_test(4.0, 1, 10.0, 10), 3)
     0.073

@@ -71,7 +71,7 @@ def presliding(fitted: Sequence[Measurement], robot: Robot) -> tuple[Presliding,
 def _presliding_note(friction: Presliding) -> Note:
     text = (
         f"the distance between two reversals is {friction.amplitude:.2g} times the presliding distance (limit "
-        f"{AMPLITUDES[1]:g} times). Friction acts partly as a spring, which is part of the forecast. Raise "
+        f"{AMPLITUDES[1]:g} times). The forecast includes the stiffness of the friction. Raise "
         f"excitation.torque_rms by a factor of {AMPLITUDES[1] / friction.amplitude:.2g}, or lower excitation.band_hz"
     )
     return Note("design/presliding", text, friction.place)

@@ -328,7 +328,7 @@ def ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatArray:
     """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
 
     An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
-    an n-th is left.  travel: of each motor, rad, link side.  0 of motors whose numbers are given at the link.
+    the mean slope is 1/n of it.  travel: of each motor, rad, link side.  0 of motors whose numbers are at the link.
     """
     joints = () if robot is None else robot.driven
     ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}

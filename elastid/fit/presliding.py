@@ -331,8 +331,10 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
         linear=tuple(part.kernel.model for part in parts),
         presliding=presliding,
     )
-    is_large = before.exceeds_noise or _has_moved(before, without)
-    return replace(without, notes=(*result.notes, *(_note(each, is_large) for each in presliding)))
+    # Residuals within the noise: a negative spring is an error of the friction compensation, and F_c may be right.
+    has_moved = _has_moved(before, without)
+    notes = (_note(each, before.exceeds_noise or (has_moved and each.stiffness > 0)) for each in presliding)
+    return replace(without, notes=(*result.notes, *notes))
 
 
 def _has_moved(before: Result, after: Result) -> bool:
@@ -366,8 +368,8 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
 def _note(spring: Presliding, is_large: bool) -> Note:
     k, a = f"{spring.stiffness:.3g} +- {spring.stiffness_std:.2g}", f"{spring.rate:.3g} +- {spring.rate_std:.2g}"
     text = (
-        f"{spring.place}: presliding friction of {k} {spring.unit} (link side), relaxing at {a} 1/s, is part of the "
-        "model and of the intervals"
+        f"{spring.place}: model and intervals include presliding friction, a spring of {k} {spring.unit} (link side) "
+        f"that relaxes at {a} 1/s"
     )
     if not is_large:
         return Note("fit/presliding", text, severity="information")

@@ -109,7 +109,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
 def column_names(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
     """Return name and unit of all columns: rigid body (10 n_l), rotors (m), offsets (m) and joints of coupled motors.
 
-    Behind the gears that couple their motors with other joints, these joints slide at speeds of their own: F, f.
+    Joints behind coupled motors have friction F, f of their own at joint speed.
     """
     of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}

@@ -69,7 +69,7 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
         if in_brackets and channel.scale == 1 and is_same_kind and is_other:
             key = "unit" if guess.quantity == channel.quantity else "quantity"
             text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
-            yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}")
+            yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}. Correct the heading or the channel")
         if re.search(r"\d", channel.channel) and not re.fullmatch(r"column \d+", channel.channel):
             families.setdefault((guess.parts[0], channel.quantity, channel.role), []).append(i)
     for members in families.values():

@@ -87,12 +87,12 @@ def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def time_units(t: FloatArray) -> dict[str, float]:
-    """Units that stamps (n,) may have, with their sizes in s, the typical one first; 100 ns since 1601 of Windows."""
+    """Return units of stamps (n,) and their sizes in s, the typical one first; Windows counts 100 ns since 1601."""
     return {"100 ns": 1e-7} if len(t) and 1e17 < t[0] < 1e18 else TIME_UNITS
 
 
 def stamp_size(t: FloatArray, rate_hz: float) -> tuple[str, float]:
-    """Unit of stamps (n,) and its size in s: the first of their units, or another one if only that fits the rate."""
+    """Return the unit of stamps (n,) and its size in s: the typical unit, or another unit if only it fits the rate."""
     steps, units = np.diff(t), time_units(t)
     unit = next(iter(units))
     if np.any(steps > 0):

@@ -58,7 +58,7 @@ def in_brackets(name: str) -> list[str]:
 
 
 def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:
-    """Return the unit in a heading; stated: by the file, in a row or an attribute, for a heading without a known unit.
+    """Return the unit in a heading; stated: unit in a row or an attribute, used if the heading has no known unit.
 
     >>> unit_of_heading("Torque[mNm]").unit, unit_of_heading("present_current_mA").unit
     ('mN*m', 'mA')

@@ -171,8 +171,8 @@ def sensor_kinematics(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> t
 def inverse_dynamics(robot: Robot) -> ca.Function:
     """tau(q, v, a, theta) (n_l,) that the joints bear, by Newton-Euler; theta in the order of robot.parameters().
 
-    Nm of a rotation, N of a translation, in the order of robot.joints; at motors that gears couple with several joints
-    of the motor's shaft, as q, v and a are, by the motor's own ratio.
+    Nm of a rotation, N of a translation, in the order of robot.joints. For coupled motors q, v, a and tau are
+    those of the shaft over, or times, the motor's own ratio: q = robot.mixing @ angles of the driven joints.
     """
     names = list(robot.parameters())
     theta = ca.SX.sym("theta", len(names))

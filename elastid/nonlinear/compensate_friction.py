@@ -94,7 +94,11 @@ def _unexplained(
     rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
     levels = [friction.coulomb_friction(place)[0] for place in response.inputs]
     stuck = [place for place, F_c, most in zip(response.inputs, levels, rms / 3, strict=True) if F_c > most]
-    cure = " and ".join(stuck) + " sticks: raise the amplitude" if stuck else "add `gears: {}` to the study"
+    cure = (
+        f"raise the amplitude, with which friction stops {' and '.join(stuck)}"
+        if stuck
+        else "add `gears: {}` to the study"
+    )
     text = (
         f"nonlinear distortion is {np.sqrt(ratio):.0f} times the noise, and motor friction does not explain "
         "it. Damping may be biased, and stiffness applies to this amplitude only. Check that channels, units, time and "

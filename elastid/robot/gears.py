@@ -43,6 +43,8 @@ class GearCoupling:
     def __post_init__(self) -> None:
         if self.motor == self.joint:
             raise ValueError(f"gears contains couplings only. Give the ratio of motor {self.motor} in motor.ratio")
+        if self.ratio == 0:
+            raise ValueError("ratio is 0, which couples nothing. Give turns of the motor per turn of the joint")
 
 
 # fmt: off
@@ -161,12 +163,12 @@ def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
     for pair in pairs:
         for name in pair:
             if name not in names:
-                raise ValueError(f"gears: joint {name} has no motor. Joints with a motor: {', '.join(names)}")
+                raise ValueError(f"gears: no joint {name} has a motor. Use one of {', '.join(names)}")
         if pairs.count(pair) > 1:
             raise ValueError(f"gears: the coupling of motor {pair[0]} with joint {pair[1]} is given twice")
     stages = [mixing(driven, gears, only) for only in ("", "before")]
     if min(1 / np.linalg.cond(E) for E in stages) < MIN_RECIPROCAL_CONDITION:
         raise ValueError(
             f"gears: the matrix of gear ratios is singular (determinant {np.linalg.det(stages[0]):.3g} times the "
-            "product of the motors' own ratios). Correct eta[motor, joint], turns of the motor per turn of the joint"
+            "product of the motors' own ratios). Correct `ratio` in gears: turns of the motor per turn of the joint"
         )

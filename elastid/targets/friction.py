@@ -92,7 +92,7 @@ def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, 
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
         stds = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
-        lines.append(f"  holds, with relative std: {', '.join(stds) or 'nothing'}")
+        lines.append(f"  fixed, with relative std: {', '.join(stds) or 'nothing'}")
         lines.append(f"  starts with 95 % bands {_starts(observer.filtered)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
         declared.append(

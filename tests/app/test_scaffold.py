@@ -1,6 +1,7 @@
 """`elastid new --from robot.urdf`: a study that checks, guesses by the inertia, and faults by their line."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from plants.refusals import refused
 from elastid.app.cli import run_command
 from elastid.app.scaffold import from_robot, new_from_logs
 from elastid.robot import Limits
+from elastid.robot.gears import GearCoupling
 from elastid.study import load
 from elastid.study.robots import yaml_text
 from tests.robot.test_urdf import written
@@ -72,14 +74,20 @@ def test_a_joint_whose_links_have_no_inertia_is_refused_at_its_line(tmp_path: Pa
         from_robot(path)
 
 
-def test_gravity_takes_half_of_no_torque_limit_in_drafted_postures(tmp_path: Path) -> None:
-    """An arm that its motors hold stretched out with 343 of 500 Nm would have no torque left to be excited."""
-    limits = Limits((-2.5, 2.5), torque=500.0), Limits((-2.5, 2.5), torque=500.0)
-    (tmp_path / "arm.yml").write_text(yaml_text(arm.robot(limits=limits)))
+@pytest.mark.parametrize(("share", "limit"), [(0.0, 500.0), (-1.5, 700.0)])
+def test_gravity_takes_half_of_no_torque_limit_in_drafted_postures(tmp_path: Path, share: float, limit: float) -> None:
+    """An arm that its motors hold stretched out with 343 of 500 Nm would have no torque left to be excited.
+
+    share: turns of the second motor's gear per turn of the first joint.
+    """
+    robot = arm.robot(limits=(Limits((-2.5, 2.5), torque=limit),) * 2)
+    gears = (GearCoupling("2", "1", share * arm.RATIO),) if share else ()
+    (tmp_path / "arm.yml").write_text(yaml_text(replace(robot, gears=gears)))
     study = load(new_from_logs(tmp_path / "new", [tmp_path / "arm.yml"])).study
     first, second = np.array(list(study.experiment.configurations.values())).T
-    # Moments about the joints with both links in a vertical plane.
+    # Moments about the joints with both links in a vertical plane, at the shafts.
     of_fore = arm.MASS[1] * arm.OFFSET[1] * np.cos(first + second)
     of_both = (arm.MASS[0] * arm.OFFSET[0] + arm.MASS[1] * arm.LENGTH) * np.cos(first) + of_fore
+    of_both -= share * of_fore
     assert len(first) == 5
-    assert np.max(np.abs([of_fore, of_both])) * arm.GRAVITY < 250.0
+    assert np.max(np.abs([of_fore, of_both])) * arm.GRAVITY < limit / 2

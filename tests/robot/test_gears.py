@@ -1,6 +1,7 @@
 """Gear boxes: the springs that couplings join, the deflections that they allow, and the ratios of all motors."""
 
 import numpy as np
+import pytest
 
 from elastid.robot import Body, GearCoupling, Joint, Motor, Robot, Spring
 
@@ -50,3 +51,9 @@ def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> No
     np.testing.assert_allclose(np.abs(box.range.T @ box.X), np.linalg.norm(box.X))
     np.testing.assert_allclose(box.deflections @ box.X, 1.0)
     assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
+
+
+@pytest.mark.parametrize("coupling", [("5", "5", 40.0), ("5", "6", 0.0), ("5", "7", 40.0)])
+def test_a_coupling_that_turns_no_other_motor_is_refused(coupling: tuple[str, str, float]) -> None:
+    with pytest.raises(ValueError, match=r"gears|ratio"):
+        wrist(GearCoupling(*coupling))

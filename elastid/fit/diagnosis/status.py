@@ -13,7 +13,7 @@ by more than their intervals. One of four tests suffices; limits in code marks a
 3. The data change a number by more than `prior` standard deviations of its prior or tolerance.
 4. Static load tests or responses at the tool contradict the responses of the motors (`static_and_tool_data`).
 
-A damping that the responses do not determine falls to zero, whose logarithm has no end: no bound is wide enough.
+The logarithm of an unidentifiable damping is unbounded: no bound is wide enough.
 """
 
 from collections.abc import Sequence

@@ -285,12 +285,12 @@ _APOSTROPHES = "'’", re.compile(rf"(?<![\w.'’]){_FIRST}((?:['’]\d{{3}})+)(
 _COMMAS = ",", re.compile(rf"(?<![\w.,]){_FIRST}((?:,\d{{3}})+)(?=\.\d)")
 
 
-# Of spreadsheets, as #N/A, #NV, #VALUE! and #DIV/0!.
+# Error values of spreadsheets: #N/A, #NV, #VALUE!, #DIV/0!.
 _ERRORS_OF_CELLS = re.compile(r"#(?:N/?[AV]|[A-Z]+[!?]|DIV/0!)")
 
 
 def plain_numbers(content: str, text: TextFormatSpec) -> str:
-    """Return a text with points as decimals, nan for errors of cells, and no separators of thousands of its format.
+    """Return a text with decimal points, nan for error values of cells, and without separators of thousands.
 
     >>> plain_numbers("1.512;-4,55043;#N/A", TextFormatSpec(";", ","))
     '1512;-4.55043;nan'
