@@ -180,7 +180,7 @@ def test_damping_in_series_is_right_to_first_order():
 @pytest.mark.parametrize(
     ("gears", "says"),
     [
-        ([GearCoupling("5", "7", 1.0)], "joint 7 has no motor.*4, 5, 6"),
+        ([GearCoupling("5", "7", 1.0)], "joint 7 has a motor.*4, 5, 6"),
         ([GearCoupling("5", "4", 1.0), GearCoupling("5", "4", 2.0)], "motor 5 with joint 4 is given twice"),
         ([GearCoupling("5", "4", 79.2), GearCoupling("4", "5", -99.0)], "matrix of gear ratios is singular"),
     ],
