@@ -169,11 +169,13 @@ def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
     rms = np.minimum(needed, _PART_OF_LIMIT * np.array(limits))
     rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
     configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
+    families = [name for name in ("k", "d", "fm") if any(p.startswith(f"{name}_") for p in robot.parameters())]
     return from_template(
         "app/rehearsal/study.yml.txt", schema=SCHEMA_NAME, robot=one_line(robot.name),
         name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", dry=f"{_TIMES_DRY:g}",
         percent=f"{100 * _PART_OF_LIMIT:g}",
         torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
+        parameters="{" + ", ".join(f"{name}_*: {{}}" for name in families) + "}",
         torque_std=f"{rms.min() / 10:.2g}", last=len(postures)
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from elastid.base.units import dimension_and_size
-from elastid.logs.headings import unit_of_heading
+from elastid.logs.headings import unit_of_heading, unit_of_text
 
 _WORDS = {
     "temperature": r"temp(erat\w*)?", "torque":
@@ -101,6 +101,8 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     quantity = stated.quantity or next(fitting, "")
     why = f"the unit {stated.unit} is stated" if stated.unit else "by its name" if quantity else "nothing in its name"
     why = f"? {stated.question}" if stated.unknown else why
+    if stated.unit and dimension_and_size(unit_of_text(unit) or stated.unit) != dimension_and_size(stated.unit):
+        why = f"? the heading says {stated.unit}, and the unit of the column is {unit}"
     if stated.unit == "g":  # of gravity
         return ChannelGuess(name, column, quantity, "m/s^2", rank, why, scale=9.80665)
     return ChannelGuess(name, column, quantity, stated.unit, rank, why)

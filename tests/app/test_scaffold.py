@@ -57,6 +57,13 @@ def test_a_study_of_any_tree_checks(seed: int, tmp_path: Path) -> None:
     assert {joint.name for joint in load(tmp_path / "new" / "study.yml").study.robot.driven} == {*moving}
 
 
+def test_a_robot_without_springs_has_a_study_of_its_motors(tmp_path: Path) -> None:
+    (tmp_path / "arm.yml").write_text(yaml_text(arm.robot(damping=None)))
+    study = new_from_logs(tmp_path / "new", [tmp_path / "arm.yml"])
+    assert run_command(["check", str(study)]) == 0
+    assert [*load(study).study.fit.parameters] == ["fm_*"]
+
+
 def test_a_file_that_is_no_robot_leaves_no_study(tmp_path: Path) -> None:
     assert made(ARM.replace('type="continuous"', 'type="floating"'), tmp_path) == 2
     assert not (tmp_path / "new").exists()

@@ -50,3 +50,11 @@ def test_another_text_in_brackets_is_an_unknown_unit_and_never_stated(unit: str)
 @pytest.mark.parametrize("name", ["tau(1)", "q [2]", "pos (motor 1)", "torque", "omega"])
 def test_headings_without_a_unit_have_none(name: str) -> None:
     assert unit_of_heading(name).unit == unit_of_heading(name).unknown == ""
+
+
+@pytest.mark.parametrize(
+    ("column", "is_question"), [("rad", True), ("deg", False), ("°", False), ("xyz", False), ("", False)]
+)
+def test_a_unit_row_that_contradicts_the_heading_is_a_question(column: str, is_question: bool) -> None:
+    guess = guess_by_name("position [deg]", None, column)
+    assert (guess.unit, guess.why.startswith("?")) == ("deg", is_question)
