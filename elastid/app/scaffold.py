@@ -63,12 +63,12 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     robot = load_robot(path) if is_own else _of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
-    postures = _postures(robot)
+    postures, gravity = _postures(robot)
     if is_own:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
-        return robot, {"study.yml": _study(robot, postures, np.array(rotors)), "robot.yml": yaml_text(robot)}
+        return robot, {"study.yml": _study(robot, postures, gravity, np.array(rotors)), "robot.yml": yaml_text(robot)}
     inertia, driven, comments = _with_guessed_drives(robot, postures, path)
-    return robot, {"study.yml": _study(robot, postures, inertia), "robot.yml": yaml_text(driven, comments)}
+    return robot, {"study.yml": _study(robot, postures, gravity, inertia), "robot.yml": yaml_text(driven, comments)}
 
 
 def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:
@@ -148,8 +148,11 @@ def _damping(stiffness: float) -> float:
     return float(f"{_DAMPING * stiffness / (math.pi * _HELD_HZ):.2g}")
 
 
-def _postures(robot: Robot) -> FloatArray:
-    """Draw angles (Q, n_u) within the joint limits, with gravity torques of at most half the limits where possible."""
+def _postures(robot: Robot) -> tuple[FloatArray, float]:
+    """Draw angles (Q, n_u) within the joint limits, with gravity torques of at most half the limits where possible.
+
+    Returns them with their largest gravity torque over its limit.
+    """
     joints, rng = robot.driven, np.random.default_rng(0)
     reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
@@ -159,10 +162,11 @@ def _postures(robot: Robot) -> FloatArray:
     theta = np.array([[value] * len(drawn) for value, _ in robot.parameters().values()])
     gravity = inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full()[list(robot.driven_indices)]
     part = np.max(np.abs(gravity.T) / [joint.limits.torque for joint in joints], axis=1)
-    return np.asarray(drawn[np.argsort(np.maximum(part, 1 / 2), kind="stable")[:_POSTURES]])
+    chosen = np.argsort(np.maximum(part, 1 / 2), kind="stable")[:_POSTURES]
+    return drawn[chosen], float(part[chosen].max())
 
 
-def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
+def _study(robot: Robot, postures: FloatArray, gravity: float, inertia: FloatArray) -> str:
     limits = [joint.limits.torque for joint in robot.driven]
     dry = [joint.motor.coulomb * abs(joint.motor.ratio) if joint.motor else 0.0 for joint in robot.driven]
     needed = np.maximum(2 * _ACCELERATION * inertia, _TIMES_DRY * np.array(dry))  # of motor and link
@@ -175,6 +179,7 @@ def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
         name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", dry=f"{_TIMES_DRY:g}",
         percent=f"{100 * _PART_OF_LIMIT:g}",
         torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
+        gravity=f"; gravity takes up to {100 * gravity:.0f} % of a torque limit" * bool(gravity),
         parameters="{" + ", ".join(f"{name}_*: {{}}" for name in families) + "}",
         torque_std=f"{rms.min() / 10:.2g}", last=len(postures)
     )  # fmt: skip
