@@ -105,7 +105,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "posture": (lambda path: change(path, lambda x: x + np.eye(7)[6] / 10), "(y) of motor 2"),
     "no column": (lambda path: path.write_text(path.read_text().replace("u motor 1", "torque_1")), "u motor 1"),
     "no log": (lambda path: path.write_bytes(b"\x00\x01"), "x1-r0-e0.csv"),
-    "two logs": (lambda path: shutil.copy(path, path.with_suffix(".txt")), "logs of one run"),
+    "two logs": (lambda path: shutil.copy(path, path.with_suffix(".txt")), "logs of the same experiment"),
 }  # fmt: skip
 
 
