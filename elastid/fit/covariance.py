@@ -145,8 +145,9 @@ def estimate_uncertainty(
     is_excess = exceeds_noise(cost, expected_cost, cost_dof)
     together = max((response.correlated_lines for response in responses), default=1.0)
     # A model error was estimated because V exceeded the noise, and ratios did not explain that.
-    has_other_error = is_excess or any(each.floor > 0 for each in weights)
-    ratios = scatter_of_ratios(parts, half, math.nan if is_forecast else cost, expected_cost, together, has_other_error)
+    least = float(any(each.floor > 0 for each in weights))
+    V = math.nan if is_forecast else cost
+    ratios = scatter_of_ratios(parts, half, V, expected_cost, together, is_excess, least)
     nuisance = [i for i, parameter in enumerate(fit.parameters.free) if parameter.is_nuisance]
     by_prior, persistent = prior_variance(sums, nuisance)
     averaging = np.maximum(np.diag(noise) - by_prior, 0.0)

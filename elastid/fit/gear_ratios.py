@@ -49,12 +49,19 @@ class RatioScatter:
 
 
 def scatter_of_ratios(
-    parts: Sequence[LineSums], half: FloatArray, cost: float, expected: float, together: float, is_excess: bool
+    parts: Sequence[LineSums],
+    half: FloatArray,
+    cost: float,
+    expected: float,
+    together: float,
+    is_excess: bool,
+    least: float = 0.0,
 ) -> RatioScatter:
     """Find the variance of the ratios; half (n, n_x): H, x = H^T z.
 
     cost, expected: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is the
     part of V over `expected` that the ratios do not explain, in three rounds.  is_excess: V exceeds the noise.
+    least: std of each gear over its tolerance, at least.
     """
     joints = [joint for part in parts for joint in part.ratios.joints]
     if not joints:
@@ -73,7 +80,7 @@ def scatter_of_ratios(
         e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(variance) else variance) * np.eye(len(s)), s * h)
         drop = float(2 * h @ e - e @ N @ e)
     explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
-    s = np.ones(len(s)) if is_excess and not explains else s
+    s = np.ones(len(s)) if is_excess and not explains else np.maximum(s, least)
     covariance = (s[:, None] * shifts).T @ (s[:, None] * shifts)
     return RatioScatter(covariance, named(names, s), explains)
 
