@@ -68,7 +68,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
         return robot, {"study.yml": _study(robot, postures, gravity, np.array(rotors)), "robot.yml": yaml_text(robot)}
     inertia, driven, comments = _with_guessed_drives(robot, postures, path)
-    return robot, {"study.yml": _study(robot, postures, gravity, inertia), "robot.yml": yaml_text(driven, comments)}
+    return robot, {"study.yml": _study(driven, postures, gravity, inertia), "robot.yml": yaml_text(driven, comments)}
 
 
 def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:

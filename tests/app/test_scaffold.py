@@ -47,6 +47,7 @@ def test_gears_are_guessed_by_the_inertia_that_they_drive(tmp_path: Path) -> Non
     assert elbow.motor.inertia * elbow.motor.ratio**2 == pytest.approx(inertia, rel=0.05)
     assert all(-2 < angles[0] < 1.5 for angles in study.experiment.configurations.values())
     assert study.excitation.torque_rms[0] <= 0.2 * 900
+    assert [*study.fit.parameters] == ["k_*", "d_*", "fm_*"]
 
 
 @pytest.mark.parametrize("seed", [0, 3])
