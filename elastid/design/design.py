@@ -18,7 +18,7 @@ from elastid.design.spec import DesignSpec, n_free_configurations, unit_time_s
 from elastid.experiment.plan.plan import DesignedConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.parameter_selection import ratio_std, ratio_within, with_tolerances
+from elastid.fit.parameter_selection import local_ratio_std, ratio_within, with_tolerances
 from elastid.fit.presliding import with_relaxing_springs
 from elastid.fit.result_rows import Presliding
 from elastid.friction.robot_friction import coulomb_torques, frictions
@@ -123,7 +123,7 @@ def _expected(
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)
         model = replace(prospect, parameters=parameters, presliding=tuple(springs))
         expected = model.expected(configuration, parameters.x)
-        scatter = ratio_std(robot, dict(zip(robot.motor_locations, travel.tolist(), strict=True)))
+        scatter = local_ratio_std(robot, dict(zip(robot.motor_locations, travel.tolist(), strict=True)))
         response = ratio_within(replace(expected.response, ratio_std=scatter), robot)
         responses.append(replace(expected, response=response))
     return responses

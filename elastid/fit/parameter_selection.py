@@ -324,7 +324,7 @@ def _turns_all(robot: Robot, path: Path) -> bool:
     return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
 
 
-def ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatArray:
+def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatArray:
     """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
 
     An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns

@@ -331,9 +331,8 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
         linear=tuple(part.kernel.model for part in parts),
         presliding=presliding,
     )
-    # Residuals within the noise: a negative spring is an error of the friction compensation, and F_c may be right.
     has_moved = _has_moved(before, without)
-    notes = (_note(each, before.exceeds_noise or (has_moved and each.stiffness > 0)) for each in presliding)
+    notes = (presliding_note(each, before.exceeds_noise, has_moved) for each in presliding)
     return replace(without, notes=(*result.notes, *notes))
 
 
@@ -365,13 +364,17 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
         yield float(np.pi * np.sqrt((omega**2 @ power) / max(float(omega**4 @ power), 1e-300)))
 
 
-def _note(spring: Presliding, is_large: bool) -> Note:
+def presliding_note(spring: Presliding, exceeds_noise: bool, has_moved: bool) -> Note:
+    """Return the note on a spring: a warning if V exceeds the noise without springs, or if they move k or d.
+
+    A negative spring within the noise is an error of the friction compensation, beside which F_c may be right.
+    """
     k, a = f"{spring.stiffness:.3g} +- {spring.stiffness_std:.2g}", f"{spring.rate:.3g} +- {spring.rate_std:.2g}"
     text = (
         f"{spring.place}: model and intervals include presliding friction, a spring of {k} {spring.unit} (link side) "
         f"that relaxes at {a} 1/s"
     )
-    if not is_large:
+    if not (exceeds_noise or (has_moved and spring.stiffness > 0)):
         return Note("fit/presliding", text, severity="information")
     if AMPLITUDES[0] < spring.amplitude < AMPLITUDES[1]:
         text += (

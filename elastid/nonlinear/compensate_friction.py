@@ -25,7 +25,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.statistics import interpolated
-from elastid.fit.parameter_selection import ratio_std
+from elastid.fit.parameter_selection import local_ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -56,7 +56,7 @@ def estimate_net_response(
     """
     net = tuple(compensated_records(records, friction, E))
     response = estimate(net, spec, planned_lines)
-    response = replace(response, ratio_std=ratio_std(robot, _travel(records)))
+    response = replace(response, ratio_std=local_ratio_std(robot, _travel(records)))
     if friction is None:
         return response
     arm = partial(_arm_variance, net, response, spec, planned_lines, robot)

@@ -15,16 +15,13 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO, TypeVar
 
-import numpy as np
-
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.base.escape import csv_cell
 from elastid.base.files import replacing, unlinked, write_atomically
@@ -54,21 +51,6 @@ def write_rows(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
     """A new CSV file at a path, its cells as spreadsheets take them (`csv_cell`)."""
     with text_file(path) as file:
         csv.writer(file, lineterminator="\n").writerows(map(csv_cell, row) for row in rows)
-    return path
-
-
-def write_trajectory(path: Path, joints: Sequence[str], time_s: FloatArray, **signals: FloatArray) -> Path:
-    """Write a trajectory_msgs/msg/JointTrajectory in YAML, as `ros2 topic pub` takes it.
-
-    signals (n, n_u), such as positions or velocities, in SI, link side, at times (n,) from the first one.
-    """
-    nanoseconds = np.rint((time_s - time_s[0]) * 1e9).astype(np.int64).tolist()
-    rows = zip(nanoseconds, *(signal.tolist() for signal in signals.values()), strict=True)
-    lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: {json.dumps([*joints])}", "points:"]
-    for time, *values in rows:
-        named = "".join(f"{name}: {value}, " for name, value in zip(signals, values, strict=True))
-        lines.append(f"- {{{named}time_from_start: {{sec: {time // 10**9}, nanosec: {time % 10**9}}}}}")
-    write_text(path, "\n".join([*lines, ""]))
     return path
 
 

@@ -14,8 +14,9 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.reference_trajectory import Reference, references
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.robot import Robot
-from elastid.store.files import text_file, write_trajectory
+from elastid.store.files import text_file
 from elastid.store.reading import reader
+from elastid.store.trajectory import write_trajectory
 from elastid.store.values import writer
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ import numpy as np
 
 from elastid.base.escape import c_comment, one_line
 from elastid.base.files import from_template
-from elastid.store.files import write_text, write_trajectory
+from elastid.store.files import write_text
+from elastid.store.trajectory import write_trajectory
 from elastid.targets.matlab import write_mat
 from elastid.targets.numbers import c_row
 from elastid.use.tune import TunedMove

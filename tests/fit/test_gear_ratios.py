@@ -17,7 +17,9 @@ from elastid.fit.robust_covariance import LineSums, RatioSums
 Q, N, HALF = 40, 30, np.diag([2.0, 0.1])
 
 
-def scatter(std: float, is_excess: bool = True, noise: float = 1.0) -> tuple[RatioScatter, FloatArray]:
+def scatter(
+    std: float, is_excess: bool = True, noise: float = 1.0, least: float = 0.0
+) -> tuple[RatioScatter, FloatArray]:
     """Scatter of a gear at Q angles whose ratios have so many tolerances, and dx (Q, 2) by one tolerance at each."""
     rng = np.random.default_rng(3)
     J = np.linalg.qr(rng.standard_normal((Q * N, 2)))[0]
@@ -29,7 +31,8 @@ def scatter(std: float, is_excess: bool = True, noise: float = 1.0) -> tuple[Rat
         ratios = RatioSums((("motor 1", 0.1 * q),), V[[q]] @ rows[q], V[[q]] @ V[[q]].T, V[[q]] @ residuals[q])
         parts.append(LineSums(**vars(evidence_of(rows[q], residuals[q])) | {"ratios": ratios}))
     pull = np.array([part.ratios.pull[0] for part in parts])
-    return scatter_of_ratios(parts, HALF, float(r @ r), N * Q - 2.0, 1.0, is_excess), pull @ HALF
+    result = scatter_of_ratios(parts, HALF, float(r @ r), N * Q - 2.0, 1.0, is_excess, least)
+    return result, pull @ HALF
 
 
 @pytest.mark.parametrize("std", [0.5, 3.0])
@@ -46,6 +49,14 @@ def test_ratios_without_excess_explain_nothing() -> None:
     found, _ = scatter(0.0, is_excess=False)
     assert found.std["motor 1"] < 0.2
     assert not found.explains
+
+
+def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least() -> None:
+    """Residuals of noise alone after a model error was added to it: ratios that agree prove nothing."""
+    agreeing, dx = scatter(0.0, is_excess=False, least=1.0)
+    np.testing.assert_allclose(agreeing.covariance, dx.T @ dx)
+    different, _ = scatter(3.0, is_excess=False, least=1.0)
+    assert different.std["motor 1"] == pytest.approx(3.0, rel=0.2)
 
 
 def test_another_error_is_not_explained_by_ratios() -> None:

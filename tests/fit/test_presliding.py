@@ -12,9 +12,10 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_selection import choose
-from elastid.fit.presliding import rate_band, with_presliding
+from elastid.fit.presliding import presliding_note, rate_band, with_presliding
 from elastid.fit.problem.frf_residuals import linear_model
 from elastid.fit.result import Result
+from elastid.fit.result_rows import Presliding
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
@@ -62,6 +63,22 @@ def test_a_rate_at_its_bound_is_a_start() -> None:
         a = 2.4 * high * (1 + k * 2.0**-52)
         parameters = with_presliding(assembly, {RelaxingSpring("2"): (6e3, a)}).parameters
         assert parameters["relaxation_2"].value == pytest.approx(1 / (2.4 * high))
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "exceeds_noise", "has_moved", "severity"),
+    [
+        (1e4, False, True, "warning"),
+        (-1e4, False, True, "information"),
+        (-1e4, True, False, "warning"),
+        (1e4, False, False, "information"),
+    ],
+)
+def test_a_negative_spring_within_the_noise_is_no_warning(
+    stiffness: float, exceeds_noise: bool, has_moved: bool, severity: str
+) -> None:
+    spring = Presliding("motor 1", "N*m/rad", stiffness, 3e3, 300.0, 70.0)
+    assert presliding_note(spring, exceeds_noise, has_moved).severity == severity
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from plants.dry_friction import COULOMB as LEVELS
 from plants.dry_friction import measured, measured_bristles, measured_swing, robot
 
-from elastid.fit.parameter_selection import ratio_std
+from elastid.fit.parameter_selection import local_ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensate_friction import (
@@ -112,13 +112,13 @@ def test_the_ratio_of_a_gear_is_that_of_whole_turns_the_better_the_more_turns_it
         parent = name
     three = Robot("three", tuple(bodies))
     travel = dict(zip(three.motor_locations, (0.01, 0.2 * np.pi, 2.0), strict=True))
-    np.testing.assert_allclose(ratio_std(three, travel), [0.003, 0.0003, 0.0], rtol=1e-3)
-    assert not ratio_std(None, travel).any()
+    np.testing.assert_allclose(local_ratio_std(three, travel), [0.003, 0.0003, 0.0], rtol=1e-3)
+    assert not local_ratio_std(None, travel).any()
     (records, _), lines = measured()
     moved = np.max([np.ptp(record.y, axis=0) for record in records], axis=0)
     response = estimate_net_response(records, None, COULOMB, lines, None, robot())
     np.testing.assert_array_equal(
-        response.ratio_std, ratio_std(robot(), dict(zip(response.inputs, moved, strict=True)))
+        response.ratio_std, local_ratio_std(robot(), dict(zip(response.inputs, moved, strict=True)))
     )
 
 
