@@ -41,9 +41,9 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
 from elastid.fit.problem.frf_residuals import ElasticFit, chunked, each_at_home
-from elastid.fit.problem.least_squares import exceeds_noise
 from elastid.fit.problem.systematic_errors import find_factors
 from elastid.fit.problem.weights import Weights
+from elastid.fit.residual_test import exceeds_noise
 from elastid.fit.robust_covariance import (
     LineSums,
     block_variance,

@@ -49,14 +49,9 @@ class RatioScatter:
 
 
 def scatter_of_ratios(
-    parts: Sequence[LineSums],
-    half: FloatArray,
-    cost: float,
-    expected: float,
-    together: float,
-    is_excess: bool,
-    least: float = 0.0,
-) -> RatioScatter:
+    parts: Sequence[LineSums], half: FloatArray, cost: float, expected: float, together: float, is_excess: bool,
+    least: float = 0.0
+) -> RatioScatter:  # fmt: skip
     """Find the variance of the ratios; half (n, n_x): H, x = H^T z.
 
     cost, expected: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is the

@@ -13,7 +13,8 @@ from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_y
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.problem.least_squares import LocalOptimum, exceeds_noise, max_cost_ratio
+from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
 from elastid.fit.result_rows import (
     NO_NUMBERS,
     NO_PAIRS,

@@ -32,8 +32,9 @@ from elastid.fit.covariance import (
 )
 from elastid.fit.intervals import bootstrap, profile_likelihood
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares, exceeds_noise, max_cost_ratio
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import Weights, weigh
+from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
 from elastid.fit.robust_covariance import (
     LineSums,
     autocovariance,

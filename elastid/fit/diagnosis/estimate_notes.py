@@ -11,7 +11,7 @@ from elastid.base.errors import Note
 from elastid.base.names import posture_of
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.problem.least_squares import max_cost_ratio
+from elastid.fit.residual_test import max_cost_ratio
 from elastid.fit.result import Result, correlated, covariance_by_noise
 from elastid.parameters import Parameters
 

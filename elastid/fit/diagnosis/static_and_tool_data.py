@@ -27,8 +27,9 @@ from elastid.fit.diagnosis.refit import evaluate
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares, max_cost_ratio
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
+from elastid.fit.residual_test import max_cost_ratio
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters

@@ -21,7 +21,6 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
-from elastid.base.statistics import chi_square_limit
 from elastid.parameters import Parameters
 
 
@@ -117,20 +116,6 @@ def distance_to_optimum(ending: Evaluation, dof: int, fixed: BoolArray) -> float
 def is_far_from_noise(cost: float, dof: float) -> bool:
     """Return True if V indicates a wrong model whatever the noise, so that its optimum is needed approximately only."""
     return cost > 100 * max(dof, 1)
-
-
-def exceeds_noise(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """Return True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
-    return cost > expected_cost * max_cost_ratio(cost_dof)
-
-
-def max_cost_ratio(cost_dof: float) -> float:
-    """Return the upper limit of V / E[V] for a correct model (false-alarm rate 1/700).
-
-    2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
-    """
-    dof = max(cost_dof, 1.0)
-    return chi_square_limit(dof, 1 / 700) / dof
 
 
 def find_active_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
