@@ -22,9 +22,9 @@ Purpose: TypeAlias = Literal[
 class FrictionRecord:
     """One motion of one joint; records of several joints that moved together share their name.
 
-    joint: its name.  position, torque (n,): rad and Nm, where the joint slides m and N; of its motor's shaft, whose
-    friction no other motor's adds to, by its own ratio on the link side.  disturbance (n,): the known part of the
-    torque that is no command.  velocity (n,): measured or differentiated, None where it is left to the estimator.
+    joint: its name.  position, torque (n,): rad and Nm, where the joint slides m and N; values of the motor's
+    shaft on the link side, by its own ratio.  disturbance (n,): known torque that the motor does not produce, included
+    in torque.  velocity (n,): measured or differentiated, None where it is left to the estimator.
     temperature (n,): degC, NaN where it is not known, or None.  reference (n,): position that the controller was asked
     for.  link_position (n,): of the joint behind its gear.  Both None where they were not logged.
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.

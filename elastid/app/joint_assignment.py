@@ -21,7 +21,7 @@ from elastid.logs.files.formats import opened_log
 from elastid.logs.units_and_sides import without_placeholders
 from elastid.robot import Joint, Robot
 
-MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
+MIN_TURN = 0.05  # rad; logs whose joints differ by more belong to different states
 # Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
 Positions: TypeAlias = Mapping[ChannelKey, FloatArray]
 

@@ -67,7 +67,7 @@ def _joint(model: Any, i: int) -> Joint:
     is_driven = bool(gears) or not (stiffness or any(_gears(model, j) for j in range(model.njnt)))
     if is_driven:
         gear = next(iter(gears.values()), 1.0)
-        ratio = math.copysign(max(1.0, abs(gear)), gear)  # a smaller one is a unit of controls
+        ratio = math.copysign(max(1.0, abs(gear)), gear)  # below 1, gear only scales the control signal
         dry = float(model.dof_frictionloss[dof]) / abs(ratio)
         motor = Motor(max(float(model.dof_armature[dof]), 1e-290) / ratio**2, ratio, damping / ratio**2, dry)
     elif stiffness:

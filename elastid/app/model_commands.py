@@ -319,7 +319,8 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     robot = study.as_robot()
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
     if lacking:
-        raise DataError("predict/mismatch", f"fit of another robot, without {', '.join(lacking[:3])}", f"--with {path}")
+        text = f"the fit of another robot has no {', '.join(lacking[:3])}. Use a fit of this robot"
+        raise DataError("predict/mismatch", text, f"--with {path}")
     taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
     friction = read_friction(taken_out) if taken_out.is_file() else None
     gears = read_gears(laid_open if laid_open.is_file() else None)

@@ -64,12 +64,12 @@ _OPTIONS: dict[str, Decorator] = {
     "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
     "with": click.option(
         *("--with", "source"), type=click.Path(path_type=Path), metavar="RUN",
-        help="Run folder with identified friction or elasticity, or its friction.h5 or fit.h5; the first argument is "
-        "then a study, whose torque channels are predicted."
+        help="Run folder with identified friction or elasticity, or its friction.h5 or fit.h5. The first argument is "
+        "then the study whose torques are predicted."
     ),
     "log": click.option(
         *("--log", "logs"), type=click.Path(path_type=Path), multiple=True, metavar="FILE",
-        help="Log, in place of the logs of the study if one is given; can be repeated."
+        help="Log file; replaces the logs of a study. Repeat the option for several logs."
     ),
     "dask": click.option("--dask", metavar="ADDRESS", default="", help="Run on the workers of this Dask scheduler."),
     "png": click.option("--png", is_flag=True, help="Write the figures as PNG into figures/, too."),

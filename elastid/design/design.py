@@ -70,8 +70,8 @@ def presliding(fitted: Sequence[Measurement], robot: Robot) -> tuple[Presliding,
 
 def _presliding_note(friction: Presliding) -> Note:
     text = (
-        f"the distance between two reversals is {friction.amplitude:.2g} times the presliding distance (limit "
-        f"{AMPLITUDES[1]:g} times). The forecast includes the stiffness of the friction. Raise "
+        f"the motor moves {friction.amplitude:.2g} presliding distances between two reversals (limit "
+        f"{AMPLITUDES[1]:g}). The forecast includes the stiffness of the friction. Raise "
         f"excitation.torque_rms by a factor of {AMPLITUDES[1] / friction.amplitude:.2g}, or lower excitation.band_hz"
     )
     return Note("design/presliding", text, friction.place)

@@ -92,8 +92,8 @@ class Prospect:
     """All that the information of a configuration depends on, but for the configuration; it pickles.
 
     plan: of one configuration, in realisations that stand for all.  outputs and quantity: what is estimated.
-    distortion: std of G over |G| in one realisation.  includes_friction: in the responses, with its damping and its
-    scatter; else COMPENSATED_FRICTION of the latter.  presliding: of motors, numbers of the fit's model.
+    distortion: std of G over |G| in one realisation.  includes_friction: responses have damping and scatter by
+    friction; else COMPENSATED_FRICTION times the scatter.  presliding: springs of motors in the model of the fit.
     """
 
     robot: Robot

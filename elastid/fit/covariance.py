@@ -144,7 +144,7 @@ def estimate_uncertainty(
     cost = expected_cost if is_forecast else sums.cost
     is_excess = exceeds_noise(cost, expected_cost, cost_dof)
     together = max((response.correlated_lines for response in responses), default=1.0)
-    # A model error was estimated because V exceeded the noise, and ratios did not explain that.
+    # With a model error, which ratios did not explain, the std of each gear is at least the tolerance of the file.
     least = float(any(each.floor > 0 for each in weights))
     V = math.nan if is_forecast else cost
     ratios = scatter_of_ratios(parts, half, V, expected_cost, together, is_excess, least)

@@ -10,7 +10,7 @@ residuals r have along the whitened errors V:
           D = \mathrm{diag}\, s_j^2, \qquad \mathrm{cov}\, x = \sum_j E[s_j^2] \sum_q M_{jq} M_{jq}^T
 
 The s_j of one robot are alike, ln s_j ~ N(m, 0.7^2) with a common m: a gear whose ratios agree by chance, as in two
-configurations, has the scatter of the other gears.  M_jq: the change of x by one standard deviation of the file's
+configurations, has the scatter of the other gears.  M_jq: the change of x if the ratio of gear j changes by its
 tolerance at angle q.  c: power of a whitened residual.  Where V exceeds the noise and such ratios do not explain it,
 another error does, and s_j is the file's tolerance.
 """
@@ -56,7 +56,7 @@ def scatter_of_ratios(
 
     cost, expected: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is the
     part of V over `expected` that the ratios do not explain, in three rounds.  is_excess: V exceeds the noise.
-    least: std of each gear over its tolerance, at least.
+    least: lower bound of the std of each gear over its tolerance.
     """
     joints = [joint for part in parts for joint in part.ratios.joints]
     if not joints:

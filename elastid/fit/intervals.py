@@ -190,7 +190,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, omitted = choose_profiles(problem.parameters, variance)
-        further = f"; {', '.join(omitted)}: still symmetric, add them to fit.profile"
+        further = f"; intervals of {', '.join(omitted)} are symmetric: add these names to fit.profile"
         text = (
             f"{', '.join(names)}: interval by profile likelihood, because the std is above 10 % and the cost is not "
             f"quadratic{further * bool(omitted)}"

@@ -378,7 +378,7 @@ def presliding_note(spring: Presliding, exceeds_noise: bool, has_moved: bool) ->
         return Note("fit/presliding", text, severity="information")
     if AMPLITUDES[0] < spring.amplitude < AMPLITUDES[1]:
         text += (
-            f". The motion between two reversals is about {spring.amplitude:.2g} of the presliding distance (limit "
+            f". The motor moves about {spring.amplitude:.2g} presliding distances between two reversals (limit "
             f"{AMPLITUDES[1]:g})"
         )
     advice = "Do not use the Coulomb torque of this motor. To identify it, increase the amplitude of the excitation"

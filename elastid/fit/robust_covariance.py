@@ -269,7 +269,7 @@ def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArra
 def _moved_without(part: LineSums) -> FloatArray:
     """The change of z (n_x,) without a configuration, in the directions that the others determine."""
     values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
-    reached = values > 1e-10  # less is known from this configuration alone
+    reached = values > 1e-10  # the others are identified by this configuration alone
     return np.asarray(vectors[:, reached] @ ((vectors[:, reached].T @ part.pull.sum(axis=1)) / values[reached]))
 
 

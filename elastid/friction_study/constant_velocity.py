@@ -220,7 +220,9 @@ class FrictionCurve:
 
     def __post_init__(self) -> None:
         if len(self.torque) and np.all(self.torque < 0):
-            raise DataError("friction/constant-velocity", NEGATIVE.format(self.torque.min()), f"levels of {self.place}")
+            raise DataError(
+                "friction/constant-velocity", NEGATIVE.format(self.torque.min()), f"friction torques of {self.place}"
+            )
 
     @property
     def n_conditions(self) -> int:

@@ -73,8 +73,8 @@ def track_friction(
 ) -> TrackedFriction:
     """Track the friction of a joint along its motions; DataError for motions shorter than settle_s.
 
-    find_noise: estimate the noise from innovations of the longest motion, instead of `guess`.  joints: one, or several
-    with other bristles, one of which the innovations choose where no experiment identified it.
+    find_noise: estimate the noise from innovations of the longest motion, instead of `guess`.  joints: models with
+    different bristles; innovations select one of them.
     """
     duration_s = sum(len(motion.angle) for motion in motions) / rate_hz
     if duration_s <= settle_s + LAGS / rate_hz:

@@ -81,7 +81,7 @@ COMPARED_PARAMETERS = ("inertia", "viscous", "coulomb")
 # Limits of the judgement of a motion (scripts/studies/results.csv).
 NOISE_ERROR = 0.1  # relative std of the expected shift between both bands, since position noise may not be white
 MAX_BIAS = 0.5  # expected bias by position noise over the std, above which the passband is halved
-NARROW_BAND = 0.25  # second band over the passband; a true model has the same parameters in both
+NARROW_BAND = 0.25  # second band over the passband; a correct model has equal parameters in both
 MAX_SHIFT = 2.8  # shift of a parameter between both bands over its std, above which the model has an error
 SPRING_SHIFT = 0.5  # change of a parameter by a spring behind the motor over its std, above which it is a misfit
 MAX_ERROR = 0.05  # relative std with model errors, above which they are a misfit

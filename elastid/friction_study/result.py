@@ -194,7 +194,7 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
     """Numbers of the static law, and of each direction where they differ."""
     curve, values = law.curve, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", curve.slides)
-    learnt = f"{curve.n_conditions} levels from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}"
+    learnt = f"{curve.n_conditions} friction torques from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}"
     at, terms = f"friction torque at {curve.speed.mean():.3g} {unit}", dict(TERMS)
     if law.has_one_speed:
         by_heat = f"{at}: change with temperature"

@@ -79,7 +79,7 @@ class StaticLaw:
             for part in tuple(waiting):
                 wider, reason = _tried(curve, fit, part, getattr(spec, part.name))
                 if wider is None:
-                    reasons.setdefault(part.name, reason)  # a later number of the part has the same reason, or a lesser
+                    reasons.setdefault(part.name, reason)  # the first one is the strongest
                     continue
                 fit = wider
                 waiting.remove(part)
@@ -161,10 +161,8 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
     n_numbers = len(terms.linear) + len(terms.searched)
     if curve.n_conditions <= n_numbers:
         numbers = ", ".join((*terms.linear, *terms.searched))
-        text = (
-            f"{curve.n_conditions} levels for {n_numbers} parameters of its law ({numbers}). Measure more speeds, or "
-        )
-        raise FitError("friction/law", f"{text}switch terms of the law off", f"friction of {curve.place}")
+        text = f"{curve.n_conditions} friction torques for {n_numbers} parameters ({numbers}). Measure more speeds, or "
+        raise FitError("friction/law", f"{text}switch terms of friction.law off", f"friction of {curve.place}")
     degc = curve.measured_temperatures
     T_0 = float(degc.mean()) if len(degc) else 0.0
     search = _Search(curve, terms, T_0)

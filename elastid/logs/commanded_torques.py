@@ -21,8 +21,7 @@ from elastid.simulation.controller import loop_of, sampled_responses
 from elastid.simulation.spec import ReferencePathSpec
 
 _SMALLEST = 0.03  # of the largest reference: DFT lines with smaller ones are not compared
-# Lag of current loop and torque filter, half of it if low_pass_hz is stated: a sample at a step of the command contains
-# the torque before the step.
+# Lag of current loop and torque filter, half if low_pass_hz is stated: a sample at a step still has the old torque.
 TORQUE_LAG_S = 3e-4
 # Explained fraction of the power of a torque above which the gains are identified to _MAX_GAIN_ERROR.
 _MIN_CERTAIN, _MAX_GAIN_ERROR = 0.98, 0.1

@@ -22,7 +22,7 @@ MIN_CORRELATION = 0.98
 MIN_EXPLAINED = 0.75
 # Minimum fraction that the acceleration alone explains, for a statement on the inertia.
 MIN_BY_INERTIA = 0.2
-# Ratio of accelerations above which another joint may move this one; fraction that viscous friction must then explain.
+# Ratio of accelerations above which another joint may drive this one; fraction that viscous friction must then explain.
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
 # |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
 MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0

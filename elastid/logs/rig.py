@@ -309,7 +309,7 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
 MAX_CHANGE = 0.1
 MIN_TIMES_NOISE = 4.0
 MAX_LAG = 0.05  # samples: logs that are closer to step are left as they are
-_ADVICE = "Give each its own experiment (same phases) or realisation (other phases)"
+_ADVICE = "Give each log its own experiment (same phases) or realisation (other phases)"
 
 
 def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
@@ -374,7 +374,7 @@ def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
     unexplained = float(np.sum((b - gain * a) ** 2))
     least = MIN_TIMES_NOISE * len(a) * noise if np.isfinite(noise) else 0.5 * power
     if unexplained > max(MAX_CHANGE * power, least):
-        return f"{unexplained / power:.0%} of the power of the second log has another excitation than the first"
+        return f"the excitations of the two logs differ in {unexplained / power:.0%} of the power"
     if abs(gain - 1) > MAX_CHANGE and (gain - 1) ** 2 * float(a @ a) > least:
         return f"the excitation of the second log is {gain:.3g} times that of the first"
     return ""

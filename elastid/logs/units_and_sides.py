@@ -102,12 +102,12 @@ def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
-    """T (n_c, n_c) from channels by their own ratio to joints; StudyError where a coupled one is missing."""
+    """Return T (n_c, n_c) from own-ratio channels to joints; raise StudyError if a coupled channel is missing."""
     return _through_couplings(channels, robot, "motor", np.asarray(np.linalg.inv(robot.mixing)))
 
 
 def to_shafts(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
-    """T (n_c, n_c) from channels by their own ratio to motor shafts; StudyError where a coupled one is missing."""
+    """Return T (n_c, n_c) from own-ratio channels to shafts; raise StudyError if a coupled channel is missing."""
     return _through_couplings(channels, robot, "link", robot.mixing)
 
 
@@ -170,7 +170,7 @@ def value_refusals(
 
 
 def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, log: Log) -> None:
-    """Report torques of signals (n, c) that were not measured: the command twice, inverted, or another motor's.
+    """Report torque channels of signals (n, c) that copy a command: the same, inverted, or of another motor.
 
     N: samples of the period, None without one.
     """

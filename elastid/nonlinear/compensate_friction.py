@@ -95,7 +95,7 @@ def _unexplained(
     levels = [friction.coulomb_friction(place)[0] for place in response.inputs]
     stuck = [place for place, F_c, most in zip(response.inputs, levels, rms / 3, strict=True) if F_c > most]
     cure = (
-        f"raise the amplitude, with which friction stops {' and '.join(stuck)}"
+        f"raise excitation.torque_rms: friction stops {' and '.join(stuck)} at this amplitude"
         if stuck
         else "add `gears: {}` to the study"
     )

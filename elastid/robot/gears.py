@@ -49,7 +49,7 @@ class GearCoupling:
 
 # fmt: off
 GearCouplings: TypeAlias = Annotated[tuple[GearCoupling, ...], Key("Gear couplings, by which one axis also rotates the "
-    "motor of another axis.", "for wrists with coupled motors; a missing coupling shows as torque of one motor on "
+    "motor of another axis.", "for wrists with coupled motors. Without it, the torque of one motor appears at "
     "another joint.")]
 # fmt: on
 

@@ -325,7 +325,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("motor 2 turned along by axis 1", "two-axis", coupled(6.0, ("2", "1")), ("coupling_2_1",)),
     Injection("motor 3 turned along by axis 2", "demo", coupled(1.1, ("3", "2")), ("coupling_3_2",)),
     Injection("the file's payload not carried", "six-axis", changed_robot(lambda r: replace(r, payload=None)),
-              ("the payload of the file not carried",)),
+              ("the payload of the file not mounted",)),
     # Gears and friction.
     Injection("gear 1 hardens by 10 %", "two-axis", hardening("upper", 0, 0.1), ("load_1",)),
     Injection("gear 2 hardens by 10 %", "demo", hardening("upper_arm", 0, 0.1), ("load_2",)),

@@ -99,7 +99,7 @@ def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
 
 
 def test_friction_that_drives_is_refused() -> None:
-    with refused("friction/constant-velocity", place="levels of joint 1"):
+    with refused("friction/constant-velocity", place="friction torques of joint 1"):
         replace(plain(), torque=-plain().torque)
 
 
@@ -168,7 +168,7 @@ def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth() -> Non
 
 
 def test_too_few_levels_are_refused_with_their_number() -> None:
-    with refused("friction/law", holds=("3 levels", "4 parameters")):
+    with refused("friction/law", holds=("3 friction torques", "4 parameters")):
         fit_curve(
             published_levels((1.0, 10.0, 100.0), (0.0,), (40.0,)),
             Terms(("coulomb", "stiction", "viscous"), ("stribeck_velocity",), {"exponent": 2.0}),

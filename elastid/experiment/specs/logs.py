@@ -25,8 +25,8 @@ class CascadeSpec(GainsSpec):
         "speed. It replaces reference.velocity_feedforward.", least=0, most=1)] = 0.0
     reference: Annotated[ReferencePathSpec | None, Key("Path of the references into the controller (default: unknown).",
         "if the log has the rate of the references, because their steps then alias into the torques. elastid subtracts "
-        "the aliases if the log contains the references. Without them it needs positions and a cycle of at least "
-        "about 2 ms; otherwise it warns.")] = None
+        "the aliases if the log contains the references. Otherwise this needs positions and a cycle of at least "
+        "about 2 ms.")] = None
     velocity: Annotated[Literal["difference", "exact"], Key("Velocity in the feedback: `difference` of two encoder "
         "positions, or `exact` (the velocity of the simulation).", "`exact` for logs of simulators, whose controllers "
         "read the joint velocity of the state.")] = "difference"

@@ -155,7 +155,7 @@ def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
     if robot.payload is not None and robot.payload.mass > 0:
         numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
         massless = {name: LEAST * value for name, value in numbers.items()}
-        yield "the payload of the file not carried", "payload of the file", robot.with_parameters(massless), massless
+        yield "the payload of the file not mounted", "payload of the file", robot.with_parameters(massless), massless
 
 
 def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:

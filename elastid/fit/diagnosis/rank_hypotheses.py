@@ -5,15 +5,15 @@ of their own (delays, misread channels and postures, missing springs, other robo
 causes that explain more together with it. Errors of fixed numbers that free parameters absorb come last: no test of the
 responses detects them.
 
-A cause h has d numbers p with a prior of zero mean and W = diag(w^2), w the typical sizes.  Its posterior odds are, by
-Laplace's approximation of the Bayes factor, times the prior odds of its family,
+A cause h has d numbers p with a prior of zero mean and W = diag(w^2), w the typical sizes.  Its posterior odds
+are the prior odds of its family times the Bayes factor (Laplace's approximation),
 
 .. math:: 2 \ln O_h = \frac{\Delta V_h}{\tau^2} - \ln \det\Big(1 + \frac{W S_h}{\tau^2}\Big)
           - \sum_i 2 \ln\Big(1 + \frac{p_i^2}{w_i^2}\Big) + 2 \ln \frac{\pi_h}{n_h}
 
 The determinant is Occam's factor: it penalises causes of any size and of many numbers. The third term is a prior with
 the tails of a Cauchy distribution. n_h: causes of the family, which share its prior odds pi_h. tau^2: variance of the
-noise and the fraction `LIMITS.linear_error` of the excess of V, which one linear step of the true cause may leave.
+noise plus `LIMITS.linear_error` times the excess of V, the error of one linear step.
 """
 
 import math

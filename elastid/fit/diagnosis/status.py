@@ -3,10 +3,10 @@
 The status `misfit` is a significant model error: the model explains most of the response, but its parameters are biased
 by more than their intervals. One of four tests suffices; limits in code marks are fields of `LIMITS`.
 
-1. Blocks (a configuration and a frequency band) disagree. All of: V exceeds the limit of noise alone, and `excess`
-   times its expectation; the scatter of the estimates over blocks is `disagreement` times the scatter by noise, and
-   `structure` times that of white residuals of the same size; a parameter of interest is biased by `shift` standard
-   deviations, and by the fraction `effect`.
+1. Blocks (a configuration and a frequency band) disagree, which has three conditions. V exceeds the limit of noise
+   alone, and `excess` times its expectation. The scatter of the estimates over blocks is `disagreement` times the
+   scatter by noise, and `structure` times the scatter by white residuals of the same size. A parameter of interest is
+   biased by `shift` standard deviations, and by the fraction `effect`.
 2. A fixed number, a common factor of several, or a spring that the robot model lacks: freeing it lowers V by `drop` and
    changes a parameter of interest by `shift` standard deviations and the fraction `effect`. This finds errors that all
    blocks share.

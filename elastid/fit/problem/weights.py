@@ -119,7 +119,7 @@ class Weights(Kept):
 def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = None) -> Weights:
     """Return the weights of one measured response under the study's band, floor, smoothing and factors.
 
-    smoothed: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
+    smoothed: smoothed noise of a response; smoothed again if that response has other values.
     Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
     where = response.configuration.name

@@ -91,8 +91,8 @@ def friction_curve(law: StaticLaw) -> Figure:
     rows = [
         [Panel(curves, y=f"{quantity(measured_curve.slides)} in {torque}", frequency=lines, y_ends=(0.0, None),
                span=measured)],
-        [Panel(errors, f"speed in {speed}", "(level − law) / std", marks=(-QUANTILE_95, QUANTILE_95), frequency=lines,
-               span=measured)],
+        [Panel(errors, f"speed in {speed}", "residual / std", marks=(-QUANTILE_95, QUANTILE_95),
+               frequency=lines, span=measured)],
     ]  # fmt: skip
     title = f"{measured_curve.place}: friction over speed {condition.text(law)}".rstrip()
     return style.matrix(title, rows, (3.0, 1.0), sharex=True)
