@@ -65,7 +65,8 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
     bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_model_error(None)
-    first = _State.of(bare, evidence.optimum.end.x)
+    # Within the noise a negative spring is an error of the compensation, which the intervals include.
+    first = _State.of(bare, evidence.optimum.end.x, (1, -1) if is_large else (1,))
     last = _with_all(first, joints)
     if not last.springs or _is_beaten(evidence, first, last):
         return None
@@ -103,9 +104,10 @@ def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """x (n_x,) of the fit with some springs on thinned lines, and V; base: without springs."""
+    """x (n_x,) of the fit with some springs on thinned lines, and V; base: without springs; signs: of further ones."""
 
     base: Assembly
+    signs: tuple[int, ...]
     springs: Springs
     fit: ElasticFit
     x: FloatArray
@@ -113,11 +115,11 @@ class _State:
     share: float = 1.0
 
     @classmethod
-    def of(cls, base: Assembly, x: FloatArray) -> "_State":
+    def of(cls, base: Assembly, x: FloatArray, signs: tuple[int, ...]) -> "_State":
         """Return the state without springs, from x (n_x,)."""
         fit, share = _thinned(base, x)
         end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
-        return cls(base, {}, fit, end.x, end.cost, share)
+        return cls(base, signs, {}, fit, end.x, end.cost, share)
 
     @property
     def parameters(self) -> Parameters:
@@ -133,27 +135,33 @@ class _State:
         """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
         if not self._sees(joint):
             return math.inf
-        of_springs, r = self._rows
-        return float(np.sum((np.linalg.qr(of_springs[joint].T)[0].T @ r) ** 2))
+        C, _, _, r = self._steps(joint)
+        return float(np.sum((np.linalg.qr(C.T)[0].T @ r) ** 2))
 
     def starts(self, joint: str) -> list[tuple[RelaxingSpring, float, float]]:
         """Return a spring with s and a for each starting rate that a linear step in s favours.
 
-        Both signs at two rates where the motion is not measured.
+        All signs at two rates where the motion is not measured.
         """
-        rates = _rates(self.base.responses)
         usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_SHARES
         if not self._sees(joint):
-            return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in (1, -1) for a in rates[1:-1].tolist()]
-        of_springs, r = self._rows
-        C = of_springs[joint]
-        steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
+            rates = _rates(self.base.responses)[1:-1].tolist()
+            return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in self.signs for a in rates]
+        C, steps, rates_of_steps, r = self._steps(joint)
         drops = -steps * (C @ r)
         return [
             (RelaxingSpring(joint, 1 if s > 0 else -1), float(np.clip(abs(s), least * usual, usual)), a)
-            for s, a, drop in zip(steps.tolist(), rates.tolist(), drops.tolist(), strict=True)
+            for s, a, drop in zip(steps.tolist(), rates_of_steps.tolist(), drops.tolist(), strict=True)
             if drop >= STARTED * drops.max()
         ]
+
+    def _steps(self, joint: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """dr/ds (n, N), linear steps in s (n,) with a sign in `signs`, their rates (n,), and r (N,)."""
+        of_springs, r = self._rows
+        C = of_springs[joint]
+        steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
+        used = np.isin(np.sign(steps), self.signs)
+        return C[used], steps[used], _rates(self.base.responses)[used], r
 
     def _sees(self, joint: str) -> bool:
         return all(f"motor {joint}" in part.kernel.model.outputs for part in self.fit.parts)
