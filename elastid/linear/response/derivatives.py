@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.workers import Kept
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
@@ -107,16 +107,16 @@ class Sensitivity:
         return np.asarray(pulled)
 
 
-def as_rank_one(matrix: FloatArray) -> tuple[float, FloatArray] | None:
-    """Return sigma = +-1 and y (n,) of a symmetric matrix (n, n) sigma y y^T; None for a higher rank."""
-    i = int(np.argmax(np.abs(matrix.diagonal())))
-    largest = float(matrix[i, i])
-    if not largest:
-        return None
-    y = matrix[:, i] / np.sqrt(abs(largest))
-    sigma = float(np.sign(largest))
-    is_all = np.abs(matrix - sigma * np.outer(y, y)).max() <= 1e-12 * abs(largest)
-    return (sigma, y) if is_all else None
+def of_rank_one(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Return which symmetric matrices (N, n, n) are of rank one, sigma y y^T, and sigma = +-1 (N,) and y (N, n)."""
+    N = np.arange(len(matrices))
+    diagonal = matrices.diagonal(axis1=1, axis2=2)
+    i = np.argmax(np.abs(diagonal), axis=1)
+    largest = diagonal[N, i]
+    sigma, size = np.sign(largest), np.abs(largest)
+    y = matrices[N, i] / np.sqrt(np.where(size > 0, size, 1.0))[:, None]
+    errors = np.abs(matrices - sigma[:, None, None] * y[:, :, None] * y[:, None, :]).max(axis=(1, 2))
+    return (size > 0) & (errors <= 1e-12 * size), sigma, y
 
 
 # Matrices of length one that differ by less than this are equal.
@@ -173,36 +173,41 @@ class Columns(Kept):
     @cached_property
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
-        n = self.kernel.model.n
-        bases = _Bases(np.empty((3 * len(self.kernel.wanted), 2 * n * n)), [])
-        pieces: list[tuple[int, int, int, float]] = []
-        for place, name in enumerate(self.kernel.wanted):
-            slope = self.kernel.model.slopes.get(name, Slope())
-            given = {
-                power: (np.stack([matrix, np.zeros_like(matrix)]), as_rank_one(matrix))
-                for power, matrix in enumerate((slope.K, slope.D, slope.M))
-                if matrix is not None and np.any(matrix)
-            }
-            if all(power in given and given[power][1] is None for power in (0, 2)):
-                moved, _ = given.pop(2)
-                given[0][0][1] = self.omega_0**2 * moved[0]
-            for power, (matrix, single) in given.items():
-                base, sigma = bases.add(matrix, single)
-                pieces.append((place, base, power, sigma))
+        n, wanted = self.kernel.model.n, self.kernel.wanted
+        slopes = [self.kernel.model.slopes.get(name, Slope()) for name in wanted]
+        terms = [
+            (place, power, matrix)
+            for place, slope in enumerate(slopes)
+            for power, matrix in enumerate((slope.K, slope.D, slope.M))
+            if matrix is not None and np.any(matrix)
+        ]
+        place, power = np.array([term[:2] for term in terms], np.int64).reshape(-1, 2).T
+        matrices = np.array([matrix for *_, matrix in terms]).reshape(-1, n, n)
+        is_single, sign, y = of_rank_one(matrices)
+        E = np.stack([matrices, np.zeros_like(matrices)], axis=1)
+        # Of a parameter that changes K and M by matrices of a higher rank both are one piece.
+        stiff, heavy = (np.flatnonzero(~is_single & (power == order)) for order in (0, 2))
+        _, with_mass, masses = np.intersect1d(place[stiff], place[heavy], return_indices=True)
+        E[stiff[with_mass], 1] = self.omega_0**2 * matrices[heavy[masses]]
+        kept = np.delete(np.arange(len(place)), heavy[masses])
+        place, power, is_single, sign, y = place[kept], power[kept], is_single[kept], sign[kept], y[kept]
+        sigma, first = _first_alike(E[kept].reshape(len(kept), -1))
+        # The first pieces of each base, those of rank one in front.
+        bases = np.unique(first)
+        bases = bases[np.argsort(~is_single[bases], kind="stable")]
+        single = bases[is_single[bases]]
         direct = (*self.kernel.factors, *self.kernel.moved_outputs)
-        pieces += [(self.kernel.wanted.index(name), len(bases.single) + i, 0, 1.0) for i, name in enumerate(direct)]
-        order = sorted(range(len(bases.single)), key=lambda b: bases.single[b] is None)
-        now_at = np.append(np.argsort(order), len(order) + np.arange(len(direct))).astype(np.int64)
-        sigma_of = np.zeros((len(pieces), len(self.kernel.wanted)))
-        for t, (place, _, _, sigma) in enumerate(pieces):
-            sigma_of[t, place] = sigma
-        of_rank_one = [single for single in bases.single if single is not None]
+        base_of = np.zeros(len(kept), np.int64)
+        base_of[bases] = np.arange(len(bases))
+        places = np.concatenate([place, [wanted.index(name) for name in direct]]).astype(np.int64)
+        sigma_of = np.zeros((len(places), len(wanted)))
+        sigma_of[np.arange(len(places)), places] = np.concatenate([sigma, np.ones(len(direct))])
         return Pieces(
-            np.array([sign for sign, _ in of_rank_one]),
-            np.array([y for _, y in of_rank_one]).reshape(-1, n).T,
-            bases.E[order[len(of_rank_one) :]].reshape(-1, 2, n, n).swapaxes(0, 1),
-            now_at[[base for _, base, _, _ in pieces]],
-            np.array([power for _, _, power, _ in pieces], np.int64),
+            sign[single],
+            y[single].T / np.sqrt(np.abs(sigma[single])),
+            (E[kept[bases[len(single) :]]] / sigma[bases[len(single) :], None, None, None]).swapaxes(0, 1),
+            np.concatenate([base_of[first], len(bases) + np.arange(len(direct))]).astype(np.int64),
+            np.concatenate([power, np.zeros(len(direct), np.int64)]),
             sigma_of,
         )
 
@@ -253,25 +258,16 @@ class Columns(Kept):
         return np.hstack([self.pieces.y, self._directions[0]])
 
 
-@dataclass(frozen=True)
-class _Bases:
-    """Normalised matrices E (2, n, n), one per row, in a preallocated array; sign and y of rank one, or None."""
-
-    E: FloatArray
-    single: list[tuple[float, FloatArray] | None]
-
-    def add(self, both: FloatArray, single: tuple[float, FloatArray] | None) -> tuple[int, float]:
-        """Return the index of a matrix, added if it is new, and its factor. single: sign and y for rank one."""
-        sigma, stored = float(np.linalg.norm(both)), self.E[: len(self.single)]
-        E = both.ravel() / sigma
-        products = stored @ E
-        for place in np.flatnonzero(np.abs(products) > 1 - 1e-6):
-            sign = float(np.sign(products[place]))
-            if np.abs(E - sign * stored[place]).max() < EQUAL_TOLERANCE:
-                return int(place), sigma * sign
-        self.E[len(stored)] = E
-        self.single.append(None if single is None else (single[0], single[1] / np.sqrt(sigma)))
-        return len(stored), sigma
+def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Factor (N,) and first row (N,) of which each row of E (N, m) is a multiple; positive of a first row."""
+    size = np.linalg.norm(E, axis=1)
+    unit = E / size[:, None]
+    rows, earlier = np.nonzero(np.tril(np.abs(unit @ unit.T) > 1 - 1e-6))
+    sign = np.sign(np.sum(unit[rows] * unit[earlier], axis=1))
+    is_alike = np.abs(unit[rows] - sign[:, None] * unit[earlier]).max(axis=1, initial=0.0) < EQUAL_TOLERANCE
+    # np.nonzero goes row by row, with the earliest first.
+    _, first = np.unique(rows[is_alike], return_index=True)
+    return size * sign[is_alike][first], earlier[is_alike][first]
 
 
 def _span(matrices: FloatArray) -> FloatArray:
