@@ -302,8 +302,8 @@ class Response(Kept):
         rows = [index_of(place, self.outputs, "output") for place in outputs]
         columns = [index_of(place, self.inputs, "input") for place in inputs]
 
-        given = {"noise": self.noise, "total": self.total}
-        cut: dict[str, Any] = {n: part.elements(rows, columns) for n, part in given.items() if part is not None}
+        uncertainties = {"noise": self.noise, "total": self.total}
+        cut: dict[str, Any] = {n: part.elements(rows, columns) for n, part in uncertainties.items() if part is not None}
         return replace(
             self,
             **cut,
@@ -363,9 +363,9 @@ class Response(Kept):
         """
         axes = ("freq_hz", "output", "input")
         stds = {"noise_std": self.noise, "total_std": self.total}
-        given = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
+        stds_of = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
         return installed("xarray", "notebook").Dataset(
-            {name: (axes, values) for name, values in {"G": self.G, **given}.items()},
+            {name: (axes, values) for name, values in {"G": self.G, **stds_of}.items()},
             {"freq_hz": self.freq_hz, "output": list(self.outputs), "input": list(self.inputs)},
             {"unit": self.unit, "quantity": self.quantity, "configuration": self.configuration.name},
         )

@@ -173,10 +173,10 @@ def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any)
     follow    (with filter: {}) friction over time, by a Kalman filter: filter.h5
     report    page and, if requested, figures: report.html, figures/
     """
-    asked = run_of(study, options | {"overrides": (*options["overrides"], *["report.formats=[png]"] * png)})
+    request = run_of(study, options | {"overrides": (*options["overrides"], *["report.formats=[png]"] * png)})
     from elastid.app.run import run_all
 
-    run_all(asked, stages)
+    run_all(request, stages)
 
 
 @cli.command()
@@ -193,14 +193,14 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
     """
     if search and len(studies) > 1:
         raise click.UsageError(f"--search takes one study, not {len(studies)}. Give one study, or omit --search")
-    asked = run_of(studies[0], options)
+    request = run_of(studies[0], options)
     from elastid.app import compare as comparing
     from elastid.study import load
 
     if search:
-        comparing.search_elasticity(asked)
+        comparing.search_elasticity(request)
         return
-    comparing.compare(asked, [load(study) for study in studies[1:]])
+    comparing.compare(request, [load(study) for study in studies[1:]])
 
 
 @cli.command()
@@ -246,8 +246,8 @@ def predict(
     folder = options["folder"] or Path("runs") / f"{model.stem}_{logs[0].stem}"
     console = Console(options["verbose"] - options["quiet"])
     recorded = None if study is None else load(study, options["overrides"]).study.experiment.as_recorded()
-    given = CommandSettings(rate_hz, kp, kd, delay, recorded)
-    predict_from_commands(model, logs, given, folder, options["jobs"] or all_cores(), console)
+    settings = CommandSettings(rate_hz, kp, kd, delay, recorded)
+    predict_from_commands(model, logs, settings, folder, options["jobs"] or all_cores(), console)
 
 
 @cli.command(name="map")
@@ -272,10 +272,10 @@ def map_command(study: Path, **options: Any) -> None:
     chatter-free depth of cut, the deflection under a load, and the spring that contributes most. A path is a CSV file
     with a column for each driven joint (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
     """
-    asked = run_of(study, options)
+    request = run_of(study, options)
     from elastid.app.model_commands import map_study
 
-    map_study(asked, **options)
+    map_study(request, **options)
 
 
 @cli.command()
@@ -303,10 +303,10 @@ def tune(study: Path, **options: Any) -> None:
     s. Without t the path starts and ends at zero velocity (two rows are enough), and --time or --fastest sets its
     duration. With t these options stretch it.
     """
-    asked = run_of(study, options)
+    request = run_of(study, options)
     from elastid.app.model_commands import tune_study
 
-    tune_study(asked, **options)
+    tune_study(request, **options)
 
 
 @cli.command()
@@ -324,10 +324,10 @@ def loops(study: Path, **options: Any) -> None:
     velocity gains, notch filters and low-pass filters with the largest bandwidth. Its sensitivity peak stays below 6 dB
     in all postures of the study and for 95 % of the posterior samples. loops.yml has the gains as a section of a study.
     """
-    asked = run_of(study, options)
+    request = run_of(study, options)
     from elastid.app.model_commands import loops_study
 
-    loops_study(asked, **options)
+    loops_study(request, **options)
 
 
 @cli.command()
@@ -348,12 +348,12 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
     contains the results of `elastid run` for the study DIR/live/study.yml. Default of --run: runs/<name of the
     study>-live, with --simulate runs/<name of the study>-live-simulated.
     """
-    given, asked = options["folder"], run_of(study, options)
+    given, request = options["folder"], run_of(study, options)
     from elastid.app.live import live_study
 
     # Simulated logs never lie where those of the robot are awaited.
-    folder = given or Path("runs") / f"{asked.study.name}-live{'-simulated' * simulate}"
-    live_study(replace(asked, folder=folder), goals, simulate, robot_time)
+    folder = given or Path("runs") / f"{request.study.name}-live{'-simulated' * simulate}"
+    live_study(replace(request, folder=folder), goals, simulate, robot_time)
 
 
 @cli.command()
@@ -368,10 +368,10 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
     responses to control, matlab, csv or uff. Further targets come from installed packages, by entry points of the group
     elastid.targets.
     """
-    asked = run_of(study, options)
+    request = run_of(study, options)
     from elastid.app.export import export as export_model
 
-    export_model(asked, target, count)
+    export_model(request, target, count)
 
 
 @cli.command()

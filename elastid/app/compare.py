@@ -162,9 +162,9 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
-def _weighed_as(given: Study, varied: Study) -> FitSpec:
+def _weighed_as(study: Study, varied: Study) -> FitSpec:
     """The fit of another study with the criterion, weights and band of the own one, so that their costs compare."""
-    fit = given.seeded_fit
+    fit = study.seeded_fit
     return replace(varied.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 

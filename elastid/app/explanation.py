@@ -13,27 +13,27 @@ from elastid.study import load
 from elastid.study.reference import explain, explain_parameter
 
 
-def explain_name(asked: str, study: Path | None = None, folder: Path | None = None) -> str:
+def explain_name(name: str, study: Path | None = None, folder: Path | None = None) -> str:
     """Explain a name, with its nominal value in a study and its estimate in the folder of a run."""
-    if asked == "export" or asked in [f"export.{tag}" for tag in tags()]:
-        return explain_targets(asked.removeprefix("export").removeprefix("."))
-    if asked.partition(".")[0] == "causes":
-        return explain_causes(asked.partition(".")[2])
+    if name == "export" or name in [f"export.{tag}" for tag in tags()]:
+        return explain_targets(name.removeprefix("export").removeprefix("."))
+    if name.partition(".")[0] == "causes":
+        return explain_causes(name.partition(".")[2])
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot
-    named = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", asked)]  # e2_1 has an order
-    rows = [explain_parameter(asked, robot) or "".join(f"{capital(meaning)}. Link side." for meaning in named)]
-    if result is not None and asked in result.values:
-        verdict = dict(zip(result, result.verdicts, strict=False)).get(asked, "nuisance parameter")
-        fixed = f"fixed at {result.values[asked]:g}"
-        rows.append(f"In this run: {f'{result[asked]} ({verdict})' if asked in result else fixed}.")
-        rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(asked)) else "")
+    named = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", name)]  # e2_1 has an order
+    rows = [explain_parameter(name, robot) or "".join(f"{capital(meaning)}. Link side." for meaning in named)]
+    if result is not None and name in result.values:
+        verdict = dict(zip(result, result.verdicts, strict=False)).get(name, "nuisance parameter")
+        fixed = f"fixed at {result.values[name]:g}"
+        rows.append(f"In this run: {f'{result[name]} ({verdict})' if name in result else fixed}.")
+        rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(name)) else "")
     if result is not None and gears.is_file():
         numbers = () if (opened := read_gears(gears)) is None else opened.numbers
-        rows += [f"Stage gears: {row.sentence}." for row in numbers if row.name == asked]
+        rows += [f"Stage gears: {row.sentence}." for row in numbers if row.name == name]
     if folder is not None and friction.is_file():
-        for row in filter(lambda row: row.name == asked, read_friction_result(friction).numbers):
+        for row in filter(lambda row: row.name == name, read_friction_result(friction).numbers):
             rows.append(f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}.")
     rows = [*filter(None, rows)]
-    return "\n  ".join([asked, *rows]) if rows else explain(asked)
+    return "\n  ".join([name, *rows]) if rows else explain(name)

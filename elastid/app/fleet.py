@@ -166,9 +166,9 @@ def _numbers_of(number: Mapping[str, Any]) -> Row:
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
-    seen = {row["parameter"] for row in rows if row["value"]}
+    names = {row["parameter"] for row in rows if row["value"]}
     dated = [
-        row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in seen
+        row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in names
     ]
     days = [float(date.fromisoformat(row["date"]).toordinal()) for row in dated]
     return tuple(

@@ -130,7 +130,7 @@ class Session:
         while True:
             if result is not None:
                 used, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
-                reached = f"{sum(share <= 1 for share in used.values())} of {len(used)} reached, {self.worst(used)}"
+                reached = f"{sum(ratio <= 1 for ratio in used.values())} of {len(used)} reached, {self.worst(used)}"
                 self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {reached}")
                 if result.status not in TRUSTED:
                     step, before = len(plans), "" if len(plans) == 1 else "contradict the earlier logs, or "
@@ -169,8 +169,8 @@ class Session:
             return design
         measured = read_responses(self.plan(len(plans)).with_suffix("") / "frf.h5")
         shown = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
-        shares = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
-        distortion = math.sqrt(np.mean(shares)) if shares else design.distortion
+        ratios = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
+        distortion = math.sqrt(np.mean(ratios)) if ratios else design.distortion
         return replace(design, distortion=distortion)
 
     def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
@@ -232,8 +232,8 @@ class Session:
         """Why no further experiment leads to the goal; empty where one may."""
         spent = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.option.more_s):
-            name, share = proposal.option.floor
-            width = 100 * share * self.goal.widths[name]
+            name, ratio = proposal.option.floor
+            width = 100 * ratio * self.goal.widths[name]
             return (
                 f"further measurements cannot narrow {name} below {width:.2g} % (goal "
                 f"{100 * self.goal.widths[name]:.3g} %). Reduce robot.tolerances, log more signals, or fix a parameter "
@@ -350,8 +350,10 @@ class Session:
         recorded = RecordedSpec(first.rate_hz, self.channels, files, period_samples=period, hold="zero-order")
         configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
         experiment = ExperimentSpec(configurations, recorded=recorded)
-        kept = {key: data[key] for key in KEPT if data.get(key) is not None}
-        text = yaml_text({**kept, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
+        sections = {key: data[key] for key in KEPT if data.get(key) is not None}
+        text = yaml_text(
+            {**sections, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",)
+        )
         write_text(self.path / ROBOT, yaml_text(self.problem.robot))
         write_text(self.path / STUDY, text)
         return self.path / STUDY

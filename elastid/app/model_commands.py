@@ -100,8 +100,8 @@ def map_study(
 
     def work(fit: Result) -> Used:
         """Map of the fitted robot, with its files."""
-        asked, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
-        family = with_gears(fit, gears_of(run)).family(asked)
+        ports, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
+        family = with_gears(fit, gears_of(run)).family(ports)
         if path is not None:
             angles, remarks = read_path(path, family.robot, family.frame)
             for words in remarks:
@@ -130,15 +130,15 @@ def tune_study(
 
     def work(result: Result) -> Used:
         """Move of the fitted robot, with its files."""
-        given = _given(run, result, frame, samples, (rate_hz, bandwidth_hz, error_mm / 1e3))
-        move = read_move(path, given.identified, given.frame, 0.0 if fastest else duration)
+        robots = _given(run, result, frame, samples, (rate_hz, bandwidth_hz, error_mm / 1e3))
+        move = read_move(path, robots.identified, robots.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
-            tuned = tune_move(given, move, run.study.name, progress)
+            tuned = tune_move(robots, move, run.study.name, progress)
         folder = clear_folder(run.folder, "tune")
         files = {
             "tune.h5": lambda path: write_tune(path, tuned, run.stamps["fit"]),
             "tune.csv": lambda path: write_table(path, tuned),
-            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, given.identified, tuned)),
+            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, robots.identified, tuned)),
         }
         if tuned.advice:
             run.console.warn(f"tune: {tuned.advice}")

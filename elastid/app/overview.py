@@ -36,8 +36,8 @@ def _experiments(study: Study) -> Iterator[str]:
         return
     E, M = experiment.runs(len(study.as_robot().driven)), experiment.realisations
     if design is not None and design.robot_time is not None:
-        given = f"{_plural(Q, 'configuration')} ({names}) and " if Q else ""
-        yield f"{design.robot_time:g} s of the robot's time: {given}as many as fit into it"
+        configurations = f"{_plural(Q, 'configuration')} ({names}) and " if Q else ""
+        yield f"{design.robot_time:g} s of the robot's time: {configurations}as many as fit into it"
         return
     if design is not None:
         Q, names = Q + (design.count or 0), ", ".join(filter(None, (names, f"{design.count or 0} to be chosen")))

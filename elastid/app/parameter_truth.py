@@ -50,9 +50,9 @@ def contents(
     """
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
-    taken = () if friction is None else friction.compensated_motors()
+    motors = () if friction is None else friction.compensated_motors()
     tested = () if friction is None or not friction.configurations else friction.places
-    words = {place.replace("motor ", "fm_"): SLOPE for place in taken} | dict.fromkeys(mixed, WITH_COULOMB)
+    words = {place.replace("motor ", "fm_"): SLOPE for place in motors} | dict.fromkeys(mixed, WITH_COULOMB)
     words |= {name: NOT_SIGNIFICANT for place in tested if (name := place.replace("motor ", "fm_")) in mixed}
     words |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
     and_gain = OF_LOOP if channel_name(DELAY, "r") in parameters.names else ""

@@ -108,7 +108,7 @@ def _of_result(path: Path) -> Model:
 
 
 def predict_from_commands(
-    model_path: Path, logs: Sequence[Path], given: CommandSettings, folder: Path, jobs: int, console: Console
+    model_path: Path, logs: Sequence[Path], settings: CommandSettings, folder: Path, jobs: int, console: Console
 ) -> None:
     """Simulate a model along logs from their commands, compare with trivial predictors, and test the replay.
 
@@ -120,7 +120,7 @@ def predict_from_commands(
             raise StudyError("files/missing", "no such file, or a folder; give the path of each log", path)
     model = read_model(model_path)
     with logged_in(folder, jobs, console):
-        motions = [_motion(model, path, given, console) for path in logs]
+        motions = [_motion(model, path, settings, console) for path in logs]
         tested = [i < MAX_TESTED for i in range(len(motions))]
         work = [*zip(motions, tested, strict=True)]
         replays = Execution(jobs).ordered(partial(_replay, model.robot), work)
@@ -142,33 +142,33 @@ def _replay(robot: Robot, work: tuple[CommandedMotion, bool]) -> Replay:
     return replay(robot, *work)
 
 
-def _motion(model: Model, path: Path, given: CommandSettings, console: Console) -> CommandedMotion:
-    if given.recorded is None:
-        log = read_command_log(path, model.robot.driven_names, given.rate_hz)
+def _motion(model: Model, path: Path, settings: CommandSettings, console: Console) -> CommandedMotion:
+    if settings.recorded is None:
+        log = read_command_log(path, model.robot.driven_names, settings.rate_hz)
     else:
-        log = read_study_log(path, given.recorded, model.robot, given.rate_hz)
+        log = read_study_log(path, settings.recorded, model.robot, settings.rate_hz)
     if log.clock_hz is not None and abs(log.clock_hz / log.rate_hz - 1) > 0.01:
         factor = log.rate_hz / log.clock_hz
         console.warn(
             f"{path}: its clock says {log.clock_hz:g} Hz, --rate says {log.rate_hz:g} Hz: the period of the log is "
             f"{factor:.4g} times the given one. Omit --rate, unless the clock is wrong"
         )
-    loop = _gains(model, log, given, path, console)
+    loop = _gains(model, log, settings, path, console)
     controller = ControllerSpec()
-    if given.recorded is not None and given.recorded.controller is not None:
-        controller = given.recorded.controller.spec
-        loop = replace(loop, ki=loop_of(given.recorded.controller, len(loop.kp)).ki)
+    if settings.recorded is not None and settings.recorded.controller is not None:
+        controller = settings.recorded.controller.spec
+        loop = replace(loop, ki=loop_of(settings.recorded.controller, len(loop.kp)).ki)
     signals = log.command, log.velocity, log.position
-    delay_s = model.delay_s if given.delay_s is None else given.delay_s
+    delay_s = model.delay_s if settings.delay_s is None else settings.delay_s
     return CommandedMotion(path.stem, log.rate_hz, *signals, loop, delay_s, controller, model.offsets)
 
 
-def _gains(model: Model, log: CommandLog, given: CommandSettings, path: Path, console: Console) -> JointLoop:
+def _gains(model: Model, log: CommandLog, settings: CommandSettings, path: Path, console: Console) -> JointLoop:
     """Gains of the options, else of the model's servos, else of the log; a warning if the last two differ."""
     names = model.robot.driven_names
     gains, by_log = [], (log.kp, log.kd)
     servos = np.array([model.servos[name] for name in names]).T if set(names) <= model.servos.keys() else None
-    for i, (name, option) in enumerate((("kp", given.kp), ("kd", given.kd))):
+    for i, (name, option) in enumerate((("kp", settings.kp), ("kd", settings.kd))):
         of_log = by_log[i]
         if option:
             if len(option) not in (1, len(names)):

@@ -56,7 +56,7 @@ class Stage:
 
 
 def _seen(section: Any, keys: Iterable[str]) -> Any:
-    seen = {}
+    values = {}
     for name in [field.name for field in fields(section)]:
         value = getattr(section, name)
         below = [key.partition(".")[2] for key in keys if key.startswith(f"{name}.")]
@@ -66,8 +66,8 @@ def _seen(section: Any, keys: Iterable[str]) -> Any:
         elif value is not None and below:
             value = _seen(value, below)
         if name in keys or below:
-            seen[name] = value
-    return type(section)(**seen)
+            values[name] = value
+    return type(section)(**values)
 
 
 def files_of(study: "Study") -> list[str]:

@@ -42,14 +42,20 @@ def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
     point = equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
-    shares = np.vstack([energy.share, energy.load])
-    kept = shares[-1] < 0.5  # a pendulum under gravity is no mode of springs
+    fractions = np.vstack([energy.fraction, energy.load])
+    is_spring = fractions[-1] < 0.5  # a pendulum under gravity is no mode of springs
     return ModeRow(
-        *(configuration.name, modal.freq_hz[kept], modal.zeta[kept], modal.freq_std[kept], modal.zeta_std[kept]),
-        *(elastic.coordinates, shapes[:, kept]),
+        *(
+            configuration.name,
+            modal.freq_hz[is_spring],
+            modal.zeta[is_spring],
+            modal.freq_std[is_spring],
+            modal.zeta_std[is_spring],
+        ),
+        *(elastic.coordinates, shapes[:, is_spring]),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
-        energy=shares[:, kept],
-        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, kept], robot.gravity),
+        energy=fractions[:, is_spring],
+        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, is_spring], robot.gravity),
     )
 
 

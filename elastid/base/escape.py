@@ -83,9 +83,9 @@ def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
     return identifiers
 
 
-def unused(name: str, taken: Iterable[str], separator: str = " ") -> str:
+def unused(name: str, names: Iterable[str], separator: str = " ") -> str:
     """The name, with a number behind it where another one differs from it at most in case."""
-    folded = {name.casefold() for name in taken}
+    folded = {name.casefold() for name in names}
     number = 1
     while (numbered := name if number == 1 else f"{name}{separator}{number}").casefold() in folded:
         number += 1

@@ -139,8 +139,8 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     unknown = np.zeros(value.shape, bool)
     size = np.abs(value).max(initial=1e-300)
     for i in np.flatnonzero(unreached):
-        moved = np.abs(function(x + UNREACHED_STEP * np.eye(len(x))[i]) - value)
-        unknown |= moved > 1e-7 * UNREACHED_STEP * size
+        change = np.abs(function(x + UNREACHED_STEP * np.eye(len(x))[i]) - value)
+        unknown |= change > 1e-7 * UNREACHED_STEP * size
     linear = np.array(shifts).reshape(len(axes), *value.shape)
     rng = np.random.default_rng(0)
 

@@ -146,8 +146,8 @@ def choose_configurations(
     that other configurations have.  StudyError where no candidate informs any parameter.
     """
     H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
-    seen, ground = visible(criterion, H, elsewhere, prospect.parameters)
-    numbers, efficiency = best_experiments(H[None], count, seen, (elsewhere + ground)[None])
+    visible_parameters, ground = visible(criterion, H, elsewhere, prospect.parameters)
+    numbers, efficiency = best_experiments(H[None], count, visible_parameters, (elsewhere + ground)[None])
     chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
     names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in chosen)
     best = f"{100 * efficiency:.1f} % of the best possible allocation"

@@ -187,9 +187,9 @@ def _choose(
             + (f" ({candidates.reasons})" if candidates.refused else "")
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
-    given = tuple(problem.experiment.configurations)
+    names = tuple(problem.experiment.configurations)
     prospect, prior = _prospect(problem)
-    return choose_configurations(criterion, prospect, count, prior, candidates.configurations, given, execution)
+    return choose_configurations(criterion, prospect, count, prior, candidates.configurations, names, execution)
 
 
 def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:

@@ -113,7 +113,7 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     power = np.stack(uncertainty.power)[..., :n]
     total = power.sum(axis=(0, 1))
-    share = quotient(power, total)
+    fraction = quotient(power, total)
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)
@@ -121,7 +121,7 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     by_noise = covariance_by_noise(covariance, n)
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
-    values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
+    values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, fraction
     return Forecast(
         *values,
         (*notes, *correlated(names, by_noise)),
@@ -140,12 +140,12 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
 
     They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
     """
-    asked = parameters.of_interest
-    n = len(asked)
+    of_interest = parameters.of_interest
+    n = len(of_interest)
     R = np.asarray(np.linalg.qr(np.roll(R, -n, axis=1), "r"))[-n:, -n:]
-    ranges = [p.upper - p.lower for p in asked]
+    ranges = [p.upper - p.lower for p in of_interest]
     linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x[:n], strict=True)]
-    _, singular_values, Vt = np.linalg.svd(R * np.where([p.log for p in asked], 1.0, linear))
+    _, singular_values, Vt = np.linalg.svd(R * np.where([p.log for p in of_interest], 1.0, linear))
     return Vt[singular_values < 1]
 
 

@@ -235,9 +235,9 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
     """Acceleration of ramps: within the joint's limit, 0.4 s to full speed, 90 % of the torque left by gravity."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
-    given = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
+    limit = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
     if not math.isfinite(limits.torque):
-        return given
+        return limit
     room = 0.9 * limits.torque - holding - guess.stiction
     if room <= 0:
         unit = "N" if joint.slides else "N*m"
@@ -249,7 +249,7 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
             "friction.constant_velocity",
         )
     # Viscous friction at full speed takes its part while the ramp ends.
-    return min(given, max(0.2 * room, room - guess.viscous * speed) / inertia)
+    return min(limit, max(0.2 * room, room - guess.viscous * speed) / inertia)
 
 
 def passes_of(
@@ -278,7 +278,7 @@ def standstill_of(
     joint, law = axis.joint.name, axis.guess
     middle, motions = posture.with_angle(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
     if (loops := spec.presliding_loops) is not None:
-        low, high = (share * law.stiction for share in loops.torque)
+        low, high = (fraction * law.stiction for fraction in loops.torque)
         torque = growing_loops(low, high, loops.loops, loops.frequency_hz, spec.rate_hz)
         period = round(spec.rate_hz / loops.frequency_hz)
         motions.append(
@@ -286,10 +286,12 @@ def standstill_of(
         )
     if spec.presliding_test is not None:
         n = round(1.0 * spec.rate_hz)  # a period of 1 s
-        for share in spec.presliding_test.torque:
+        for fraction in spec.presliding_test.torque:
             for draw in range(2):
-                period_torque = small_multisine(share * law.coulomb, spec.presliding_test.band_hz, n, spec.rate_hz, rng)
-                name = f"j{joint}-rest-{share:g}-{draw}"
+                period_torque = small_multisine(
+                    fraction * law.coulomb, spec.presliding_test.band_hz, n, spec.rate_hz, rng
+                )
+                name = f"j{joint}-rest-{fraction:g}-{draw}"
                 torque = np.tile(period_torque, 33)  # the first period is the transient
                 motions.append(PlannedMotion(name, joint, "presliding_test", middle, torque=torque, period_samples=n))
     return tuple(motions)
@@ -381,10 +383,10 @@ def _planned(
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
     """A configuration by name, by default the first; without any, every joint at zero or the nearest that it may."""
-    given = experiment.configurations
-    if given:
-        chosen = name or next(iter(given))
-        return Configuration(chosen, np.array(given[chosen]))
+    configurations = experiment.configurations
+    if configurations:
+        chosen = name or next(iter(configurations))
+        return Configuration(chosen, np.array(configurations[chosen]))
     return Configuration("zero", np.array([float(np.clip(0.0, *joint.limits.angle)) for joint in robot.driven]))
 
 

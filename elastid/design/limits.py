@@ -293,7 +293,7 @@ def _rehearse(
             expected = expected_peaks(rig, factor, base[q], q)
             used = {run: (peak / allowed[q]).max() for run, peak in expected.items()}
             least = min(MIN_ADVICE_FRACTION, max(used.values()))
-            near |= {run for run, share in used.items() if share >= least > 0}
+            near |= {run for run, fraction in used.items() if fraction >= least > 0}
             runs |= expected
         runs |= rehearsed_peaks(rig, factor, near, execution)
         peak = largest_peaks(plan, runs)

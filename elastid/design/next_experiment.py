@@ -61,8 +61,8 @@ class Goal:
         used = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)
-            share = (high - low) / 2 / max(abs(result.values[name]), 1e-300) / width
-            used[name] = share if np.isfinite(share) else np.inf  # of what the data do not reach
+            ratio = (high - low) / 2 / max(abs(result.values[name]), 1e-300) / width
+            used[name] = ratio if np.isfinite(ratio) else np.inf  # of what the data do not reach
         return used
 
 
@@ -75,7 +75,7 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     for text in (part.strip() for whole in texts for part in whole.split(",")):
         pattern, _, width = (part.strip() for part in text.partition(":"))
         matches = matching(pattern, names)
-        if not pattern or not 0 < (share := _share(width)) < 1:
+        if not pattern or not 0 < (fraction := _share(width)) < 1:
             raise StudyError(
                 "design/goal",
                 f"--goal '{text}' is invalid. Give parameters and half-widths of their intervals between 0 and 100 % "
@@ -86,7 +86,7 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
                 "design/goal", f"--goal '{text}': the fit does not identify '{pattern}'; {did_you_mean(pattern, names)}"
             )
         for name in matches:
-            widths[name] = min(share, widths.get(name, np.inf))
+            widths[name] = min(fraction, widths.get(name, np.inf))
     return Goal({name: widths[name] for name in names if name in widths})
 
 

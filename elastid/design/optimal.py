@@ -84,9 +84,9 @@ def best_experiments(
     weights = best.P[0, :, 0]
     _, gradient = criterion.slope(prior / count + np.tensordot(weights, H, (0, 1)))
     searched = np.argsort(-_gains(H, gradient) - weights, kind="stable")[:400]
-    share = weights[searched] / weights[searched].sum()
+    fraction = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
-    ends = [_exchanged(start, H[:, searched], prior, criterion) for start in draw.multinomial(count, share, 6)]
+    ends = [_exchanged(start, H[:, searched], prior, criterion) for start in draw.multinomial(count, fraction, 6)]
     numbers = np.zeros(len(weights), dtype=np.int64)
     numbers[searched], value = max(ends, key=lambda end: end[1])
     return numbers, float(np.exp(min(0.0, value - np.log(count) - best.value - best.gap)))
@@ -211,25 +211,25 @@ def best_powers(
     if least >= 1:
         return best
     room = 1 - least * _used(cost, even)
-    share, price, bound = (1 - least) * even, np.ones_like(room), np.inf
+    powers, price, bound = (1 - least) * even, np.ones_like(room), np.inf
     for update in range(MAX_UPDATES):
-        P = least * even + share
+        P = least * even + powers
         M = _information(groups, P, prior)
         value, gradient = criterion.slope(M)
         if value > best.value:
             best = replace(best, P=P, value=value)
         g = _power_gains(groups, P, gradient)
         ratio = g / np.einsum("ko,kofl->kfl", price, cost)
-        reach = float(1 + ratio.max() * np.sum(price * room) - np.sum(g * share))  # Tr(gradient M) is 1
+        reach = float(1 + ratio.max() * np.sum(price * room) - np.sum(g * powers))  # Tr(gradient M) is 1
         bound = min(bound, value + float(np.log(reach)))
         if bound - best.value <= tolerance:
             break
         exponent = (1 + update / 50) ** -0.5 if price.size > 1 else 1.0  # under one limit each update ascends
-        share = share * (ratio / ratio.max()) ** exponent
-        used = _used(cost, share) / room
+        powers = powers * (ratio / ratio.max()) ** exponent
+        used = _used(cost, powers) / room
         price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
         price /= np.sum(price * room)
-        share = share / used.max(axis=1)[:, None, None]
+        powers = powers / used.max(axis=1)[:, None, None]
     return replace(best, gap=max(bound - best.value, 0.0))
 
 

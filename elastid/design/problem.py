@@ -68,8 +68,8 @@ class DesignProblem:
         Robots and other groups of configurations have parameters of their own where all configurations are given; those
         chosen by a design are of one robot.
         """
-        given = () if self.design is not None else tuple(self.experiment.configurations)
-        parameters = choose(self.fit, self.robot, [name for name in given if name not in self.excluded_configurations])
+        names = () if self.design is not None else tuple(self.experiment.configurations)
+        parameters = choose(self.fit, self.robot, [name for name in names if name not in self.excluded_configurations])
         fit = dict(self.fitted_values)
         return parameters.with_values(
             {p.name: min(max(fit[p.stands_for], p.lower), p.upper) for p in parameters.free if p.stands_for in fit}

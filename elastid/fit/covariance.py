@@ -300,9 +300,9 @@ def sandwich_variance(sums: Sums) -> FloatArray:
     freq_hz, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
     pulls = np.zeros((len(freq_hz), len(sums.half)))
     np.add.at(pulls, place, np.concatenate([part.pull for part in parts], axis=1).T)
-    moved = np.vstack([pulls, sums.static_J * sums.static_r[:, None]]) @ sums.half
+    changes = np.vstack([pulls, sums.static_J * sums.static_r[:, None]]) @ sums.half
     length = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
-    return np.asarray(length * sums.n_residuals / max(sums.dof, 1) * np.sum(moved**2, axis=0))
+    return np.asarray(length * sums.n_residuals / max(sums.dof, 1) * np.sum(changes**2, axis=0))
 
 
 def friction_variance(parameters: Parameters, responses: Sequence[Response], is_compensated: bool) -> FloatArray:

@@ -166,11 +166,11 @@ def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | N
     deviation = named(result.parameters.free_names, result.std_of_x)
     owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
     posterior: dict[str, dict[str, float]] = {}
-    for given in tolerances_of(robot):
-        if given.owner in owners and (given.factor or given.name) in deviation:
-            std = deviation[given.factor or given.name]
-            if given.kind == "length" and result.parameters[given.name].log:
-                std *= result.values[given.name]
-            stds = posterior.setdefault(given.owner, {})
-            stds[given.kind] = max(stds.get(given.kind, 0.0), std)
+    for tolerance in tolerances_of(robot):
+        if tolerance.owner in owners and (tolerance.factor or tolerance.name) in deviation:
+            std = deviation[tolerance.factor or tolerance.name]
+            if tolerance.kind == "length" and result.parameters[tolerance.name].log:
+                std *= result.values[tolerance.name]
+            stds = posterior.setdefault(tolerance.owner, {})
+            stds[tolerance.kind] = max(stds.get(tolerance.kind, 0.0), std)
     return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **stds) for owner, stds in posterior.items()))

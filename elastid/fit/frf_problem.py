@@ -89,7 +89,7 @@ class Assembly:
         linearisation = Linearisation.of_robot(robot, model, parameters.names, presliding)
         static = StaticLoads.of(loads, robot, model, parameters) if loads else None
         assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
-        if linearisation.is_affine_in(assembly._moved):
+        if linearisation.is_affine_in(assembly._dependent):
             return assembly if linearisation.follows else replace(assembly, home=home)
         following = replace(Linearisation.of(linearisation.model, follows=True), presliding=presliding)
         return replace(assembly, linearisation=following)
@@ -97,8 +97,8 @@ class Assembly:
     def only(self, of_tool: bool) -> "Assembly":
         """Return the assembly with the tool responses or the motor responses alone, and without load tests."""
         pairs = zip(self.responses, self.weights, strict=True)
-        kept = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
-        responses, weights = zip(*kept, strict=True) if kept else ((), ())
+        chosen = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
+        responses, weights = zip(*chosen, strict=True) if chosen else ((), ())
         return replace(self, responses=responses, weights=weights, loads=None)
 
     def with_model_error(self, floor: float | None) -> "Assembly":
@@ -107,7 +107,7 @@ class Assembly:
         return replace(self, spec=spec, weights=tuple(each_at_home(partial(_weigh, spec), list(pairs), self.home)))
 
     @property
-    def _moved(self) -> set[str]:
+    def _dependent(self) -> set[str]:
         return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
 
     @property
@@ -130,7 +130,7 @@ class Assembly:
     @cached_property
     def is_local(self) -> bool:
         """True if a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
-        return self.linearisation.follows or not self.linearisation.is_affine_in(self._moved)
+        return self.linearisation.follows or not self.linearisation.is_affine_in(self._dependent)
 
     def search_problem(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
         """Return the problem of the search: the fit as linearised, or linearised at every x where it is local."""
@@ -301,11 +301,11 @@ def relinearise(
     if near is not None:
         pairs = zip(assembly.responses, near.responses, strict=True)
         c, rested = near.factors, replace(assembly, responses=tuple(replace(G, G=at_rest.G) for G, at_rest in pairs))
-    moved, is_settled, history = math.inf, False, list[tuple[FloatArray, FloatArray]]()
+    change, is_settled, history = math.inf, False, list[tuple[FloatArray, FloatArray]]()
     for i in range(rounds):
         try:
             # std: most effects of a motion do not move the optimum so far
-            if (i == 1 and near is None) or (i == 1 + (near is None) and moved > 3):
+            if (i == 1 and near is None) or (i == 1 + (near is None) and change > 3):
                 rested, history = assembly.at_rest(end.x), []
             current = rested.reweighted(end.x)
             fit = current.at(end.x, criterion)
@@ -320,10 +320,10 @@ def relinearise(
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         precise = replace(fit.problem, evaluate=fit.evaluate)
         before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
-        moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
+        change = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or near is not None or all(response.motion is None for response in assembly.responses)
-        is_settled = is_whole and (moved < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
+        is_settled = is_whole and (change < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
             break
     if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):
@@ -333,7 +333,7 @@ def relinearise(
             return _where_it_stands(assembly, end, criterion, error)
     text = (
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
-        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
+        f"round {rounds} of {rounds} changed the estimate by {change:.2g} standard deviations"
     )
     notes = () if is_settled else (Note("fit/posture-mismatch", text),)
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)

@@ -63,12 +63,12 @@ def scatter_of_ratios(
         return RatioScatter(np.zeros((half.shape[1], half.shape[1])), {}, False)
     pull = np.reshape([row for part in parts for row in part.ratios.pull], (-1, len(half)))
     power = block_diag(*(part.ratios.power for part in parts)) - pull @ pull.T
-    moved = np.concatenate([part.ratios.moved for part in parts])
+    slopes = np.concatenate([part.ratios.slopes for part in parts])
     groups = _same_angles(joints)
     to_groups = np.array([[place == group for group in dict.fromkeys(groups)] for place in groups], float)
     names = [name for name, _ in dict.fromkeys(groups)]
     shifts = to_groups.T @ pull @ half
-    N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ moved, 0.0
+    N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ slopes, 0.0
     for _ in range(3):
         variance = together * max((cost - drop) / max(expected, 1e-300), 1.0)
         s = ratio_std(N, h, names, variance)

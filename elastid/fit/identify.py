@@ -191,8 +191,8 @@ def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tu
     of_torques = [
         name for name in unknown if name.startswith(channel_name(DELAY, "u"))
     ]  # torques logged T late: motions seem T early
-    moved = dict.fromkeys(of_torques, -T) or dict.fromkeys(unknown, T)
-    of_all = (replace(p, value=float(np.clip(moved.get(p.name, p.value), p.lower, p.upper))) for p in fit.parameters)
+    delays = dict.fromkeys(of_torques, -T) or dict.fromkeys(unknown, T)
+    of_all = (replace(p, value=float(np.clip(delays.get(p.name, p.value), p.lower, p.upper))) for p in fit.parameters)
     assembly = replace(assembly, parameters=Parameters(tuple(of_all)))
     return assembly, assembly.at(assembly.parameters.x, spec.criterion)
 
@@ -402,13 +402,13 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)
     if tool is not None and not tool.disagrees:
-        kept = fitted(replace(assembly, loads=None))
+        consistent = fitted(replace(assembly, loads=None))
     else:
-        kept = of_motors if _disagree(static) or static is None else fitted(replace(alone, loads=assembly.loads))
+        consistent = of_motors if _disagree(static) or static is None else fitted(replace(alone, loads=assembly.loads))
     pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
-    step = (estimate[3].x - kept[3].x) * pulls
-    covariance = kept[3].covariance + np.outer(step, step)
-    return *kept[:3], replace(kept[3], static=static, tool=tool, covariance=covariance)
+    step = (estimate[3].x - consistent[3].x) * pulls
+    covariance = consistent[3].covariance + np.outer(step, step)
+    return *consistent[:3], replace(consistent[3], static=static, tool=tool, covariance=covariance)
 
 
 def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:

@@ -67,8 +67,8 @@ def _repeat(
     drawn = (source.draw(rng) for source in sources)
     parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
     pairs = zip(fit.parameters.free, x, strict=True)
-    moved = {p.name: _off_file(p, float(xi), rng) for p, xi in pairs if p.is_nuisance}
-    parameters = Parameters(tuple(moved.get(p.name, p) for p in fit.parameters)) if moved else fit.parameters
+    draws = {p.name: _off_file(p, float(xi), rng) for p, xi in pairs if p.is_nuisance}
+    parameters = Parameters(tuple(draws.get(p.name, p) for p in fit.parameters)) if draws else fit.parameters
     loads = fit.loads if fit.loads is None or static is None else fit.loads.drawn(static, rng)
     try:
         return solve(replace(fit, parts=parts, parameters=parameters, loads=loads).problem, x, FINE)

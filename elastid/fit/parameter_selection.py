@@ -112,7 +112,7 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
     table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
     wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
     wanted = late | wanted
-    grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
+    grouped = {name: groups_of(name, rule, spec.robots, configurations) for name, rule in wanted.items()}
     linear, motors = _linear_names(robot), {j.name: j.motor for j in robot.driven if j.motor is not None}
     # Of motor friction of which the file has none, that which stops the rotor within 1 s.
     coasting = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
@@ -123,60 +123,60 @@ def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
         if name not in wanted:
             chosen.append(Parameter(name, value, unit, log=log, free=False))
             continue
-        asked = wanted[name]
-        if name in coasting and asked.start is None and not asked.fixed:
-            asked = replace(asked, start=coasting[name])
-        parameter = _parameter(name, value, unit, asked, log)
+        rule = wanted[name]
+        if name in coasting and rule.start is None and not rule.fixed:
+            rule = replace(rule, start=coasting[name])
+        parameter = _parameter(name, value, unit, rule, log)
         everywhere = bool(groups) and {c for only in groups.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
         further += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items())
     return Parameters((*chosen, *further))
 
 
-def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+def named_geometry(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
     """Return the names of robot.geometry in fit.parameters, as a key or as the target of a tie.
 
     A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
     """
-    keys = [key for key in given if key[:1].isalpha()]
-    keys += [asked.tie.to for asked in given.values() if asked.tie is not None and asked.tie.to in robot.geometry]
+    keys = [key for key in rules if key[:1].isalpha()]
+    keys += [rule.tie.to for rule in rules.values() if rule.tie is not None and rule.tie.to in robot.geometry]
     every = tuple(robot.numbers) + tuple(robot.geometry)
     chosen = {name for key in keys for name in matching(key, every)}
     return tuple(name for name in robot.geometry if name in chosen)
 
 
-def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+def named_on_demand(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
     """Return the names of robot.on_demand in fit.parameters: geometry, and values of channels (gain_kp_*)."""
-    keys = [key for key in given if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
-    keys += [asked.tie.to for asked in given.values() if asked.tie is not None]
+    keys = [key for key in rules if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
+    keys += [rule.tie.to for rule in rules.values() if rule.tie is not None]
     chosen = {name for key in keys for name in matching(key, robot.channel_numbers)}
-    return (*named_geometry(given, robot), *(name for name in robot.channel_numbers if name in chosen))
+    return (*named_geometry(rules, robot), *(name for name in robot.channel_numbers if name in chosen))
 
 
 def _match(
-    given: Mapping[str, ParameterSpec], table: Mapping[str, object], on_demand: Iterable[str]
+    rules: Mapping[str, ParameterSpec], table: Mapping[str, object], on_demand: Iterable[str]
 ) -> dict[str, ParameterSpec]:
     matched: dict[str, ParameterSpec] = {}
-    for key, asked in given.items():
+    for key, rule in rules.items():
         names = matching(key, table)
         if not names:
             near = did_you_mean(key, table, on_demand)
             raise StudyError("fit/parameters", f"the robot has no parameter {key}; {near}", "fit.parameters")
-        matched |= {name: _starred(key, name, asked, table) for name in names}
-    return matched | {key: asked for key, asked in given.items() if key in table}
+        matched |= {name: _starred(key, name, rule, table) for name in names}
+    return matched | {key: rule for key, rule in rules.items() if key in table}
 
 
-def _starred(key: str, name: str, asked: ParameterSpec, table: Collection[str]) -> ParameterSpec:
+def _starred(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -> ParameterSpec:
     """Key for one name of a pattern; the * of its tie is the match of the key's *."""
-    if asked.tie is None or "*" not in asked.tie.to or asked.tie.to in table:
-        return asked
+    if rule.tie is None or "*" not in rule.tie.to or rule.tie.to in table:
+        return rule
     if key.count("*") != 1:
         raise StudyError(
-            "fit/parameters", f"a tie to {asked.tie.to} needs exactly one * in the key", f"fit.parameters.{key}"
+            "fit/parameters", f"a tie to {rule.tie.to} needs exactly one * in the key", f"fit.parameters.{key}"
         )
     before, after = key.split("*")
     star = name[len(before) : len(name) - len(after)]
-    return replace(asked, tie=replace(asked.tie, to=asked.tie.to.replace("*", star)))
+    return replace(rule, tie=replace(rule.tie, to=rule.tie.to.replace("*", star)))
 
 
 def _ratio(name: str, ratio: RatioSpec) -> Parameter:
@@ -209,16 +209,16 @@ def _linear_names(robot: Robot) -> set[str]:
     return names | {name for name in robot.channel_numbers if not name.startswith("gain_")}
 
 
-def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bool) -> Parameter:
+def _parameter(name: str, value: float, unit: str, rule: ParameterSpec, log: bool) -> Parameter:
     where = f"fit.parameters.{name}"
-    if asked.tie is not None:
-        return Parameter(name, value, unit, log=log, tie=asked.tie)
-    if isinstance(asked.start, str):  # a study's text has become a number when it was read
-        raise StudyError("fit/parameters", f"start is '{asked.start}'; give a number in {unit}", where)
-    start = value if asked.start is None else asked.start
-    if asked.fixed:
+    if rule.tie is not None:
+        return Parameter(name, value, unit, log=log, tie=rule.tie)
+    if isinstance(rule.start, str):  # a study's text has become a number when it was read
+        raise StudyError("fit/parameters", f"start is '{rule.start}'; give a number in {unit}", where)
+    start = value if rule.start is None else rule.start
+    if rule.fixed:
         return Parameter(name, start, unit, log=log, free=False)
-    prior = _prior(asked.prior, value)
+    prior = _prior(rule.prior, value)
     if prior is not None and log and not prior.mean > 0:
         raise StudyError("fit/parameters", f"the mean {prior.mean:g} {unit} must be positive", f"{where}.prior")
     if prior is not None and log and prior.std > MOST_STD:
@@ -228,16 +228,16 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
             f"{prior.std:g} {unit}, write {prior.std / prior.mean:.3g}",
             f"{where}.prior.std",
         )
-    return Parameter(name, start, unit, *_bounds(name, start, asked, log), log, prior=prior)
+    return Parameter(name, start, unit, *_bounds(name, start, rule, log), log, prior=prior)
 
 
 def _prior(prior: PriorSpec | None, value: float) -> Prior | None:
     return None if prior is None else Prior(value if prior.mean is None else float(prior.mean), prior.std)
 
 
-def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[float, float]:
-    if asked.bounds is not None:
-        return float(asked.bounds[0]), float(asked.bounds[1])
+def _bounds(name: str, start: float, rule: ParameterSpec, log: bool) -> tuple[float, float]:
+    if rule.bounds is not None:
+        return float(rule.bounds[0]), float(rule.bounds[1])
     if log:
         # Friction may end higher: Coulomb friction looks viscous to a multisine, the more the slower it slides.
         return start / BOUND_FACTOR, start * (1e4 if name.startswith(("f_", "fm_")) else BOUND_FACTOR)
@@ -258,14 +258,14 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     unused = ("gain_u_",) if has_references else ("gain_kp_", "gain_kd_")
     tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
     by_name = {parameter.name: parameter for parameter in parameters}
-    asked = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
-    asked |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
+    of_study = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
+    of_study |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
     numbers: list[Parameter] = []
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
         number = by_name.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
         given = tolerances.get(name)
-        if given is None or name in asked or (number.value == 0 and given.kind not in ("center_of_mass", "angle")):
+        if given is None or name in of_study or (number.value == 0 and given.kind not in ("center_of_mass", "angle")):
             numbers += [number] * (name in by_name)
         elif given.factor:
             factors[given.factor] = replace(_within(Parameter(given.factor, 1.0, log=True), given.std), ratio=True)
@@ -332,7 +332,7 @@ def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatAr
     """
     joints = () if robot is None else robot.driven
     ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
-    turns = {place: max(1.0, ratios.get(place, 1.0) * moved / (2 * np.pi)) for place, moved in travel.items()}
+    turns = {place: max(1.0, ratios.get(place, 1.0) * angle / (2 * np.pi)) for place, angle in travel.items()}
     return np.array([RATIO / turns[place] if ratios.get(place, 1.0) != 1 else 0.0 for place in travel])
 
 

@@ -103,8 +103,8 @@ class Family:
         return self.estimated.theta(self.estimated.x)[:-1]
 
     @cached_property
-    def _moved(self) -> tuple[str, ...]:
-        return tuple(self.estimated.names[row] for row in self.estimated.moved)
+    def _dependent(self) -> tuple[str, ...]:
+        return tuple(self.estimated.names[row] for row in self.estimated.dependent)
 
     @property
     def quantity(self) -> Motion:
@@ -122,9 +122,9 @@ class Family:
         if self.request.payload is False:
             configuration = replace(configuration, has_payload=False)
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
-        moved = {name: linear.slopes[name] for name in self._moved if name in linear.slopes}
+        slopes = {name: linear.slopes[name] for name in self._dependent if name in linear.slopes}
         loop = self._loop(configuration) if self.request.motors == "controlled" else None
-        whole = acted_on(replace(linear, slopes=moved), self._ports(configuration), self.request.motors, loop)
+        whole = acted_on(replace(linear, slopes=slopes), self._ports(configuration), self.request.motors, loop)
         if not whole.n:
             raise StudyError(
                 "fit/posture",
@@ -151,8 +151,8 @@ class Family:
             if kind in ("motor", "joint", "body") or self.request.axes == "own":
                 weights[rows[place]] = 1.0
                 return weights
-            for along, share in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
-                weights[rows[f"{kind} {name} {axis[:-1]}{along}"]] = share
+            for along, cosine in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
+                weights[rows[f"{kind} {name} {axis[:-1]}{along}"]] = cosine
             return weights
 
         torques = dict(zip(model.inputs, np.eye(model.n_u, len(rows) + model.n_u, len(rows)), strict=True))
@@ -162,18 +162,20 @@ class Family:
         return Ports(self.inputs, outputs, act, np.array([row(place)[: len(rows)] for place in outputs]))
 
     def _loop(self, configuration: Configuration) -> JointLoop:
-        given = self.request.controller
-        if isinstance(given, ControllerSpec):
-            if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
+        controller = self.request.controller
+        if isinstance(controller, ControllerSpec):
+            if controller.delay_samples or (
+                controller.gains is not None and (controller.gains.notches or controller.gains.low_pass_hz)
+            ):
                 raise StudyError(
                     "fit/posture",
                     "the controller has filters or a delay, which these equations leave out; give JointLoop(kp, kd, "
                     "ki) without them, or take `elastid loops`",
                 )
             q = rigid_posture(self.model, configuration, self.theta)
-            given = gains_of(self.model, q, given)
+            controller = gains_of(self.model, q, controller)
         n_u = self.model.n_u
-        return JointLoop.gain_derivatives(given, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
+        return JointLoop.gain_derivatives(controller, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
 
 
 def as_configuration(posture: Posture, robot: Robot, configurations: Sequence[Configuration]) -> Configuration:

@@ -42,7 +42,7 @@ STIFFNESS_STD, TIME_STD = 3.0, 1.5
 # Bounds of a rate over the lowest and the highest angular frequency, and where between these rates start.
 RATE_BOUNDS, STARTS = (1e-3, 2.4), (0.0, 1 / 3, 2 / 3, 1.0)
 # Of the median of torque over angle of a motor, at which its stiffness starts, at least or where no linear step is.
-FIRST_SHARES = (1e-3, 0.1)
+FIRST_FRACTIONS = (1e-3, 0.1)
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
 MOST_STD = 0.8  # of the logarithm of the stiffness of a spring that is identified
 PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
@@ -93,13 +93,13 @@ def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
     """True where springs leave too much of the excess of V, or another cause has better odds than theirs by the BIC."""
     drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
     if evidence.is_unexplained and drop < LIMITS.sufficient_fraction * (
-        first.cost - last.level * first.fit.problem.dof
+        first.cost - last.cost_ratio * first.fit.problem.dof
     ):
         return True
     if scores is None or cause is None:
         return False
     occam = 2 * len(last.springs) * math.log(last.fit.n_residuals)
-    return (drop / last.share - cause.drop) * scores.lines / temper(scores) < occam - cause.occam
+    return (drop / last.fraction - cause.drop) * scores.lines / temper(scores) < occam - cause.occam
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +112,14 @@ class _State:
     fit: ElasticFit
     x: FloatArray
     cost: float
-    share: float = 1.0
+    fraction: float = 1.0
 
     @classmethod
     def of(cls, base: Assembly, x: FloatArray, signs: tuple[int, ...]) -> "_State":
         """Return the state without springs, from x (n_x,)."""
-        fit, share = _thinned(base, x)
+        fit, fraction = _thinned(base, x)
         end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
-        return cls(base, signs, {}, fit, end.x, end.cost, share)
+        return cls(base, signs, {}, fit, end.x, end.cost, fraction)
 
     @property
     def parameters(self) -> Parameters:
@@ -127,7 +127,7 @@ class _State:
         return self.fit.parameters
 
     @property
-    def level(self) -> float:
+    def cost_ratio(self) -> float:
         """V over its degrees of freedom, 1 at least."""
         return max(self.cost / self.fit.problem.dof, 1.0)
 
@@ -143,7 +143,7 @@ class _State:
 
         All signs at two rates where the motion is not measured.
         """
-        usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_SHARES
+        usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_FRACTIONS
         if not self._sees(joint):
             rates = _rates(self.base.responses)[1:-1].tolist()
             return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in self.signs for a in rates]
@@ -179,8 +179,8 @@ class _State:
             columns.append(dict(_columns(part, G, mixing, rates)))
         distance, slope = self.fit.priors(self.x)
         none = np.zeros((len(rates), len(distance)))  # priors have none
-        seen = [joint for joint in columns[0] if all(joint in each for each in columns)]
-        of_springs = {joint: np.hstack([*(each[joint] for each in columns), none]) for joint in seen}
+        measured = [joint for joint in columns[0] if all(joint in each for each in columns)]
+        of_springs = {joint: np.hstack([*(each[joint] for each in columns), none]) for joint in measured}
         Q = np.linalg.qr(np.hstack([*rows, np.diag(slope)]).T)[0]
         return {joint: C - (C @ Q) @ Q.T for joint, C in of_springs.items()}, np.concatenate([*residuals, distance])
 
@@ -208,17 +208,17 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
     first = state
     while remaining:
         predicted = [state.predicted(joint) for joint in remaining]
-        if not max(predicted) > PREDICTED * by_chance * state.level:
+        if not max(predicted) > PREDICTED * by_chance * state.cost_ratio:
             break
         joint = remaining.pop(int(np.argmax(predicted)))
         best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
-        state = best if state.cost - best.cost > by_chance * best.level else state
+        state = best if state.cost - best.cost > by_chance * best.cost_ratio else state
     # What compensated friction leaves is not Gaussian.
-    return state if first.cost - state.cost > LIMITS.drop * state.level else first
+    return state if first.cost - state.cost > LIMITS.drop * state.cost_ratio else first
 
 
 def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
-    """The fit linearised at x (n_x,) on some lines, and their share of all residuals."""
+    """The fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
     thin = each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)
     fit = replace(whole, parts=tuple(thin), home=HERE)
@@ -315,10 +315,10 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
     if not springs:
         return result
     names = {*element_names(springs), *(relaxation(spring.joint) for spring in springs)}
-    kept = np.array([name not in names for name in result.parameters.free_names])
+    is_other = np.array([name not in names for name in result.parameters.free_names])
 
     def rows(values: FloatArray) -> FloatArray:
-        return values[kept] if len(values) == len(kept) else values
+        return values[is_other] if len(values) == len(is_other) else values
 
     presliding = tuple(_presliding(result, spring, assembly) for spring in springs)
     parameters = Parameters(tuple(p for p in result.parameters if p.name not in names))
@@ -332,8 +332,8 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
         result,
         **changed,
         parameters=parameters,
-        covariance=result.covariance[np.ix_(kept, kept)],
-        information_fraction=result.information_fraction[:, kept],
+        covariance=result.covariance[np.ix_(is_other, is_other)],
+        information_fraction=result.information_fraction[:, is_other],
         starts=tuple(replace(start, x=rows(start.x), x_start=rows(start.x_start)) for start in result.starts),
         indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
         linear=tuple(part.kernel.model for part in parts),

@@ -70,8 +70,8 @@ def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
         yield Note("fit/correlated", text)
 
 
-# Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
-# it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
+# Std of an error that would explain a misfit over its step, and the explained fraction from which on a cause is alone:
+# scripts/studies/prediction_anywhere.py has the fraction of intervals that contain the true values.
 DOUBT, LONE_CAUSE = 0.6, 0.95
 
 
@@ -358,10 +358,10 @@ class Result:
         base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
-    def _shared(self, share: FloatArray, without: float) -> FloatArray:
+    def _shared(self, fraction: FloatArray, without: float) -> FloatArray:
         """Fraction of the variance (n_asked,), infinite for unidentifiable parameters. without: default fraction."""
         variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
-        part = share[: len(variance)] if len(share) else np.full(len(variance), without)
+        part = fraction[: len(variance)] if len(fraction) else np.full(len(variance), without)
         return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
 
     def _part(self, variance: FloatArray) -> dict[str, float]:

@@ -120,6 +120,6 @@ class Estimate:
         return self.low, self.high
 
     def __str__(self) -> str:
-        kept = digits(self.value, self.std)
-        ends = " to ".join(interval_of(self.interval, kept))
-        return f"{self.name} = {number(self.value, kept)} {self.unit}, 95 % {ends}"
+        places = digits(self.value, self.std)
+        ends = " to ".join(interval_of(self.interval, places))
+        return f"{self.name} = {number(self.value, places)} {self.unit}, 95 % {ends}"

@@ -40,13 +40,13 @@ from elastid.response import Response
 class RatioSums:
     """Whitened errors V of one configuration by the ratio of each gear j, one standard deviation each.
 
-    joints (n_j,): input and angle of each.  pull (n_j, n_x): V^T J.  power (n_j, n_j): V^T V.  moved (n_j,): V^T r.
+    joints (n_j,): input and angle of each.  pull (n_j, n_x): V^T J.  power (n_j, n_j): V^T V.  slopes (n_j,): V^T r.
     """
 
     joints: tuple[tuple[str, float], ...]
     pull: FloatArray
     power: FloatArray
-    moved: FloatArray
+    slopes: FloatArray
 
 
 @dataclass(frozen=True)
@@ -211,10 +211,10 @@ def _coherent(response: Response, pulls: ComplexArray) -> dict[tuple[str, str, i
     lowest = response.freq_hz[response.freq_hz > 0].min()
     octave = np.floor(np.log2(np.maximum(response.freq_hz, lowest) / lowest)).astype(int)
     return {
-        (output, given, int(o)): pulls[:, octave == o, i + j * len(response.outputs)].sum(axis=1)
+        (output, input_, int(o)): pulls[:, octave == o, i + j * len(response.outputs)].sum(axis=1)
         for o in np.unique(octave)
         for i, output in enumerate(response.outputs)
-        for j, given in enumerate(response.inputs)
+        for j, input_ in enumerate(response.inputs)
     }
 
 
@@ -261,12 +261,12 @@ def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArra
     Q = len(parts)
     if Q < 3:
         return np.zeros(half.shape[1])
-    moved = np.array([_moved_without(part) for part in parts]) @ half
+    changes = np.array([_change_without(part) for part in parts]) @ half
     t = small_sample_factors(Q - 1)
-    return np.asarray(t**2 * (Q - 1) / Q * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
+    return np.asarray(t**2 * (Q - 1) / Q * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
 
 
-def _moved_without(part: LineSums) -> FloatArray:
+def _change_without(part: LineSums) -> FloatArray:
     """The change of z (n_x,) without a configuration, in the directions that the others determine."""
     values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
     reached = values > 1e-10  # the others are identified by this configuration alone
@@ -275,12 +275,12 @@ def _moved_without(part: LineSums) -> FloatArray:
 
 def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:
     """Return variances (n_p,) of x = H^T z by the scatter of the pulls of all blocks; zero for fewer than two."""
-    moved = np.concatenate(blocks) @ half
-    n = int(np.count_nonzero(np.any(moved != 0, axis=1)))
+    changes = np.concatenate(blocks) @ half
+    n = int(np.count_nonzero(np.any(changes != 0, axis=1)))
     if n < 2:
         return np.zeros(half.shape[1])
     t = small_sample_factors(n - 1)
-    return np.asarray(t**2 * n / (n - 1) * np.sum(moved**2, axis=0))
+    return np.asarray(t**2 * n / (n - 1) * np.sum(changes**2, axis=0))
 
 
 def disagreement(of_each: Iterable[tuple[float, int]], n_x: int) -> float:

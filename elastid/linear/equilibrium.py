@@ -139,11 +139,11 @@ def _shortened(
     slope: of V along the step, where it begins.
     """
     for halving in range(HALVINGS):
-        moved = q + 0.5**halving * step
-        now = _balance(model, theta, moved, free)
+        q_new = q + 0.5**halving * step
+        now = _balance(model, theta, q_new, free)
         if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
             break
-    return moved, now
+    return q_new, now
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration, theta: FloatArray | None = None) -> FloatArray:
@@ -201,8 +201,8 @@ def _faults(
     M = Z.T @ model.mass(q, theta).full() @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
-    share = np.linalg.norm(Z @ modes[:, eigenvalues <= MIN_INERTIA], axis=1)
-    if still := ", ".join(name for name, part in zip(names, share, strict=True) if part > 0.1):
+    motion = np.linalg.norm(Z @ modes[:, eigenvalues <= MIN_INERTIA], axis=1)
+    if still := ", ".join(name for name, part in zip(names, motion, strict=True) if part > 0.1):
         yield (
             f"the mass matrix is singular, motion of {still} moves no inertia; give the bodies that it moves a mass "
             "off the joint's axis or an inertia about it"
@@ -237,10 +237,10 @@ def spring_notes(model: ElasticModel, theta: FloatArray, at: Iterable[OperatingP
             resting = ", ".join(
                 f"{points[i].configuration.name} (deflected by {x[i]:.2g} {angle})" for i in inside.tolist()
             )
-            share = k[inside] / values[f"k_{joint}"]
+            ratio = k[inside] / values[f"k_{joint}"]
             text = (
                 f"joint {joint} rests inside its backlash of +-{b:.2g} {angle} in {resting}: the response depends on "
-                f"the amplitude there, and the stiffness of {share.min():.0%} to {share.max():.0%} of k_{joint} that "
+                f"the amplitude there, and the stiffness of {ratio.min():.0%} to {ratio.max():.0%} of k_{joint} that "
                 "the model has at rest describes none; take configurations in which gravity presses the joint onto "
                 "one flank, or leave these out"
             )

@@ -53,7 +53,7 @@ class ModelErrorFactor:
     steps: tuple[float, ...]
     log: tuple[bool, ...]
 
-    def moved(self, name: str, value: float, size: float) -> float:
+    def with_error(self, name: str, value: float, size: float) -> float:
         """Return the number of a member at so many steps."""
         i = self.members.index(name)
         return value * float(np.exp(size * self.steps[i])) if self.log[i] else value + size * self.steps[i]
@@ -105,13 +105,15 @@ class Estimated:
     def theta(self, x: FloatArray) -> FloatArray:
         """Return theta (n_theta,) at x (n_x + n_d,), SI."""
         n, theta = len(self.fit_x), self.base.copy()
-        moved = x[:n] + sum((size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n))
-        theta[self.rows] = self.parameters.expand(moved, self.where)[self.places]
+        estimate = x[:n] + sum(
+            (size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n)
+        )
+        theta[self.rows] = self.parameters.expand(estimate, self.where)[self.places]
         for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
             for name in doubt.members:
                 if name in self.names:
                     row = self.names.index(name)
-                    theta[row] = doubt.moved(name, float(theta[row]), size)
+                    theta[row] = doubt.with_error(name, float(theta[row]), size)
         return theta
 
     @cached_property
@@ -130,7 +132,7 @@ class Estimated:
         return slopes
 
     @cached_property
-    def moved(self) -> IntArray:
+    def dependent(self) -> IntArray:
         """Rows of theta that x moves."""
         return np.flatnonzero(np.any(self.slopes, axis=1))
 
@@ -167,7 +169,7 @@ class UncertainModes(Modes):
 
 @frozen_value
 class ResponseBand:
-    """G (F, n_y, n_u) with bands: distances (F, n_y, n_u) from it within which the truth is with probability `level`.
+    """G (F, n_y, n_u) with bands: distances (F, n_y, n_u) from it within which the truth is with `probability`.
 
     pointwise: at each line by itself.  simultaneous: at all lines of an element together.  std: E|dG|^2 ^ 1/2.
     by: linearisation where draws agree with it, else draws.
@@ -177,7 +179,7 @@ class ResponseBand:
     std: FloatArray
     pointwise: FloatArray
     simultaneous: FloatArray
-    level: float
+    probability: float
     by: By
 
     @property
@@ -284,12 +286,12 @@ class FittedModel:
             hold = ZohTorque((float(sampled_hz),) * len(self.linear.inputs), (True,) * len(self.linear.outputs))
         return to_response(replace(self.linear, hold=hold), self.theta, checked_frequencies(freq_hz))
 
-    def response_band(self, freq_hz: FloatArray, level: float = 0.95) -> ResponseBand:
-        """Return the response at freq_hz (F,) with its pointwise and simultaneous bands of probability `level`."""
+    def response_band(self, freq_hz: FloatArray, probability: float = 0.95) -> ResponseBand:
+        """Return the response at freq_hz (F,) with its pointwise and simultaneous bands of `probability`."""
         response, plain = self.response(freq_hz), replace(self.linear, hold=None)
         spread = self._spread(lambda theta: frequency_response(plain, theta, response.freq_hz))
-        pointwise, simultaneous = spread.radii(level)
-        return ResponseBand(response, spread.std, pointwise, simultaneous, level, spread.by)
+        pointwise, simultaneous = spread.radii(probability)
+        return ResponseBand(response, spread.std, pointwise, simultaneous, probability, spread.by)
 
     def response_std(self, freq_hz: FloatArray) -> FloatArray:
         """Return the std E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by the parameter covariance, to first order."""
@@ -312,9 +314,11 @@ class FittedModel:
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
-        moved = self.estimated.moved
-        kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in moved))
-        return np.tensordot(self.estimated.slopes[moved].T, Columns(kernel).evaluate(self.theta)[1], axes=1)
+        dependent = self.estimated.dependent
+        kernel = Kernel(
+            self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in dependent)
+        )
+        return np.tensordot(self.estimated.slopes[dependent].T, Columns(kernel).evaluate(self.theta)[1], axes=1)
 
     def modes(self) -> UncertainModes:
         """Return natural frequencies, damping ratios and mode shapes, without the integral states of a controller.

@@ -166,8 +166,8 @@ class Linearisation:
         theta = [ca.SX.sym(name) for name in model.parameters]
         q, lambda_ = model.symbols("q", "lambda")
         triangles = self.matrices(q, lambda_, ca.vertcat(*theta))[0]
-        moved = [symbol for name, symbol in zip(model.parameters, theta, strict=True) if name in names]
-        return not moved or not any(ca.which_depends(ca.vec(triangles), ca.vertcat(*moved), 2))
+        symbols = [symbol for name, symbol in zip(model.parameters, theta, strict=True) if name in names]
+        return not symbols or not any(ca.which_depends(ca.vec(triangles), ca.vertcat(*symbols), 2))
 
     @classmethod
     def of(cls, model: ElasticModel, follows: bool = False) -> "Linearisation":
@@ -208,8 +208,8 @@ class Linearisation:
         C, T = (np.ascontiguousarray(part.full()) for part in model.readout(point.q, theta, outputs))
         of_theta, dZ = {}, None
         if self.point is not None:
-            dq, moved, dZ = self.point.at(point, theta, K, Z)
-            slopes, of_theta = slopes + moved, _reading(model, point.q, theta, tuple(outputs), dq)
+            dq, of_point, dZ = self.point.at(point, theta, K, Z)
+            slopes, of_theta = slopes + of_point, _reading(model, point.q, theta, tuple(outputs), dq)
         triangles_of_theta = slopes.T.reshape(len(model.parameters), 3, -1).swapaxes(0, 1)
         of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _places(model.n_q)], strict=True))
         of_name = _slopes(model, {"M": M, "D": D, "K": K, "C": C, "T": T}, of_theta, Z, dZ)

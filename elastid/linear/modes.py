@@ -86,10 +86,10 @@ def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
 
 @frozen_value
 class StrainEnergy:
-    """springs: names k_... of the parameters.  share (n_s, n_m) of each in each mode.  load (n_m,): w_g, the rest."""
+    """springs: names k_... of the parameters.  fraction (n_s, n_m): of each in a mode.  load (n_m,): w_g, the rest."""
 
     springs: tuple[str, ...]
-    share: FloatArray
+    fraction: FloatArray
     load: FloatArray
 
 
@@ -104,5 +104,5 @@ def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint,
     energy = np.einsum("im,ij,jm->m", shapes.conj(), K, shapes).real
     size = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(K), np.abs(shapes))
     energy = np.where(np.abs(energy) > 1e-12 * size, energy, np.nan)
-    share = c * np.abs(b @ shapes) ** 2 / energy
-    return StrainEnergy(model.springs, share, 1.0 - share.sum(axis=0))
+    fraction = c * np.abs(b @ shapes) ** 2 / energy
+    return StrainEnergy(model.springs, fraction, 1.0 - fraction.sum(axis=0))

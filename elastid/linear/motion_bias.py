@@ -74,9 +74,9 @@ def estimate_motion_bias(
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
         """dG (F, n_y, n_u) at lines_hz (F,) of a motion of at most so many lines."""
         omega = 2 * np.pi * lines_hz
-        moved = _MotionBias.of(expansion, motion, measured, at, mean, most)
+        bias = _MotionBias.of(expansion, motion, measured, at, mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
-        changes = interpolated(omega, nodes, np.stack([moved.change(node) for node in nodes]))
+        changes = interpolated(omega, nodes, np.stack([bias.change(node) for node in nodes]))
         dG = expansion.response_change(omega, changes)[:, :, inputs]
         return change_of_angles(linear, theta, lines_hz, dG)
 
@@ -84,8 +84,8 @@ def estimate_motion_bias(
         few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
         rough = of_motion(freq_hz[few], _FEW)
         with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.where(noise.variance[few] > 0, np.abs(rough) ** 2 / noise.variance[few], np.inf)
-        size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(few))
+            power_ratios = np.where(noise.variance[few] > 0, np.abs(rough) ** 2 / noise.variance[few], np.inf)
+        size = np.sqrt(2 * float(np.sum(power_ratios)) * response.n_lines / len(few))
         if size < NEGLIGIBLE:
             return None
         most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / NEGLIGIBLE))))
@@ -135,8 +135,8 @@ class _Expansion:
         """Return the change of outputs (F, n_y, n_u), as positions, by one of equations and outputs (F, n + n_y, n)."""
         X, of_equations, of_outputs = self.X(omega), change[:, : self.n], change[:, self.n :]
         dX = -np.linalg.solve(self.L(omega) + of_equations, of_equations @ X)
-        moved = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
-        return moved / (1j * omega[:, None, None]) ** self.orders[:, None]
+        of_motion = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
+        return of_motion / (1j * omega[:, None, None]) ** self.orders[:, None]
 
     def locked_inverse(self, omega: Any) -> ComplexArray:
         """Return L^-1 (..., n, n) with motors that stand still."""
@@ -259,16 +259,16 @@ def _mean(
 def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
     """E[R'(z_0 + e)] - R' (n + n_y, n_z) of Gaussian e: second differences along its principal axes."""
     values, vectors = np.linalg.eigh(covariance)
-    kept = values > 1e-18 * values[-1]
-    e = (vectors[:, kept] * np.sqrt(values[kept])).T
+    significant = values > 1e-18 * values[-1]
+    e = (vectors[:, significant] * np.sqrt(values[significant])).T
     return np.asarray(np.sum(expansion.jacobian(np.vstack([e, -e])) - expansion.J, axis=0) / 2)
 
 
 def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
     """R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
-    n, moved = expansion.n, expansion.B @ shift
-    torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ moved
-    mean = moved - expansion.locked_inverse(0.0).real @ torque
+    n, x = expansion.n, expansion.B @ shift
+    torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ x
+    mean = x - expansion.locked_inverse(0.0).real @ torque
     return np.tensordot(mean, expansion.curvature[:n], axes=1)
 
 
@@ -284,16 +284,16 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
         left, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())
         U = left[:, : int(np.sum(size > RANK_TOLERANCE * size.max()))]
     r, n = U.shape[1], n_q + U.shape[1]
-    kept = np.zeros((3 * n_q + n_c, 2 * n_q + n))
-    kept[:n_q, :n_q], kept[n_q : n_q + n_c, n_q:n], kept[n_q + n_c :, n:] = np.eye(n_q), U, np.eye(2 * n_q)
+    columns = np.zeros((3 * n_q + n_c, 2 * n_q + n))
+    columns[:n_q, :n_q], columns[n_q : n_q + n_c, n_q:n], columns[n_q + n_c :, n:] = np.eye(n_q), U, np.eye(2 * n_q)
     rows = np.zeros((n + n_y, n_q + n_c + n_y))
     rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
     z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
     slope = _jacobian_of(model, outputs)
 
     def jacobian(distances: FloatArray) -> FloatArray:
-        slopes = slope(z[:, None] + kept @ distances.T, numbers).full()  # side by side
-        return np.asarray(rows @ slopes.reshape(len(slopes), len(distances), -1).swapaxes(0, 1) @ kept)
+        slopes = slope(z[:, None] + columns @ distances.T, numbers).full()  # side by side
+        return np.asarray(rows @ slopes.reshape(len(slopes), len(distances), -1).swapaxes(0, 1) @ columns)
 
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
     steps = np.diag(np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0))

@@ -49,15 +49,14 @@ class LoadedRobot:
 
     z (2 L, n_z): coordinates that are free, and multipliers, of L postures twice, unloaded and to be loaded.
     locked (2 L, n_q): coordinates with the motors at their angles.  wrench (2 L, 6 n_f): zero without load.
-    moved (n_p,): parameters to which there are derivatives.  statics(z, locked, theta, wrench) -> forces that remain
-    (n_z,) and their slopes to z; slopes(...) -> to the moved parameters, and position of all frames (3 n_f,) with its
-    slopes to both.
+    dependent (n_p,): parameters with derivatives.  statics(z, locked, theta, wrench) -> forces that remain (n_z,) and
+    their slopes to z; slopes(...) -> to these parameters, and position of all frames (3 n_f,) with its slopes to both.
     """
 
     model: ElasticModel
     loads: tuple[Load, ...]
     frames: tuple[str, ...]
-    moved: IntArray
+    dependent: IntArray
     z: FloatArray
     locked: FloatArray
     wrench: FloatArray
@@ -66,7 +65,7 @@ class LoadedRobot:
 
     @classmethod
     def of(
-        cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], moved: Sequence[str]
+        cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], dependent: Sequence[str]
     ) -> "LoadedRobot":
         """Return the robot under loads, with theta (n_theta,) of each posture; StudyError without an equilibrium."""
         frame_names = [frame.name for frame in model.robot.frames]
@@ -78,7 +77,7 @@ class LoadedRobot:
                     f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, frame_names)}",
                 )
         free = free_coordinates(model)
-        places = np.array([i for i, name in enumerate(model.parameters) if name in moved], np.int64)
+        places = np.array([i for i, name in enumerate(model.parameters) if name in dependent], np.int64)
         points = [equilibrium(model, t, load.configuration) for t, load in zip(theta, loads, strict=True)]
         z = np.array([np.append(point.q[free], point.lambda_) for point in points])
         locked = np.array([point.q for point in points])
@@ -90,7 +89,7 @@ class LoadedRobot:
         return cls(model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(locked, (2, 1)), both, *functions)
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Readings (n,) of each load and their slopes (n, n_p) to the moved parameters; theta (n_theta,) of each.
+        """Readings (n,) of each load and their slopes (n, n_p) to the parameters; theta (n_theta,) of each.
 
         LinAlgError where the robot finds no rest.
         """
@@ -120,16 +119,16 @@ class LoadedRobot:
                 break
             if largest.max() < ROUNDING_GAP:  # convergence is quadratic
                 return z + step, K
-            share = np.minimum(1.0, MAX_STEP / np.maximum(largest, 1e-300))
+            fraction = np.minimum(1.0, MAX_STEP / np.maximum(largest, 1e-300))
             size = _size(r, K)
             while True:
-                tried = z + share[:, None] * step
-                r, K = self._at(self.statics, tried, theta)
-                worse = (_size(r, K) > (1 - share / 10) * size) & (size > 1e-9) & (share > _SHORTEST)
+                z_new = z + fraction[:, None] * step
+                r, K = self._at(self.statics, z_new, theta)
+                worse = (_size(r, K) > (1 - fraction / 10) * size) & (size > 1e-9) & (fraction > _SHORTEST)
                 if not worse.any():
                     break
-                share = np.where(worse, share / 2, share)
-            z = tried
+                fraction = np.where(worse, fraction / 2, fraction)
+            z = z_new
         raise np.linalg.LinAlgError("a robot finds no rest under its loads")
 
     def _at(self, function: ca.Function, z: FloatArray, theta: FloatArray) -> tuple[FloatArray, ...]:
@@ -153,7 +152,9 @@ def _size(r: FloatArray, K: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+def _functions(
+    model: ElasticModel, frames: tuple[str, ...], dependent: tuple[int, ...]
+) -> tuple[ca.Function, ca.Function]:
     """`LoadedRobot.statics` and `LoadedRobot.slopes`."""
     free = free_coordinates(model).tolist()
     z, locked = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
@@ -174,8 +175,8 @@ def _functions(model: ElasticModel, frames: tuple[str, ...], moved: tuple[int, .
         R = rotation(layout, turned, seat)
         J = rates[6 * place : 6 * place + 6, :]
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
-    h, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(moved)]
+    h, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(dependent)]
     slopes = [ca.jacobian(h, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]
-    given, options = [z, locked, theta, wrench], {"cse": True}
-    statics = ca.Function("statics", given, [ca.densify(term) for term in (h, ca.jacobian(h, z))], options)
-    return statics, ca.Function("slopes", given, [ca.densify(term) for term in slopes], options)
+    arguments, options = [z, locked, theta, wrench], {"cse": True}
+    statics = ca.Function("statics", arguments, [ca.densify(term) for term in (h, ca.jacobian(h, z))], options)
+    return statics, ca.Function("slopes", arguments, [ca.densify(term) for term in slopes], options)

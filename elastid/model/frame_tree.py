@@ -88,9 +88,9 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
         for joint in body.joints:
             axis, align = _aligned(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
-            moved = seat.placed(align, point)
+            at_point = seat.placed(align, point)
             zero = theta.get(f"zero_{joint.name}", joint.zero)
-            frames.append(BodyFrame(moved.frame, moved.R, moved.p, axis, joint.slides, zero))
+            frames.append(BodyFrame(at_point.frame, at_point.R, at_point.p, axis, joint.slides, zero))
             back = Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point)
             seat = replace(back, R=align.T)
         seats[body.name] = seat.placed(body.mounting.rotation, np.array(body.mounting.xyz))

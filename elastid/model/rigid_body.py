@@ -149,19 +149,19 @@ def sensor_kinematics(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> t
     n, gravity = len(layout.frames), ca.SX(ca.DM(np.array(robot.gravity)))
     still = ca.SX(3, n), ca.SX(3, n), gravity
     # Angular velocity, velocity of the origin and gravity in each joint's frame; last, in the base.
-    seen: list[tuple[ca.SX, ca.SX, ca.SX]] = []
+    readings: list[tuple[ca.SX, ca.SX, ca.SX]] = []
     for i, (frame, turn) in enumerate(zip(layout.frames, turned, strict=True)):
-        (angular, linear, g), R = seen[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
+        (angular, linear, g), R = readings[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         linear = turn.back(ca.densify(R @ (linear - ca.skew(turn.origin) @ angular)))
         angular = turn.back(ca.densify(R @ angular))
-        moved = linear if frame.slides else angular
-        moved[frame.axis, i] += 1
-        seen.append((angular, linear, turn.back(R @ g)))
-    seen.append(still)
-    turning = [ca.DM(seat.R.T) @ seen[seat.frame][0] for seat in layout.attachments]
+        axes = linear if frame.slides else angular
+        axes[frame.axis, i] += 1
+        readings.append((angular, linear, turn.back(R @ g)))
+    readings.append(still)
+    turning = [ca.DM(seat.R.T) @ readings[seat.frame][0] for seat in layout.attachments]
     moving, falling = [], []
     for seat in layout.named:
-        (angular, linear, g), R = seen[seat.frame], ca.DM(seat.R.T)
+        (angular, linear, g), R = readings[seat.frame], ca.DM(seat.R.T)
         across = ca.skew(ca.DM(seat.p) if isinstance(seat.p, np.ndarray) else seat.p)
         moving += [R @ (linear - across @ angular), R @ angular]
         falling.append(R @ g)

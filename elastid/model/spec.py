@@ -34,8 +34,8 @@ class ModelSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        for key, given in (("variant", self.variant != "exact"), ("independent", bool(self.independent))):
-            if given and self.formulation != "minimal":
+        for key, is_set in (("variant", self.variant != "exact"), ("independent", bool(self.independent))):
+            if is_set and self.formulation != "minimal":
                 raise ValueError(f"{key} is a choice of the minimal formulation; set formulation: minimal")
 
     def refusals(self, robot: Robot) -> Iterator[tuple[tuple[str | int, ...], str]]:

@@ -84,7 +84,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
     used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
     most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} uses {percent(used[kind, i], 3)} of its limit"
-    kept = f"Yes. Largest use: {most}." if used.any() else "No limit is given."
+    sentence = f"Yes. Largest use: {most}." if used.any() else "No limit is given."
     exact = (
         f"{tuned.duration:.4g} s: largest path error of {tuned.frame} {number(1e3 * last.largest, 3)} mm on the "
         f"{tuned.judge} (rigid feedforward: {number(1e3 * rigid.largest, 3)} mm); residual vibration "
@@ -115,7 +115,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
         f"Move of {tuned.name}",
         (
             ("How exactly does the tool follow?", tuple(filter(None, (exact, on_draws)))),
-            ("Do the motors keep their limits?", (kept,)),
+            ("Do the motors keep their limits?", (sentence,)),
             ("What next?", (advice[0].upper() + advice[1:],)),
         ),
         (
@@ -137,8 +137,10 @@ def answer_of_loops(loops: Loops) -> Answer:
     lines = [f"{designed.name}: {_state_words(designed)}."]
     lines.append(f"Its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}.")
     if loops.count:
-        kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
-        lines.append(f"{kept:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures.")
+        percentage = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
+        lines.append(
+            f"{percentage:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures."
+        )
     of_today = f"{today.name}: {_state_words(today)}." if today else "The study has no controller."
     peaks = [
         (loop.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)

@@ -229,11 +229,13 @@ def parameter_rows(
         if true is not None and std_x[i] > 0:
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
-        given, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
+        nominal, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
         parts = {kind: part[name] for kind, part in result.std_contributions.items()}
         of_base = "" if truths else bases.get(name, "")  # the base of a simulated robot is rigid
-        rows.append(ParameterRow(*known_of, *given, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
+        rows.append(
+            ParameterRow(*known_of, *nominal, at_bound, true, deviation, contained, parts, verdicts[i], of_base)
+        )
     return tuple(rows)
 
 
@@ -281,8 +283,8 @@ def gear_line(gears: GearResult) -> str:
     """The findings in a sentence; or why nothing was looked for."""
     if gears.refused:
         return f"effects not estimated: {gears.refused}"
-    seen = [row.name for row in gears.numbers if row.is_significant and not math.isfinite(row.linear)]
-    if not seen:
+    nonlinear = [row.name for row in gears.numbers if row.is_significant and not math.isfinite(row.linear)]
+    if not nonlinear:
         return "no effect besides stiffness and damping is significant; upper bounds are in gears.h5"
     unexplained = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"
-    return f"significant effects: {', '.join(seen)} (upper bounds for the others); {unexplained}"
+    return f"significant effects: {', '.join(nonlinear)} (upper bounds for the others); {unexplained}"

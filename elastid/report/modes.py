@@ -66,19 +66,19 @@ def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[fl
     from rest, so that the drawing does not depend on the phase and length of the shape.
     """
     size = float(np.ptp(figure.points, axis=0).max())
-    moved = np.einsum("pal,lm->pam", figure.jacobian, shapes)
-    reach = np.linalg.norm(moved, axis=1).max(axis=0, initial=0.0)
+    motion = np.einsum("pal,lm->pam", figure.jacobian, shapes)
+    reach = np.linalg.norm(motion, axis=1).max(axis=0, initial=0.0)
     moving = reach > MIN_DISPLACEMENT * size
     if not size > 0 or not moving.any():
         return None
-    moved = np.where(moving, moved, 0.0)
-    moved = moved * np.exp(-0.5j * np.angle((moved**2).sum(axis=(0, 1))))
-    flat = moved.real.reshape(-1, moved.shape[2])
+    motion = np.where(moving, motion, 0.0)
+    motion = motion * np.exp(-0.5j * np.angle((motion**2).sum(axis=(0, 1))))
+    flat = motion.real.reshape(-1, motion.shape[2])
     sign = np.sign(np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0])
-    furthest = np.linalg.norm(moved.real, axis=1).max(axis=0)
-    moved = moved * np.divide(SWING * size * sign, furthest, out=np.zeros(len(sign)), where=moving)
+    furthest = np.linalg.norm(motion.real, axis=1).max(axis=0)
+    motion = motion * np.divide(SWING * size * sign, furthest, out=np.zeros(len(sign)), where=moving)
     up = int(np.argmax(np.abs(gravity))) if any(gravity) else 2
-    return ModeDrawing(figure.points, figure.links, figure.joints, moved, up, gravity[up] > 0)
+    return ModeDrawing(figure.points, figure.links, figure.joints, motion, up, gravity[up] > 0)
 
 
 def measured_modes_row(modes: Modes, geometry: GeometrySpec | None) -> ModeRow:
@@ -92,19 +92,19 @@ def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None
     """Return points with the motion of their places in the shapes; None without points."""
     names = list(geometry.points)
     points = np.array([geometry.points[name] for name in names], dtype=float)
-    moved = np.zeros((len(names), 3, modes.n_modes), complex)
+    motion = np.zeros((len(names), 3, modes.n_modes), complex)
     for place, shape in zip(modes.places, modes.place_shapes[0], strict=True):
         if (where := geometry.direction_of(place)) is not None:
             point, direction = where
             sign = -1.0 if direction.startswith("-") else 1.0
-            moved[names.index(point), "xyz".index(direction.lstrip("+-"))] += sign * shape
+            motion[names.index(point), "xyz".index(direction.lstrip("+-"))] += sign * shape
     size = float(np.ptp(points, axis=0).max(initial=0.0))
-    reach = np.linalg.norm(moved, axis=1).max(axis=0, initial=0.0)
+    reach = np.linalg.norm(motion, axis=1).max(axis=0, initial=0.0)
     if not size > 0 or not reach.any():
         return None
     lines = geometry.lines or tuple(pairwise(names))
     links: tuple[tuple[int, int, StickKind], ...] = tuple((names.index(a), names.index(b), "strut") for a, b in lines)
-    swung = moved * np.divide(SWING * size, reach, out=np.zeros(modes.n_modes), where=reach > 0)
+    swung = motion * np.divide(SWING * size, reach, out=np.zeros(modes.n_modes), where=reach > 0)
     return ModeDrawing(points, links, tuple(range(len(names))), swung)
 
 
@@ -152,7 +152,7 @@ class ModeRow:
         """Mode by mode the largest shares of the energy."""
         if not self.stores:
             return [""] * len(self.frequency_hz)
-        return [shares_in_words(self.stores, shares) for shares in self.energy.T]
+        return [shares_in_words(self.stores, fractions) for fractions in self.energy.T]
 
     @property
     def _motion_text(self) -> list[str]:
@@ -168,13 +168,13 @@ class ModeRow:
         ]
 
 
-def shares_in_words(names: Sequence[str], shares: FloatArray) -> str:
+def shares_in_words(names: Sequence[str], fractions: FloatArray) -> str:
     """The largest shares (n_e,) of a mode's energy, as in '62 % gear 2, 25 % bending b2'.
 
     >>> shares_in_words(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
     '96 % gear 2, 10 % gear 1, -6 % weight'
     """
-    return ", ".join(f"{100 * shares[i]:.0f} % {names[i]}" for i in _largest(np.abs(shares), MIN_SHARE))
+    return ", ".join(f"{100 * fractions[i]:.0f} % {names[i]}" for i in _largest(np.abs(fractions), MIN_SHARE))
 
 
 def _largest(magnitude: FloatArray, least: float) -> list[int]:

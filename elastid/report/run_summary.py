@@ -346,8 +346,8 @@ def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     if 2 * fractions[most] < 1:
         return None
     what = f"{TOLERANCES[most].format(', '.join(name for name in names[n:] if name.startswith(most)))}."
-    share = percent(fractions[most])
-    reason = f"The tolerance causes {share} of the variance of {poor.name}. Without it, the interval shrinks"
+    fraction = percent(fractions[most])
+    reason = f"The tolerance causes {fraction} of the variance of {poor.name}. Without it, the interval shrinks"
     return _narrower(what, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
 
 
@@ -363,9 +363,9 @@ def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     q = int(np.nanargmax(result.information_fraction[:, column]))
     # The robot's file errs in the next measurement as in this one.
     of_data = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
-    share, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
+    fraction, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
     reason = f"The interval of {poor.name} then shrinks"
-    return _narrower(f"Measure twice as long in “{name}”.", poor, reason, 1 / math.sqrt(1 + share))
+    return _narrower(f"Measure twice as long in “{name}”.", poor, reason, 1 / math.sqrt(1 + fraction))
 
 
 # Configurations whose modes the first screen names.

@@ -32,10 +32,12 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
     """
     m, theta = model.model, model.theta[:-1]
     q, v, multipliers = m.symbols("q", "v", "lambda")
-    given = {"q": q, "v": v, "lambda_": multipliers}
+    arguments = {"q": q, "v": v, "lambda_": multipliers}
 
     def function(name: str, inputs: tuple[str, ...], output: str, value: ca.SX) -> ca.Function:
-        return ca.Function(name, [given[symbol] for symbol in inputs], [value], list(inputs), [output], {"cse": True})
+        return ca.Function(
+            name, [arguments[symbol] for symbol in inputs], [value], list(inputs), [output], {"cse": True}
+        )
 
     closing = (
         function("constraint", ("q",), "phi", m.constraint(q, theta)),
@@ -58,8 +60,8 @@ def _equilibria(model: FittedRobot) -> ca.Function:
     ]
     columns = [np.stack([getattr(point, name) for point in points], axis=1) for name in ("q", "lambda_", "u")]
     names = ["q", "lambda_", "u"] if model.model.n_c else ["q", "u"]
-    kept = columns if model.model.n_c else [columns[0], columns[2]]
-    return ca.Function("equilibria", [], [ca.SX(ca.DM(column)) for column in kept], [], names)
+    equations = columns if model.model.n_c else [columns[0], columns[2]]
+    return ca.Function("equilibria", [], [ca.SX(ca.DM(column)) for column in equations], [], names)
 
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -99,18 +101,18 @@ def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
         return {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
 
 
-def dense(name: str, given: list[ca.SX], results: Iterable[ca.SX]) -> ca.Function:
+def dense(name: str, expression: list[ca.SX], results: Iterable[ca.SX]) -> ca.Function:
     """A function whose results have no structural zeros."""
-    return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
+    return ca.Function(name, expression, [ca.densify(result) for result in results], {"cse": True})
 
 
 def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
     units = {joint.name: ("m, m/s, N" if joint.slides else "rad, rad/s, N*m") for joint in model.robot.joints}
     lines = [f"{_equation(model)}, on the link side.", ""]
     for function in prefixed:
-        given = ", ".join(f"arg[{i}] {_sized(function, i, is_in=True)}" for i in range(function.n_in()))
+        arguments = ", ".join(f"arg[{i}] {_sized(function, i, is_in=True)}" for i in range(function.n_in()))
         results = ", ".join(f"res[{i}] {_sized(function, i, is_in=False)}" for i in range(function.n_out()))
-        lines.append(f"{function.name()}: {given or 'no arguments'} -> {results}")
+        lines.append(f"{function.name()}: {arguments or 'no arguments'} -> {results}")
     lines += ["", *interval_lines(model), "", *_postures(model), ""]
     lines += ["Matrices are dense, column by column. Each function returns 0. Entries:"]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):

@@ -56,7 +56,7 @@ def _functions(name: str, observer: TrackedFriction, step: ca.Function) -> str:
     n, size = len(x), P.size
     angles = [i for i, state in enumerate(observer.filtered.states) if state.startswith("q_")]
     spring = f" - load / {observer.filtered.stiffness!r}" if observer.filtered.stiffness > 0 else ""
-    moved = "".join(f"  x[{i}] = angle{spring if observer.filtered.states[i] == 'q_l' else ''};\n" for i in angles)
+    copies = "".join(f"  x[{i}] = angle{spring if observer.filtered.states[i] == 'q_l' else ''};\n" for i in angles)
     return f"""
 void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{
   static const double x_start[{n}] = {c_row(x)};
@@ -64,7 +64,7 @@ void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{
   for (int i = 0; i < {n}; i++) x[i] = x_start[i];
   for (int i = 0; i < {size}; i++) P[i] = P_start[i];
   (void)load;
-{moved}}}
+{copies}}}
 
 void {name}_follow(double x[{n}], double P[{size}], double torque, double load, double angle, double *innovation,
                    double *variance) {{
@@ -165,8 +165,8 @@ def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, flo
     # The table of a joint without a limit of velocity goes to 3 rad/s (m/s).
     fastest = [joint.limits.velocity if np.isfinite(joint.limits.velocity) else 3.0 for joint in robot.driven]
     # Denser about standstill, where friction turns around.
-    share = np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6)
-    v: FloatArray = np.outer(fastest, share)
+    grid = np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6)
+    v: FloatArray = np.outer(fastest, grid)
     u = function.map(v.shape[1])(v).full()
     for joint, speeds, torques in zip(robot.driven, v.tolist(), u.tolist(), strict=True):
         yield from ((joint.name, speed, torque) for speed, torque in zip(speeds, torques, strict=True))

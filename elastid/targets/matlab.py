@@ -91,9 +91,11 @@ def _tool(model: FittedRobot) -> dict[str, Any]:
     named: dict[str, Any] = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
     ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
-    asked = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
+    tool_ports = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
     try:
-        systems = [model.result.family(asked, posture.name).at(posture).state_space() for posture in configurations]
+        systems = [
+            model.result.family(tool_ports, posture.name).at(posture).state_space() for posture in configurations
+        ]
     except StudyError:
         return named
     stacks = {name: np.stack([getattr(system, name) for system in systems], axis=2) for name in "ABCD"}

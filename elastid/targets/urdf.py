@@ -101,8 +101,8 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
 
 
 def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: FloatArray) -> None:
-    taken = [joint.get("name", "") for joint in root.iter("joint")]
-    _joint_element(root, unused(f"{name} fixed", taken), "fixed", parent, child, pose)
+    names = [joint.get("name", "") for joint in root.iter("joint")]
+    _joint_element(root, unused(f"{name} fixed", names), "fixed", parent, child, pose)
 
 
 def _joint_element(root: ET.Element, name: str, kind: str, parent: str, child: str, pose: FloatArray) -> ET.Element:

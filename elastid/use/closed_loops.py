@@ -134,7 +134,7 @@ class PostureFamily:
         modal = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, modal.shapes))
-        share, M = np.nan_to_num(energy.share), linear.matrices(theta)[0]
+        fraction, M = np.nan_to_num(energy.fraction), linear.matrices(theta)[0]
         parts = (
             np.abs(linear.B.T @ modal.shapes) ** 2 / np.einsum("im,ij,jm->m", modal.shapes.conj(), M, modal.shapes).real
         )
@@ -142,7 +142,9 @@ class PostureFamily:
         # A pendulum under gravity has less than half of its strain energy in springs.
         sprung = np.flatnonzero(energy.load <= 0.5).tolist()
         return tuple(
-            PlantMode(float(modal.freq_hz[m]), energy.springs[int(share[:, m].argmax())], tuple(parts[:, m].tolist()))
+            PlantMode(
+                float(modal.freq_hz[m]), energy.springs[int(fraction[:, m].argmax())], tuple(parts[:, m].tolist())
+            )
             for m in sprung
         )
 
@@ -158,7 +160,9 @@ def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[Fl
     samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
     wide = np.zeros((n + n_u, n + n_u))
     wide[:n] = np.hstack([system.A, system.B])
-    (A, B), (_, now) = (np.split(expm(wide * share / rate_hz)[:n], [n], axis=1) for share in (1.0, 1 - part))
+    (A, B), (_, now) = (
+        np.split(expm(wide * part_of_step / rate_hz)[:n], [n], axis=1) for part_of_step in (1.0, 1 - part)
+    )
     C = system.C
     if part > 0:  # u_(k - 1) acts for the first part of the sample
         A, B, C = _with_input_states(A, B - now, now, C)
@@ -286,9 +290,9 @@ def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
     rows = np.arange(len(E))[:, None]
     axes = np.arange(size.shape[2])[None]
     low, high = np.log(size[rows, first, axes]), np.log(size[rows, last, axes])
-    share = np.clip((np.log(THRESHOLD) - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
+    fraction = np.clip((np.log(THRESHOLD) - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
     ends = np.log(freq_hz)[rows, first], np.log(freq_hz)[rows, last]
-    return np.asarray(np.exp(ends[0] + share * (ends[1] - ends[0])))
+    return np.asarray(np.exp(ends[0] + fraction * (ends[1] - ends[0])))
 
 
 def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None) -> ComplexArray:

@@ -46,7 +46,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         numbers.pop(DELAY, None)
         for size, doubt in zip(sizes, result.doubts, strict=True):
             numbers |= {
-                name: doubt.moved(name, numbers[name], float(size)) for name in doubt.members if name in numbers
+                name: doubt.with_error(name, numbers[name], float(size)) for name in doubt.members if name in numbers
             }
         try:
             robots.append(exact.with_parameters(numbers))

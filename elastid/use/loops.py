@@ -171,10 +171,10 @@ def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
 def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
     """First slower copy of a controller that satisfies its limit, within a quarter of a step; None if no copy does."""
     for step in range(slowest):
-        for share in (0.0, 1.0):  # of the slowing that the velocity loops take part in
+        for factor in (0.0, 1.0):  # of the slowing that the velocity loops take part in
 
-            def at(steps: float, share: float = share) -> Cascade:
-                return cascade.slower(_SLOWER**steps, _SLOWER ** (share * steps))
+            def at(steps: float, factor: float = factor) -> Cascade:
+                return cascade.slower(_SLOWER**steps, _SLOWER ** (factor * steps))
 
             if is_accepted(at(step)):
                 finer = (at(step - part) for part in (0.75, 0.5, 0.25) if step)
@@ -195,8 +195,8 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
     """Better and better controllers that keep the limit on all plants; FitError where no gain does."""
-    kept = [cascade for cascade in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, cascade, limit_db)]
-    best = max(kept, key=lambda cascade: cascade.reached(scene), default=None)
+    feasible = [cascade for cascade in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, cascade, limit_db)]
+    best = max(feasible, key=lambda cascade: cascade.reached(scene), default=None)
     if best is None:
         raise FitError(
             "use/gains",
@@ -207,8 +207,8 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
     best = searched(scene, best, limit_db) or best
     yield best
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
-        tried = [searched(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
-        start = max(filter(None, tried), key=lambda cascade: cascade.reached(scene), default=best)
+        candidates = [searched(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
+        start = max(filter(None, candidates), key=lambda cascade: cascade.reached(scene), default=best)
         gained = searched(scene, start, limit_db) or best
         if gained.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
@@ -277,10 +277,10 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     before = np.einsum("ki,kij->kj", left[:, :, 0].conj() / scale, at)
     after = np.einsum("kij,kjl,kl->ki", scene.P[rows, lines], at, right[:, 0].conj() * scale)
     through = before * form.response(freq_hz[rows, lines], rate_hz) * after
-    moved = -(through[:, owners] * form.log_slopes(freq_hz[rows, lines], rate_hz)).real / sigma[:, :1]
+    slopes = -(through[:, owners] * form.log_slopes(freq_hz[rows, lines], rate_hz)).real / sigma[:, :1]
     if not closed.stable.all():  # a step too far counts as farther than any limit
         left_db = left_db - 60
-    return left_db, np.asarray(-20 / np.log(10) * moved)
+    return left_db, np.asarray(-20 / np.log(10) * slopes)
 
 
 def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
@@ -300,18 +300,20 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
             peaks.append(float(np.quantile(of_draws, 0.95, method="higher")))
         return max(peaks) - LIMIT_DB
 
-    tried: list[Cascade] = []
+    candidates: list[Cascade] = []
     for turn in range(3):  # designs with limits that are lowered by what the draws exceed
-        better = [searched(scene, tried[-1], limit_db)] if turn else design(scene, first_mode_hz, delay, limit_db)
-        tried += filter(None, better)
-        if (above := excess(tried[-1])) <= 0:
+        better = [searched(scene, candidates[-1], limit_db)] if turn else design(scene, first_mode_hz, delay, limit_db)
+        candidates += filter(None, better)
+        if (above := excess(candidates[-1])) <= 0:
             break
         limit_db -= min(above + 0.01, 1.5)
     # Slowing may cost one of them half its bandwidth, and another nothing.
-    kept = [result for start in tried if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None]
-    if not kept:
+    feasible = [
+        result for start in candidates if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None
+    ]
+    if not feasible:
         raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")
-    return max(kept, key=lambda cascade: cascade.reached(scene))
+    return max(feasible, key=lambda cascade: cascade.reached(scene))
 
 
 @frozen_value

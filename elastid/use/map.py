@@ -112,14 +112,14 @@ def answers(
     depth = -1 / (2 * cut.cutting_coefficient * least) if least < 0 else np.inf
     results["depth_of_cut"] = depth, depth / -least * std(2, n, f) if least < 0 else np.nan
     u = linear.Z @ np.linalg.solve(linear.matrices(theta)[2], linear.readout(theta)[0].T @ softest)
-    shares = strain_energy(family.model, family.theta, point, u[:, None].astype(complex)).share[:, 0]
-    along, moved = softest @ H[3:] @ softest, softest @ shifts[:, 3:] @ softest
+    fractions = strain_energy(family.model, family.theta, point, u[:, None].astype(complex)).fraction[:, 0]
+    along, along_shifts = softest @ H[3:] @ softest, softest @ shifts[:, 3:] @ softest
     magnitude = np.maximum(np.abs(along), 1e-300)
     robot = family.model.robot_at(family.theta)
     return {name: np.array(value) for name, value in results.items()} | {
         "axes": axes, "chatter_hz": chatter_hz, "magnitude": magnitude,
-        "compliance_fraction": np.nan_to_num(shares),
-        "magnitude_std": np.linalg.norm((along.conj() * moved).real / magnitude, axis=0),
+        "compliance_fraction": np.nan_to_num(fractions),
+        "magnitude_std": np.linalg.norm((along.conj() * along_shifts).real / magnitude, axis=0),
         "position": frame_poses(robot, point.q[None, : len(robot.joints)], family.frame).position[0],
     }  # fmt: skip
 

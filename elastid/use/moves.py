@@ -135,9 +135,9 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
         )
     angles = table.angles(robot)
     if angles is not None:
-        shares = _path_parameters(angles, times)
+        path_parameters = _path_parameters(angles, times)
         _check_limits(table, angles, robot)
-        spline = _through(shares, angles, times is not None)
+        spline = _through(path_parameters, angles, times is not None)
     else:
         spline = _through_poses(table, robot, frame, times)
     if duration is None:
@@ -176,11 +176,11 @@ def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray
     return np.asarray((times - times[0]) / (times[-1] - times[0]))
 
 
-def _through(shares: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
+def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
     """The spline of the time's share from rest to rest, through points (Q, n) at shares (Q,) of time or of the way."""
     if is_timed:
-        return _rest_to_rest_spline(shares, points)
-    way = make_interp_spline(shares, points, k=min(3, len(points) - 1))
+        return _rest_to_rest_spline(path_parameters, points)
+    way = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))
     s = np.linspace(0.0, 1.0, _SAMPLES + 1)
     sigma = np.clip(np.polynomial.polynomial.polyval(s, _TIMING), 0.0, 1.0)
     return _rest_to_rest_spline(s, way(sigma))
@@ -194,19 +194,19 @@ def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:
 
 def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | None) -> BSpline:
     position, rotation = table.poses(robot)
-    shares, s = _path_parameters(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
-    spline = _through(shares, position, times is not None)
+    path_parameters, s = _path_parameters(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
+    spline = _through(path_parameters, position, times is not None)
     turned = None
     if rotation is not None:
         first = Rotation.from_matrix(rotation[0])
         vectors = (first.inv() * Rotation.from_matrix(rotation)).as_rotvec()
-        turning = _through(shares, vectors, times is not None)
+        turning = _through(path_parameters, vectors, times is not None)
         turned = (first * Rotation.from_rotvec(turning(s))).as_matrix()
     angles, reached = follow_path(robot, frame, spline(s), turned)
     if not reached.all():
-        share = float(s[int(np.argmin(reached))])
-        row = min(int(np.searchsorted(shares, share)), len(shares) - 1)
-        place = ", ".join(f"{value:.4g}" for value in spline(share))
+        path_parameter = float(s[int(np.argmin(reached))])
+        row = min(int(np.searchsorted(path_parameters, path_parameter)), len(path_parameters) - 1)
+        place = ", ".join(f"{value:.4g}" for value in spline(path_parameter))
         raise DataError(
             "use/unreachable",
             f"on the way to this pose, at ({place}) m, frame {frame} is out of reach "

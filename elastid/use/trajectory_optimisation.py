@@ -241,8 +241,8 @@ class _Problem:
     def _guess(self, move: Move) -> FloatArray:
         """Coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""
         fine = np.linspace(self.knots[0], self.knots[-1], 2 * (self.n + 1) + 1)
-        rigid, share = self.commanded.rigid(move, fine)[0], np.clip(fine / move.duration, 0, 1)[:, None]
-        deflected = (1 - share) * (self.ends[0] - rigid[0]) + share * (self.ends[1] - rigid[-1])
+        rigid, fraction = self.commanded.rigid(move, fine)[0], np.clip(fine / move.duration, 0, 1)[:, None]
+        deflected = (1 - fraction) * (self.ends[0] - rigid[0]) + fraction * (self.ends[1] - rigid[-1])
         c = np.array(make_lsq_spline(fine, rigid + deflected, self.knots, DEGREE).c)
         c[:_N_END_COEFFICIENTS], c[-_N_END_COEFFICIENTS:] = self.ends
         return c

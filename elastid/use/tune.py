@@ -99,7 +99,7 @@ class TwinLoop:
         none = np.zeros_like(velocity)
         commands = Commands(references.position, velocity, references.torque, none, none)
         try:
-            moved = simulate(self.plant.loop, self.gains, commands, rest, theta=theta)
+            motion = simulate(self.plant.loop, self.gains, commands, rest, theta=theta)
         except DataError as error:
             advice = "lower --bandwidth, or raise --rate"
             if robot is not None:
@@ -108,7 +108,7 @@ class TwinLoop:
                     "out what is at a bound or hardly known, or give --samples 0"
                 )
             raise DataError("experiment/diverged", f"{error}; {advice}") from error
-        return moved.q, moved.u
+        return motion.q, motion.u
 
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
         """The error from target (N, 3) of a move that ends at end_s."""
@@ -180,24 +180,24 @@ def tune_move(given: MoveRobots, move: Move, name: str, progress: Progress = sil
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
     commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
-    asked = _MoveTask(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
+    task = _MoveTask(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
     if not move.duration:
-        if not first_duration(commanded, move, asked.limits):
+        if not first_duration(commanded, move, task.limits):
             raise DataError(
                 "use/move",
                 f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
                 "the shortest; give its joints limits, or a duration",
             )
-        spared = asked.limits.narrowed({kind: np.full(len(asked.limits.torque), _SPARE**2) for kind in KINDS})
-        fastest = shortest(commanded, move, spared, asked.margin_s, given.error_m)
+        spared = task.limits.narrowed({kind: np.full(len(task.limits.torque), _SPARE**2) for kind in KINDS})
+        fastest = shortest(commanded, move, spared, task.margin_s, given.error_m)
         if fastest is None:
             raise DataError(
                 "use/move",
                 f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time; raise --error, or move the "
                 "path away from limits and singular postures",
             )
-        asked = replace(asked, move=fastest)
-    return asked.tuned(name, progress)
+        task = replace(task, move=fastest)
+    return task.tuned(name, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,27 +212,27 @@ class _MoveTask:
 
     def tuned(self, name: str, progress: Progress) -> TunedMove:
         """The best move with its outcomes."""
-        given, limits, joints = self.robots, self.limits, self.commanded.robot.driven
+        robots, limits, joints = self.robots, self.limits, self.commanded.robot.driven
         planned, r, drawn, most = self._within_limits(progress)
         target = self._path(r.time_s)
-        moved = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in given.draws]
+        distances = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in robots.draws]
         ends = planned.q.t[[0, -1]]
         at = self.commanded.poses(planned.q(np.clip(r.time_s, *ends))).position
         error = np.linalg.norm(at - target, axis=1)
         advice = ""
-        if error.max() > given.error_m:
+        if error.max() > robots.error_m:
             worst = int(np.argmax(error))
             advice = (
                 f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {r.time_s[worst]:.3g} s after the start; "
                 "give the move more time: --fastest finds the shortest"
             )
         return TunedMove(
-            **vars(r), name=name, frame=given.frame, joints=tuple(joint.name for joint in joints),
-            units=tuple(joint.unit for joint in joints), judge=given.judge_name, bandwidth_hz=given.bandwidth_hz,
+            **vars(r), name=name, frame=robots.frame, joints=tuple(joint.name for joint in joints),
+            units=tuple(joint.unit for joint in joints), judge=robots.judge_name, bandwidth_hz=robots.bandwidth_hz,
             duration=self.move.duration, margin_s=self.margin_s, target=target, predicted_error=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
-            outcomes=self._outcomes(r, target, drawn), samples=len(given.draws), max_torque=most, advice=advice,
-            geometric_error_m=float(np.quantile(moved, 0.95)) if moved else 0.0,
+            outcomes=self._outcomes(r, target, drawn), samples=len(robots.draws), max_torque=most, advice=advice,
+            geometric_error_m=float(np.quantile(distances, 0.95)) if distances else 0.0,
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
@@ -244,16 +244,16 @@ class _MoveTask:
 
         Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
         """
-        given, commanded, limits = self.robots, self.commanded, self.limits
-        n = len(given.draws)
-        samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * given.rate_hz) * n
-        start, hz = self.move.ends[0], (given.rate_hz, given.bandwidth_hz)
-        loop = TwinLoop.of(commanded, given.identified, start, *hz, samples)
+        robots, commanded, limits = self.robots, self.commanded, self.limits
+        n = len(robots.draws)
+        samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * robots.rate_hz) * n
+        start, hz = self.move.ends[0], (robots.rate_hz, robots.bandwidth_hz)
+        loop = TwinLoop.of(commanded, robots.identified, start, *hz, samples)
         narrowed = limits
         for attempt in range(PASSES):
             progress(attempt * (n + 1), PASSES * (n + 1))
             planned = best_plan(commanded, self.move, narrowed, self.margin_s)
-            references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
+            references = sampled(commanded, planned, robots.rate_hz, SETTLING_S)
             # Gravity deflects the robot at rest: its motors may stand beyond their limits.
             at_rest = references.use(limits)["angle"][[0, -1]]
             if not planned.is_feasible or np.any(at_rest > 1):
@@ -264,13 +264,13 @@ class _MoveTask:
                 )
             used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
             errors, most = [], np.abs(references.torque).max(axis=0)
-            for i, robot in enumerate(given.draws):
+            for i, robot in enumerate(robots.draws):
                 q, torque = loop.follow(references, robot)
                 errors.append(
                     np.linalg.norm(commanded.poses(q, robot).position - self._path(references.time_s, robot), axis=1)
                 )
                 most = np.maximum(most, np.abs(torque).max(axis=0))
-                velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
+                velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * robots.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
                 progress(attempt * (n + 1) + i + 1, PASSES * (n + 1))
             used["torque"] = np.maximum(used["torque"], most / limits.torque)
@@ -290,14 +290,14 @@ class _MoveTask:
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
         """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
-        given, move = self.robots, self.move
-        start, hz, samples = move.ends[0], (given.rate_hz, given.bandwidth_hz), 3 * len(references.time_s)
-        judge = TwinLoop.of(self.commanded, given.judge, start, *hz, samples, clips=True)
-        of_catalogue = CommandedRobot.of(given.catalogue, given.frame, start, self.commanded.spec)
-        elastic = best_plan(of_catalogue, move, MotionLimits.of(given.catalogue), self.margin_s)
+        robots, move = self.robots, self.move
+        start, hz, samples = move.ends[0], (robots.rate_hz, robots.bandwidth_hz), 3 * len(references.time_s)
+        judge = TwinLoop.of(self.commanded, robots.judge, start, *hz, samples, clips=True)
+        of_catalogue = CommandedRobot.of(robots.catalogue, robots.frame, start, self.commanded.spec)
+        elastic = best_plan(of_catalogue, move, MotionLimits.of(robots.catalogue), self.margin_s)
         commands = {
-            RIGID: rigid_references(given.catalogue, of_catalogue, move, references.time_s),
-            CATALOGUE: sampled(of_catalogue, elastic, given.rate_hz, SETTLING_S),
+            RIGID: rigid_references(robots.catalogue, of_catalogue, move, references.time_s),
+            CATALOGUE: sampled(of_catalogue, elastic, robots.rate_hz, SETTLING_S),
             IDENTIFIED: references,
         }
         outcomes = [judge.outcome(name, command, target, move.duration) for name, command in commands.items()]

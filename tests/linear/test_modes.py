@@ -54,7 +54,7 @@ def test_a_pendulum_on_a_spring_has_its_weight_s_share(angle: float, sign: int) 
     omega, weight = 2 * np.pi * freq_hz[-1], sign * m * 9.81 * length
     motor = k / (k - rotor * omega**2)  # per rad of the arm
     springs = k * (motor - 1) ** 2
-    assert energy.share[0, -1] == pytest.approx(springs / (springs + weight), rel=1e-9)
+    assert energy.fraction[0, -1] == pytest.approx(springs / (springs + weight), rel=1e-9)
     assert energy.load[-1] == pytest.approx(weight / (springs + weight), rel=1e-6)
     assert np.sign(energy.load[-1]) == sign
 
@@ -72,7 +72,7 @@ def test_a_nonlinear_spring_counts_with_its_tangent() -> None:
     weight = 40 * 9.81 * 0.5 * -np.sin(point.q[0])  # V = -m g l sin q
     springs = tangent * (motor - 1) ** 2
     assert abs(x) > 5e-3
-    assert energy.share[0, -1] == pytest.approx(springs / (springs - weight), rel=1e-8)
+    assert energy.fraction[0, -1] == pytest.approx(springs / (springs - weight), rel=1e-8)
 
 
 ROBOTS = {
@@ -96,8 +96,8 @@ def test_the_share_of_a_spring_is_what_its_stiffness_does_to_the_frequency(name:
     robot, angles, spec = ROBOTS[name]
     freq_hz, energy = found(robot, angles, spec)
     assert len(freq_hz) >= 2
-    for spring, share in zip(energy.springs, energy.share, strict=True):
+    for spring, share in zip(energy.springs, energy.fraction, strict=True):
         value, h = robot.parameters()[spring][0], 1e-4
         stiffer, softer = (found(robot.with_parameters({spring: value * np.exp(e)}), angles, spec)[0] for e in (h, -h))
         np.testing.assert_allclose(share, np.log(stiffer / softer) / h, atol=2e-6)
-    np.testing.assert_allclose(energy.share.sum(axis=0), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(energy.fraction.sum(axis=0), 1.0, rtol=1e-9)

@@ -21,9 +21,9 @@ def load(force=(0, 0, 0), torque=(0, 0, 0), where=WHERE):
     return Load(where, "tool", np.array(force, float), np.array(torque, float), "tool", np.eye(3))
 
 
-def deflection(model, each, theta=None, moved=()):
+def deflection(model, each, theta=None, dependent=()):
     theta = model.theta if theta is None else theta
-    readings, slopes = LoadedRobot.of(model, (each,), (theta,), moved).deflections((theta,))
+    readings, slopes = LoadedRobot.of(model, (each,), (theta,), dependent).deflections((theta,))
     return readings[0], slopes[0]
 
 
@@ -48,7 +48,7 @@ def test_a_hardening_gear_bends_by_the_cubic_that_holds_the_torque():
     x = 0.0
     for _ in range(40):
         x -= (k * x + c * x**3 - F * L * np.cos(x)) / (k + 3 * c * x**2 + F * L * np.sin(x))
-    y, slopes = deflection(formulate(arm), load((0, 0, -F), where=Configuration("a", [0.0])), moved=("k_1",))
+    y, slopes = deflection(formulate(arm), load((0, 0, -F), where=Configuration("a", [0.0])), dependent=("k_1",))
     np.testing.assert_allclose(y, [L * (np.cos(x) - 1), 0, -L * np.sin(x)], rtol=1e-9, atol=1e-15)
     by_k = x / (k + 3 * c * x**2 + F * L * np.sin(x))  # -dx/dk
     np.testing.assert_allclose(slopes[2, 0], L * np.cos(x) * by_k, rtol=1e-8)
@@ -64,7 +64,7 @@ def test_slopes_are_those_of_differences_also_in_a_closed_loop(equations):
     each = load((30, 20, -50), (3, 2, 1), Configuration("a", [0.1, 0.2, -0.1]))
     own = LoadedRobot.of(model, (each,), (model.theta,), springs)
     readings, slopes = own.deflections((model.theta,))
-    for column, place in enumerate(own.moved):
+    for column, place in enumerate(own.dependent):
         step = np.zeros(len(model.theta))
         step[place] = 1e-4 * model.theta[place]
         (up,), (down,) = (own.deflections((model.theta + sign * step,))[0] for sign in (1, -1))

@@ -179,15 +179,15 @@ def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configura
         names = ", ".join(responses) or "none"
         raise DataError("responses/table", f"no response of configuration {name} in it; there are {names}", path)
     response = responses[name]
-    angles, given = response.configuration.angles, configuration.angles
+    angles, planned = response.configuration.angles, configuration.angles
     if robot is None or not angles.size:  # at least one of the two studies has no robot
         return replace(response, configuration=configuration)
     # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
-    if angles.shape != given.shape or np.any(np.abs(angles - given) > 1e-3):
+    if angles.shape != planned.shape or np.any(np.abs(angles - planned) > 1e-3):
         raise DataError(
             "responses/table",
             f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at "
-            f"{given.tolist()}; correct experiment.configurations",
+            f"{planned.tolist()}; correct experiment.configurations",
             path,
         )
     return replace(response, configuration=configuration)

@@ -120,8 +120,8 @@ def with_gear_section(
     told = section(final, "status message")
     told |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
     if gears.explains_misfit and not final.indices:
-        kept = [note["code"] not in ANSWERED for note in content["notes"]]
-        told |= {name: list(compress(content[name], kept)) for name in ("warnings", "notes")}
+        is_open = [note["code"] not in ANSWERED for note in content["notes"]]
+        told |= {name: list(compress(content[name], is_open)) for name in ("warnings", "notes")}
     return {**content, **told, "parameters": json_value(parameters), "gears": json_value(numbers)}
 
 

@@ -117,11 +117,11 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
     if experiment.simulated is None or all(load.test.deflection is not None for load in tests):
         return tests
     truth = true_robot(study.as_robot(), experiment.simulated.truth)
-    given = tuple(load_of(load, truth) for load in tests)
+    placed = tuple(load_of(load, truth) for load in tests)
     model = formulate(
-        with_frames(truth, (name for load in given for name in (load.frame, load.read_at))), experiment.simulated.model
+        with_frames(truth, (name for load in placed for name in (load.frame, load.read_at))), experiment.simulated.model
     )
-    exact, _ = LoadedRobot.of(model, given, [model.theta] * len(given), ()).deflections([model.theta] * len(given))
+    exact, _ = LoadedRobot.of(model, placed, [model.theta] * len(placed), ()).deflections([model.theta] * len(placed))
     draws = np.random.SeedSequence([study.seed, len(tests)]).spawn(len(tests))
     return tuple(
         load if load.test.deflection is not None else replace(load, test=_measured(load.test, y, draw))

@@ -147,8 +147,8 @@ def _simulations(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
     if not responses:
         return ()
     ((robot, _),) = robots_by_group(result, basis.study.as_robot(), [chosen]).values()
-    moved = with_findings(robot, basis.friction, basis.gears)
+    plant = with_findings(robot, basis.friction, basis.gears)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
-    return simulate_record(record, moved, band_hz, delay_s, basis.study.model)
+    return simulate_record(record, plant, band_hz, delay_s, basis.study.model)

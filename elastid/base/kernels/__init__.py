@@ -80,8 +80,8 @@ def _level() -> str:
 
 @cache
 def _kernel(name: str) -> Callable[..., int]:
-    level = _level()
-    return getattr(_library(), f"{name}_{level}")  # type: ignore[no-any-return]
+    instructions = _level()
+    return getattr(_library(), f"{name}_{instructions}")  # type: ignore[no-any-return]
 
 
 def _as_c(argument: int | npt.NDArray[Any] | None) -> object:

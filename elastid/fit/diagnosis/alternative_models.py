@@ -55,16 +55,16 @@ def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scor
         chosen += [
             index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.majority_fraction
         ]
-    shares = {index.name: index.explained_fraction for index in indices}
-    better = {i.name: i for i in chosen if i.explained_fraction > shares.get(i.name, 0.0)}
+    fractions = {index.name: index.explained_fraction for index in indices}
+    better = {i.name: i for i in chosen if i.explained_fraction > fractions.get(i.name, 0.0)}
     return [*(index for index in indices if index.name not in better), *better.values()]
 
 
 def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
     """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
     cost, x, parameters = math.inf, alternative.assembly.parameters.x, alternative.assembly.parameters
-    asked = np.array([not p.is_nuisance for p in parameters.free])
-    for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
+    is_of_interest = np.array([not p.is_nuisance for p in parameters.free])
+    for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
             fit = thinned(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
             V, end = settle(AS_MEASURED, fit, start, np.ones(len(start), dtype=bool))
@@ -85,8 +85,8 @@ def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
 
 def _with_robot(base: Assembly, robot: Robot, parameters: Parameters) -> Assembly:
     """The assembly of another robot, or of other parameters."""
-    given = base.spec, parameters, base.model, (), base.weights
-    return Assembly.of(base.responses, robot, *given, presliding=base.linearisation.presliding)
+    arguments = base.spec, parameters, base.model, (), base.weights
+    return Assembly.of(base.responses, robot, *arguments, presliding=base.linearisation.presliding)
 
 
 def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
@@ -118,11 +118,11 @@ def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
     assembly = evidence.assembly
     elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
     for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
-        moved = {f"{now} {name}": f"{then} {name}" for name in elastic}
-        read = [place for place in moved if any(place in G.outputs for G in assembly.responses)]
+        other_sides = {f"{now} {name}": f"{then} {name}" for name in elastic}
+        read = [place for place in other_sides if any(place in G.outputs for G in assembly.responses)]
         for places in (*([place] for place in read), *([read] if len(read) > 1 else ())):
             whose = f"encoder of axis {places[0].partition(' ')[2]}" if len(places) == 1 else "encoders of all axes"
-            outputs = {place: moved[place] for place in places}
+            outputs = {place: other_sides[place] for place in places}
             responses = tuple(
                 replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in assembly.responses
             )
@@ -137,8 +137,8 @@ _Other: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
 
 def _motor_inertias(robot: Robot) -> Iterator[_Other]:
     """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
-    given = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
-    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in given.items()}
+    inertias = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
+    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
     groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
     for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
         words = f"{name} given on the link side, or in kg cm^2"
@@ -159,7 +159,7 @@ def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
 
 
 def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
-    def moved(p: Parameter) -> Parameter:
+    def shifted(p: Parameter) -> Parameter:
         if p.name not in numbers or not (p.is_nuisance or p.tie is not None or not p.free):
             return p
         value = numbers[p.name]
@@ -169,7 +169,7 @@ def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
         lower, upper = (p.lower * by, p.upper * by) if p.log else (p.lower + value - p.value, p.upper + value - p.value)
         return replace(p, value=value, lower=lower, upper=upper, prior=p.prior and replace(p.prior, mean=value))
 
-    return replace(parameters, parameters=tuple(map(moved, parameters)))
+    return replace(parameters, parameters=tuple(map(shifted, parameters)))
 
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -178,7 +178,7 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     Resonances move farther with it than they are wide, so that its linear step is only a start.
     """
     bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
-    every = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
+    every = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.variance_ratio, 0.0) for c in bodies}
     loads = {name: load for name, load in every.items() if load is not None}
     body = max(loads, key=lambda name: loads[name].drop, default="")
     if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
@@ -221,8 +221,8 @@ def _carrying(
     every = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
     parameters = Parameters((*in_order, *every.values()))
-    asked = {p.name for p in file.free if not p.is_nuisance}
-    x = np.array([estimates[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
+    of_interest = {p.name for p in file.free if not p.is_nuisance}
+    x = np.array([estimates[p.name] if p.name in of_interest else p.to_x(p.value) for p in parameters.free])
     try:
         assembly = _with_robot(given, robot, parameters)
         for _ in range(LIMITS.rounds):

@@ -100,5 +100,5 @@ def _is_motor_friction(index: ModificationIndex) -> bool:
     return index.name.startswith("fm_") and bool(index.members) and not np.any(index.values)
 
 
-def _percent(share: float) -> str:
-    return f"{min(100.0, 100 * share):.0f} %" if share < 0.995 else "99 % or more"
+def _percent(fraction: float) -> str:
+    return f"{min(100.0, 100 * fraction):.0f} %" if fraction < 0.995 else "99 % or more"

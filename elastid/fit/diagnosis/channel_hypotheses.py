@@ -225,11 +225,11 @@ def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str,
     rows, wanted = [], []
     for e in evaluated:
         model, used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
-        for (i, output), (j, given) in product(enumerate(model.outputs), enumerate(model.inputs)):
+        for (i, output), (j, input_) in product(enumerate(model.outputs), enumerate(model.inputs)):
             lines = used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
             if lines.any():
                 row = np.zeros(len(outputs) + len(inputs))
-                row[outputs.index(output)] = row[len(outputs) + inputs.index(given)] = 1.0
+                row[outputs.index(output)] = row[len(outputs) + inputs.index(input_)] = 1.0
                 rows.append(row)
                 wanted.append(float(np.median(np.log(G[lines, i, j] / np.abs(e.part.measured[lines, i, j])))))
     c, n_y = np.linalg.lstsq(np.array(rows), np.array(wanted))[0], len(outputs)

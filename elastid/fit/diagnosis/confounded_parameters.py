@@ -32,8 +32,10 @@ class UndetectableError:
 
     def amount(self, error: float) -> str:
         """Return an error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
-        is_share = self.number.log or self.number.unit == "1"
-        return f"{100 * error:.2g} % of {self.name}" if is_share else f"{error:.2g} {self.number.unit} of {self.name}"
+        is_relative = self.number.log or self.number.unit == "1"
+        return (
+            f"{100 * error:.2g} % of {self.name}" if is_relative else f"{error:.2g} {self.number.unit} of {self.name}"
+        )
 
 
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
@@ -57,14 +59,14 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
         direction = candidate.directions[:, 0]
         effects = np.abs(test.response[:n, places] @ direction)
         # A parameter that the data do not reach is not moved.
-        moved = quotient(effects, std)
-        worst = int(np.argmax(moved))
-        if moved[worst] == 0:
+        changes = quotient(effects, std)
+        worst = int(np.argmax(changes))
+        if changes[worst] == 0:
             continue
         information = float(direction @ test.S[np.ix_(places, places)] @ direction) / scores.lines
-        is_detectable = test.known[places].any() and information > 0
+        is_detectable = test.is_distinct[places].any() and information > 0
         error = min(first.usual, math.sqrt(LIMITS.drop / information)) if is_detectable else first.usual
-        yield UndetectableError(candidate.name, first, worst, 1 / float(moved[worst]), error)
+        yield UndetectableError(candidate.name, first, worst, 1 / float(changes[worst]), error)
 
 
 def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Note, ...]:

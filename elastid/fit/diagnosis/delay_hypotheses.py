@@ -120,8 +120,8 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     if not optimum.fit.n_residuals:
         return indices
     fit, x, free = thinned(optimum.fit), optimum.end.x, ~result.at_bound
-    evaluated, prior, share = evaluate(fit, x), fit.prior_slopes, fit.n_residuals / optimum.fit.n_residuals
-    cost, noise = min(predict(AS_MEASURED, evaluated, prior, free)[0], scores.cost * share), scores.noise * share
+    evaluated, prior, fraction = evaluate(fit, x), fit.prior_slopes, fit.n_residuals / optimum.fit.n_residuals
+    cost, noise = min(predict(AS_MEASURED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
     models = [e.part.kernel.model for e in evaluated]
     # A delay of all references delays all motions, one of the torques is within the loop.
     common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
@@ -150,7 +150,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
         at, near, may_follow = points[row.name]
         best = [*fit_delay_forms(at, prior, may_follow, row.name, channels[row.name], float(row.steps[0]))]
         least = min(form.cost for form in best)
-        tolerance = LIMITS.variances * scores.level + LIMITS.form_fraction * max(least - noise, 0.0)
+        tolerance = LIMITS.variances * scores.variance_ratio + LIMITS.form_fraction * max(least - noise, 0.0)
         equal = [form for form in sorted(best, key=lambda form: form.cost) if form.cost < least + tolerance]
         for form in equal:  # those that cannot be distinguished
             explained = (cost - form.cost) / max(cost - noise, 1e-300)

@@ -43,7 +43,7 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
     S, g = test.S[np.ix_(places, places)], test.g[places]
     mass = next((n.value for n in numbers if n.name.startswith("m_")), 0.0)
     reached = np.diag(S) > 0
-    if not (mass > 0 and test.known[places].any() and reached.any()):
+    if not (mass > 0 and test.is_distinct[places].any() and reached.any()):
         return None
     scale = np.sqrt(np.where(reached, np.diag(S), math.inf))
     power, turn = np.linalg.eigh(S / np.outer(scale, scale))

@@ -111,7 +111,7 @@ class Scores:
     """The score test of all candidates on thinned lines.
 
     excess: of V over the noise, where it is worse than no model at all that of none; `worse`: what it is beyond that.
-    level: of the residuals' variance by the noise.  lines: share of all residuals.  noise: V by the noise alone, of
+    variance_ratio: of the residuals over the noise.  lines: share of all residuals.  noise: V by the noise alone, of
     all.  held: the model with what is freed.
     """
 
@@ -120,7 +120,7 @@ class Scores:
     candidates: tuple[Candidate, ...]
     excess: float
     worse: float
-    level: float
+    variance_ratio: float
     lines: float
     noise: float
 
@@ -134,7 +134,7 @@ class Scores:
         """The drop that one of all candidates has by the noise alone at the false-alarm rate, by its directions."""
         counts = {4, *(candidate.directions.shape[1] for candidate in self.candidates)}
         tail = LIMITS.false_alarm_rate / max(len(self.candidates), 1)
-        return {n: max(self.level, 1e-300) * chi_square_limit(n, tail) for n in counts}
+        return {n: max(self.variance_ratio, 1e-300) * chi_square_limit(n, tail) for n in counts}
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,8 +198,8 @@ def against(
 ) -> ModificationIndex:
     """Return the index with cost V and x (n_x,) of a fit that includes it."""
     drop = scores.cost - cost if math.isfinite(cost) else 0.0
-    share = drop / max(scores.cost - scores.noise, drop, 1e-300)
-    return replace(index, drop=drop, explained_fraction=share, effects=x - evidence.result.x)
+    fraction = drop / max(scores.cost - scores.noise, drop, 1e-300)
+    return replace(index, drop=drop, explained_fraction=fraction, effects=x - evidence.result.x)
 
 
 def axis(index: ModificationIndex) -> str:

@@ -73,19 +73,19 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
                 AS_MEASURED, evaluate(sprung, start), sprung.prior_slopes, np.ones(len(start), dtype=bool)
             )
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
-        least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.level)
+        least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.variance_ratio)
         yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)
 
 
 def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Response]) -> list[LinearModel]:
     x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
     rigid = extended.rigid
-    kept = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}
+    names = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}
     models = []
     for response in responses:
         theta = extended.theta(fitted, x, response.configuration.name)
         model = linear_model(extended.linearisation, response, theta)
-        slopes = {name: slope for name, slope in model.slopes.items() if name in kept}
+        slopes = {name: slope for name, slope in model.slopes.items() if name in names}
         models.append(replace(model, theta_ref=theta, slopes=slopes))
     return models
 
@@ -142,7 +142,7 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
     variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
     name = scores.extended.rigid[spring.name]
     std, x = (
-        math.sqrt(max(float(variance) * scores.level, 0.0)) / k,
+        math.sqrt(max(float(variance) * scores.variance_ratio, 0.0)) / k,
         [estimates[p.name] for p in result.parameters.free],
     )
     number = (name,), np.zeros(1), ("rad/(N*m)",), (False,), np.array([1 / k])

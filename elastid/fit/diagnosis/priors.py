@@ -41,7 +41,11 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
     """
     notes = []
     for p, P, move in zip(result.parameters.free, np.diag(result.covariance), prior_moves(result), strict=True):
-        if p.prior is None or p.is_nuisance or not (gain := 1 - P / p.prior.std**2) > 1 - LIMITS.left:
+        if (
+            p.prior is None
+            or p.is_nuisance
+            or not (gain := 1 - P / p.prior.std**2) > 1 - LIMITS.prior_variance_fraction
+        ):
             continue
         sigmas, alone = abs(move) / math.sqrt(gain), p.to_x(p.prior.mean) + move * p.prior.std / gain
         if sigmas >= LIMITS.prior:
@@ -70,13 +74,13 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     dof, square = max(float(np.sum(np.where(variance_ratio > 1, 1.0, 1 - variance_ratio))), 1.0), float(d @ d)
     limit = chi_square_limit(dof, LIMITS.tail)
     L = np.linalg.solve(C[n:, n:], C[n:, :n]).T
-    moved, by_tolerances = L @ (d * s), np.einsum("ij,jk,ik->i", L, np.diag(s**2) - C[n:, n:], L)
-    sizes = np.abs(moved) / np.sqrt(np.maximum(by_tolerances, np.diag(C)[:n]))
+    changes, by_tolerances = L @ (d * s), np.einsum("ij,jk,ik->i", L, np.diag(s**2) - C[n:, n:], L)
+    sizes = np.abs(changes) / np.sqrt(np.maximum(by_tolerances, np.diag(C)[:n]))
     if square <= limit and max(np.abs(d).max(), sizes.max()) <= LIMITS.prior:
         return ()
     worst = int(np.argmax(sizes))
     p = result.parameters.of_interest[worst]
-    change = relative(-moved[worst]) if p.log else f"{-moved[worst]:+.2g} {p.unit}"
+    change = relative(-changes[worst]) if p.log else f"{-changes[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
         f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). "

@@ -211,7 +211,7 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
 
 def temper(scores: Scores) -> float:
     """Return tau^2 of all causes."""
-    return max(scores.level, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
+    return max(scores.variance_ratio, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
 
 
 def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: Scores) -> float:
@@ -283,7 +283,7 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
             units=tuple(number.unit for number in members),
             log=tuple(number.log for number in members),
             steps=step,
-            std=test.std(candidate) * math.sqrt(max(scores.level, 0.0)),
+            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)),
             drop=drop / scores.lines,
             explained_fraction=drop / max(scores.excess, drop, 1e-300),
             effects=test.effects(candidate, step),
@@ -302,7 +302,10 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
         return np.zeros(len(candidate.places)), 0.0, 0.0
     if candidate.name.startswith("payload_"):
         load = find_load(
-            test, candidate, scores.level, max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
+            test,
+            candidate,
+            scores.variance_ratio,
+            max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess),
         )
         if load is None:
             return np.zeros(len(candidate.places)), 0.0, 0.0

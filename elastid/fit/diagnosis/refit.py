@@ -115,8 +115,10 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
 
 def start_distance(parameters: Parameters, x: FloatArray) -> float:
     """Return -2 ln of the prior density of the stiffnesses at x (n_x,), about their starting values in the study."""
-    asked = (i for i, p in enumerate(parameters.free) if not p.is_nuisance and p.log and p.stands_for.startswith("k_"))
-    return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in asked)
+    stiffnesses = (
+        i for i, p in enumerate(parameters.free) if not p.is_nuisance and p.log and p.stands_for.startswith("k_")
+    )
+    return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in stiffnesses)
 
 
 def squares(evaluated: Sequence[Evaluated]) -> list[float]:

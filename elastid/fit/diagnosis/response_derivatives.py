@@ -46,8 +46,8 @@ def gear_ratios(response: ModelResponse) -> dict[str, ComplexArray]:
         turn = np.outer(inverse[:, i], robot.mixing[i])
         left, right = (_between(turn, robot, places) for places in (model.outputs, model.inputs))
         scaled = [f"{letters}_{joint.name}" for letters in ("Jm", "fm", "km", "dm")]
-        moved = sum((2 * values[name] * slopes[name] for name in scaled if name in slopes), np.zeros_like(G))
-        columns[f"ratio_{joint.name}"] = left @ G + G @ right.T + moved
+        by_scale = sum((2 * values[name] * slopes[name] for name in scaled if name in slopes), np.zeros_like(G))
+        columns[f"ratio_{joint.name}"] = left @ G + G @ right.T + by_scale
     return columns
 
 
@@ -115,8 +115,8 @@ def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
         rows, columns_of = (_between(turn, robot, p) for p in (places, places))
         rotor = squared[i] * (rotors[i][0] + rotors[i][1] / s)
         pair = np.outer(robot.mixing[i], np.eye(len(driven))[j])
-        moved = _between(pair + pair.T, robot, places)
-        columns[f"coupling_{driven[i].name}_{driven[j].name}"] = rows @ G + G @ columns_of.T - rotor * (G @ moved @ G)
+        pairs = _between(pair + pair.T, robot, places)
+        columns[f"coupling_{driven[i].name}_{driven[j].name}"] = rows @ G + G @ columns_of.T - rotor * (G @ pairs @ G)
     return columns
 
 

@@ -30,19 +30,19 @@ NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is 
 
 def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[RigidPart, ...]:
     """Return the base about three axes, as far as no response shows it; the axis first about which it takes most."""
-    asked, parts = result.parameters.of_interest, list[RigidPart]()
-    k = {p.name: math.exp(x) for p, x in zip(asked, result.x, strict=False) if p.log and p.name.startswith("k_")}
-    std = result.std_of_x[: len(asked)]
+    of_interest, parts = result.parameters.of_interest, list[RigidPart]()
+    k = {p.name: math.exp(x) for p, x in zip(of_interest, result.x, strict=False) if p.log and p.name.startswith("k_")}
+    std = result.std_of_x[: len(of_interest)]
     limits = QUANTILE_95 * np.where(np.isfinite(std) & (std > 0), std, np.inf)
     owners = {body.name for body in robot.bodies}
     for body in (body for body in robot.bodies if body.joints and body.parent not in owners):
         first = next((joint for joint in body.joints if joint.motor is not None), None)
         if first is None or first.slides or f"k_{first.name}" not in k:
             continue
-        gear, springs = k[f"k_{first.name}"], _tilting(scores, len(asked))
+        gear, springs = k[f"k_{first.name}"], _tilting(scores, len(of_interest))
         if not any(joint.axis == first.axis for joint in body.joints if joint is not first):
             series = {f"k_{first.name}": -gear, f"d_{first.name}": -2 * gear}
-            slope = np.array([series.get(parameter.name, 0.0) for parameter in asked])
+            slope = np.array([series.get(parameter.name, 0.0) for parameter in of_interest])
             springs[f"base about axis {first.name}"] = slope, math.inf
         usual = max(1 / (BASE_RATIO * gear), 1 / STIFFEST_BASE)
         for name, (slope, visible) in springs.items():
@@ -58,7 +58,7 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
     for place, number in enumerate(test.numbers):
         if number.name.startswith("base_"):
             information = float(test.S[place, place]) / scores.lines
-            is_visible = bool(test.known[place]) and information > 0
+            is_visible = bool(test.is_distinct[place]) and information > 0
             visible = math.sqrt(LIMITS.drop / information) if is_visible else math.inf
             errors[f"base about {number.name[-1]}"] = test.response[:n, place], visible
     return errors

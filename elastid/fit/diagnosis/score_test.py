@@ -56,14 +56,14 @@ class Candidate:
 class ScoreTest:
     """S (n_h, n_h) and g (n_h,) of all numbers, response (n_x, n_h): -H^-1 J^T J_h.
 
-    known (n_h,): numbers with an effect that the free parameters do not have, too.
+    is_distinct (n_h,): numbers with an effect that the free parameters do not have, too.
     """
 
     numbers: tuple[FixedNumber, ...]
     S: FloatArray
     g: FloatArray
     response: FloatArray
-    known: BoolArray
+    is_distinct: BoolArray
 
     @classmethod
     def of(cls, numbers: Sequence[FixedNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
@@ -75,7 +75,7 @@ class ScoreTest:
         cross = A[places, n_x:]
         follow = -np.linalg.pinv(A[np.ix_(places, places)], rcond=1e-13, hermitian=True) @ cross
         S, g = A[n_x:, n_x:] + cross.T @ follow, b[n_x:] + follow.T @ b[places]
-        # The free parameters leave at least this share of the information on a number that is known.
+        # The free parameters leave at least this fraction of the information on a number that is distinct.
         identifiable = np.diag(S) > 1e-7 * np.maximum(np.diag(A)[n_x:], 1e-300)
         scale = size[n_x:]
         response = np.zeros((n_x, len(numbers)))
@@ -89,7 +89,7 @@ class ScoreTest:
         """
         D, places = candidate.directions, candidate.places
         S, g = self.along(candidate)
-        if not self.known[places].any() or (len(g) == 1 and S[0, 0] <= 0):
+        if not self.is_distinct[places].any() or (len(g) == 1 and S[0, 0] <= 0):
             return np.zeros(len(D)), 0.0
         along = places[np.argmax(D != 0, axis=0)]  # the first number of each direction
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else D @ self._bounded(along, S, g)
@@ -111,7 +111,7 @@ class ScoreTest:
         """Return squared correlations (n_c, n_c) of effects that free parameters leave; 0 of several directions."""
         D = np.zeros((len(self.numbers), len(candidates)))
         for i, candidate in enumerate(candidates):
-            if candidate.directions.shape[1] == 1 and self.known[candidate.places].any():
+            if candidate.directions.shape[1] == 1 and self.is_distinct[candidate.places].any():
                 D[candidate.places, i] = candidate.directions[:, 0]
         products = D.T @ self.S @ D
         size = np.diag(products)
@@ -129,9 +129,9 @@ class ScoreTest:
         back = columns @ np.linalg.pinv(self.along(candidate)[0], hermitian=True)
         g = self.g + self.S[:, places] @ self.step(candidate)[0]
         S = self.S - back @ columns.T
-        identifiable = self.known & (np.diag(S) > 1e-6 * np.diag(self.S))
+        identifiable = self.is_distinct & (np.diag(S) > 1e-6 * np.diag(self.S))
         response = self.response - self.response[:, places] @ D @ back.T
-        return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, known=identifiable)
+        return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, is_distinct=identifiable)
 
     def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
         """The step along several directions (n_d,) within the limits of the number of each, which are priors, too."""

@@ -120,9 +120,9 @@ def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
 
 
 def _matters(change: FloatArray, result: Result) -> BoolArray:
-    asked = result.parameters.of_interest
-    size = [LIMITS.effect_on_damping if p.unit in DAMPING_UNITS else LIMITS.effect for p in asked]
-    return change > size * np.where([p.log for p in asked], 1.0, np.abs(result.x[: len(asked)]))
+    of_interest = result.parameters.of_interest
+    size = [LIMITS.effect_on_damping if p.unit in DAMPING_UNITS else LIMITS.effect for p in of_interest]
+    return change > size * np.where([p.log for p in of_interest], 1.0, np.abs(result.x[: len(of_interest)]))
 
 
 def _shifts(evidence: Evidence) -> FloatArray:
@@ -176,10 +176,10 @@ def _blocks_disagree(evidence: Evidence) -> bool:
 def _by_blocks(evidence: Evidence) -> str:
     result, uncertainty = evidence.result, evidence.uncertainty
     shift = _shifts(evidence)
-    moved = np.flatnonzero((shift > LIMITS.shift) & _decides(evidence))
-    if not (_blocks_disagree(evidence) and moved.size):
+    shifted = np.flatnonzero((shift > LIMITS.shift) & _decides(evidence))
+    if not (_blocks_disagree(evidence) and shifted.size):
         return ""
-    worst = moved[np.argsort(-uncertainty.shift[moved])]
+    worst = shifted[np.argsort(-uncertainty.shift[shifted])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
     return (
         f"{len(worst)} of {len(shift)} parameters are biased by up to {shift[worst[0]]:.3g} std (largest: {names}), "
@@ -192,11 +192,11 @@ def _by_fixed_number(evidence: Evidence) -> str:
     index = decisive_index(result, evidence.uncertainty, result.indices)
     if index is None:
         return ""
-    moved = np.where(_decides(evidence), _in_deviations(index.effects, result), 0.0)
-    worst = int(np.argmax(moved))
-    if moved[worst] <= LIMITS.shift:
+    changes = np.where(_decides(evidence), _in_deviations(index.effects, result), 0.0)
+    worst = int(np.argmax(changes))
+    if changes[worst] <= LIMITS.shift:
         return ""
-    return f"{fault(index, evidence)}. Bias of {result.parameters.free_names[worst]}: {moved[worst]:.1f} std"
+    return f"{fault(index, evidence)}. Bias of {result.parameters.free_names[worst]}: {changes[worst]:.1f} std"
 
 
 def _beyond_declared(evidence: Evidence) -> str:

@@ -129,7 +129,7 @@ class CompressedResiduals(Kept):
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
     elements: rows and columns (n_e,) of the elements g, of `Columns`.  is_symmetric: whether G = G^T.
-    takes_compiled: True if the sums run in C.  known: what `compressed` works out, where that is done already.
+    takes_compiled: True if the sums run in C.  precomputed: `compressed`, if it was computed before.
     """
 
     elements: tuple[IntArray, IntArray]
@@ -139,7 +139,7 @@ class CompressedResiduals(Kept):
     gain: FloatArray
     criterion: ResidualKind
     whitening: Whitening | None
-    known: "Compressed | None" = None
+    precomputed: "Compressed | None" = None
 
     def has_data_of(self, other: "CompressedResiduals") -> bool:
         """Return True if these are residuals of the very same data, with the very same weights."""
@@ -152,7 +152,7 @@ class CompressedResiduals(Kept):
         """Residuals without the whitening, where that is not needed again."""
         if self.criterion != "complex":
             return self
-        return replace(self, whitening=None, known=self.compressed)
+        return replace(self, whitening=None, precomputed=self.compressed)
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
         """Return the residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
@@ -206,8 +206,8 @@ class CompressedResiduals(Kept):
     @cached_property
     def compressed(self) -> "Compressed":
         """R, and the part of the data that remains with it."""
-        if self.known is not None:
-            return self.known
+        if self.precomputed is not None:
+            return self.precomputed
         first, second = self._places
         form = Packed.of if self.takes_compiled else Full
         residual, has_mirror = self._weighted(slice(None), self.measured), first != second

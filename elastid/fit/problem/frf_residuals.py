@@ -366,11 +366,11 @@ def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -
     """
     if model.parameters != parameters.names:
         raise ValueError(f"the model has parameters {model.parameters}, the set {parameters.names}")
-    moved, theta = (
+    dependent, theta = (
         parameters.dependent_names(model.configuration.name),
         parameters.expand(parameters.x, model.configuration.name),
     )
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
-    slopes = {name: model.slopes[name] for name in moved if name in model.slopes}
+    slopes = {name: model.slopes[name] for name in dependent if name in model.slopes}
     local = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
-    return Kernel(local, freq_hz, moved, model.theta_ref)
+    return Kernel(local, freq_hz, dependent, model.theta_ref)

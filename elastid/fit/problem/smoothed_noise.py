@@ -198,8 +198,8 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
     F, n_y, n_u = response.G.shape
     if raw.form == "diagonal":
         variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)
-        kept = np.full(F, float(kappa.max()))
-        return SmoothedNoise(raw, Covariance(variance, raw.dof), kept, kept, response.G)
+        factor = np.full(F, float(kappa.max()))
+        return SmoothedNoise(raw, Covariance(variance, raw.dof), factor, factor, response.G)
     S = raw.matrix if raw.left is None or raw.right is None else raw.right
     assert S is not None
     if math.isinf(raw.dof):
@@ -333,13 +333,13 @@ def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[
     resonances, 1 where it follows them.  A line of zero variance takes its neighbours'.
     """
     positive = np.any(variance > 0, axis=0)
-    levels = np.apply_along_axis(without_gaps, 0, np.where(positive, variance, 1.0))
+    variances = np.apply_along_axis(without_gaps, 0, np.where(positive, variance, 1.0))
     power, width = np.abs(G) ** 2, min(_width(1, dof), len(G))
     followed = np.log(np.maximum(power, np.maximum(1e-30 * power.max(axis=0), 1e-300)))
-    rough, wanted = (log - moving_mean(log, width) for log in (followed, np.log(levels)))
+    rough, wanted = (log - moving_mean(log, width) for log in (followed, np.log(variances)))
     a = np.sum(rough * wanted, axis=0) / np.maximum(np.sum(rough**2, axis=0), 1e-300)
     model = np.exp(np.clip(a, 0.0, 1.0) * (followed - followed.mean(axis=0)))
-    smooth = model * _for_weights(levels / model, dof, width)
+    smooth = model * _for_weights(variances / model, dof, width)
     filled = np.mean(variance / smooth, axis=0) / width
     return np.where(positive, smooth, 0.0), np.where(positive, filled / np.maximum(1 - filled / dof, 0.1), 0.0)
 

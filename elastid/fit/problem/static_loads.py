@@ -78,7 +78,7 @@ class StaticLoads:
         """Return the deflections (n,) in m and their slopes (n, n_x) to x; LinAlgError without an equilibrium."""
         names = [load.configuration.name for load in self.robot.loads]
         deflections, slopes = self.robot.deflections([parameters.expand(x, name)[:-1] for name in names])
-        rows = [slope @ parameters.jacobian(x, n)[self.robot.moved] for slope, n in zip(slopes, names, strict=True)]
+        rows = [slope @ parameters.jacobian(x, n)[self.robot.dependent] for slope, n in zip(slopes, names, strict=True)]
         return np.concatenate(deflections), np.vstack(rows)
 
     def residual(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -99,8 +99,8 @@ def loaded_robot(
     framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
     equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
     names = [load.configuration.name for load in loads]
-    moved = {name for where in names for name in parameters.dependent_names(where)}
-    return LoadedRobot.of(equations, loads, [parameters.expand(x, where)[:-1] for where in names], tuple(moved))
+    dependent = {name for where in names for name in parameters.dependent_names(where)}
+    return LoadedRobot.of(equations, loads, [parameters.expand(x, where)[:-1] for where in names], tuple(dependent))
 
 
 def load_of(placed_test: PlacedTest, robot: Robot) -> Load:

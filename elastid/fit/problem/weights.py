@@ -186,7 +186,7 @@ def _ones(shape: tuple[int, ...]) -> FloatArray:
 
 
 def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> FloatArray:
-    r"""(1 - \kappa s / \nu)^{-1/2} (F, n_y, n_u), s the noise's share of the variance that an element weighs with.
+    r"""(1 - \kappa s / \nu)^{-1/2} (F, n_y, n_u), s the fraction of noise in the variance of an element's weight.
 
     floor (F, n_y, n_u): its variance.  together: whether the elements of a line weigh together.
     """
@@ -194,9 +194,9 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
         return _ones(floor.shape)
     share_of_itself = noise.own_matrix if together else noise.own_variance
     v = noise.variance
-    share = quotient(v, v + floor)
+    fraction = quotient(v, v + floor)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
-    return 1 / np.sqrt(np.maximum(1 - share_of_itself[:, None, None] * share / noise.measured.dof, 0.1))
+    return 1 / np.sqrt(np.maximum(1 - share_of_itself[:, None, None] * fraction / noise.measured.dof, 0.1))
 
 
 def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:

@@ -48,15 +48,15 @@ from elastid.fit.solve.ipopt import ipopt
 from elastid.parameters import Parameters
 
 FIRST_RADIUS = np.log(2.0)  # for each variable: a factor of two in all logarithmic parameters
-# V that falls by less than this share of the prediction shrinks the radius, by more than that one doubles it.
-POOR_SHARE, GOOD_SHARE = 0.25, 0.75
-# The radius shrinks to a share of the step within these; to the first where V is not finite.
+# V that falls by less than this fraction of the prediction shrinks the radius, by more than that one doubles it.
+POOR_RATIO, GOOD_RATIO = 0.25, 0.75
+# The radius shrinks to a fraction of the step within these; to the first where V is not finite.
 SHRINK = (0.1, 0.5)
-# A step of this share of the radius was limited by it, and one longer by less is within it.
+# A step of this fraction of the radius was limited by it, and one longer by less is within it.
 AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
-# The largest step towards a border, as a share of the way to it; the largest condition number of a metric.
+# The largest step towards a border, as a fraction of the way to it; the largest condition number of a metric.
 SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
-# Predictions below this share of V drown in rounding; so do those of steps shorter than this.
+# Predictions below this fraction of V drown in rounding; so do those of steps shorter than this.
 ROUNDING, MIN_RADIUS = 1e-15, 1e-9
 # Far from any noise a valley is left whose V falls by less than this share in so many iterations: where the model is
 # that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
@@ -97,12 +97,12 @@ def trust_region(
             radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
         if not predicted > ROUNDING * now.cost:
             return Ending(x, now, "no further decrease", used)
-        x_new = _moved(parameters, x, unit * step)
+        x_new = _clipped(parameters, x, unit * step)
         new = problem.evaluate(x_new)
-        share = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
+        gain_ratio = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
         length = float(np.sqrt(step @ metric @ step))
-        radius = _next_radius(radius, length, share, predicted, float(gradient @ step))
-        if share > 1e-4:
+        radius = _next_radius(radius, length, gain_ratio, predicted, float(gradient @ step))
+        if gain_ratio > 1e-4:
             x, now = x_new, new
         costs.append(now.cost)
     return Ending(x, now, "stopped", max_iterations)
@@ -122,13 +122,13 @@ def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray
 
 
 def _room(parameters: Parameters, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The least and the largest steps (n_x,) within the bounds, in units; `_moved` takes them there."""
+    """The least and the largest steps (n_x,) within the bounds, in units; `_clipped` takes them there."""
     lower, upper = parameters.x_bounds
     with np.errstate(over="ignore"):
         return (lower - x) / unit, np.where(parameters.is_log, np.expm1(upper - x), (upper - x) / unit)
 
 
-def _moved(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
+def _clipped(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
     """x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
     up = parameters.is_log & (step > 0)
     return np.clip(x + np.where(up, np.log1p(np.where(up, step, 0.0)), step), *parameters.x_bounds)
@@ -171,13 +171,13 @@ def _step_within(gradient: FloatArray, hessian: FloatArray, metric: FloatArray, 
     return np.asarray(-(vectors @ (along / (values + damping))))
 
 
-def _next_radius(radius: float, length: float, share: float, predicted: float, slope: float) -> float:
-    """The radius after a step by which V fell by a share of the prediction; slope: of V along the step."""
-    if share < POOR_SHARE:
-        if not np.isfinite(share):
+def _next_radius(radius: float, length: float, gain_ratio: float, predicted: float, slope: float) -> float:
+    """The radius after a step by which V fell by a fraction of the prediction; slope: of V along the step."""
+    if gain_ratio < POOR_RATIO:
+        if not np.isfinite(gain_ratio):
             return SHRINK[0] * length
-        return float(np.clip(slope / (2 * (share * predicted + slope)), *SHRINK)) * length
-    return 2 * radius if share > GOOD_SHARE and length > AT_RADIUS * radius else radius
+        return float(np.clip(slope / (2 * (gain_ratio * predicted + slope)), *SHRINK)) * length
+    return 2 * radius if gain_ratio > GOOD_RATIO and length > AT_RADIUS * radius else radius
 
 
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]
@@ -220,7 +220,7 @@ def solve(
     return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)
 
 
-# A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
+# A start is a hit if its V exceeds the best by less than this fraction of what one standard deviation costs.
 MAX_HIT_EXCESS = 0.1
 DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 

@@ -101,9 +101,9 @@ class Sensitivity:
     def pulled_by(self, between: ComplexArray) -> ComplexArray:
         """The share of the matrices S in `pull` (3, n_2); between (3, r, r): of left^T weight right, as it has them."""
         flat = between.reshape(3, between.shape[1] ** 2)
-        fixed, moved = self.S.reshape(*self.S.shape[:2], flat.shape[1])
+        fixed, inertial = self.S.reshape(*self.S.shape[:2], flat.shape[1])
         pulled = flat @ fixed.T
-        pulled[0] += moved @ flat[2]
+        pulled[0] += inertial @ flat[2]
         return np.asarray(pulled)
 
 
@@ -189,15 +189,15 @@ class Columns(Kept):
         stiff, heavy = (np.flatnonzero(~is_single & (power == order)) for order in (0, 2))
         _, with_mass, masses = np.intersect1d(place[stiff], place[heavy], return_indices=True)
         E[stiff[with_mass], 1] = self.omega_0**2 * matrices[heavy[masses]]
-        kept = np.delete(np.arange(len(place)), heavy[masses])
-        place, power, is_single, sign, y = place[kept], power[kept], is_single[kept], sign[kept], y[kept]
-        sigma, first = _first_alike(E[kept].reshape(len(kept), -1))
+        others = np.delete(np.arange(len(place)), heavy[masses])
+        place, power, is_single, sign, y = place[others], power[others], is_single[others], sign[others], y[others]
+        sigma, first = _first_alike(E[others].reshape(len(others), -1))
         # The first pieces of each base, those of rank one in front.
         bases = np.unique(first)
         bases = bases[np.argsort(~is_single[bases], kind="stable")]
         single = bases[is_single[bases]]
         direct = (*self.kernel.factors, *self.kernel.moved_outputs)
-        base_of = np.zeros(len(kept), np.int64)
+        base_of = np.zeros(len(others), np.int64)
         base_of[bases] = np.arange(len(bases))
         places = np.concatenate([place, [wanted.index(name) for name in direct]]).astype(np.int64)
         sigma_of = np.zeros((len(places), len(wanted)))
@@ -205,7 +205,7 @@ class Columns(Kept):
         return Pieces(
             sign[single],
             y[single].T / np.sqrt(np.abs(sigma[single])),
-            (E[kept[bases[len(single) :]]] / sigma[bases[len(single) :], None, None, None]).swapaxes(0, 1),
+            (E[others[bases[len(single) :]]] / sigma[bases[len(single) :], None, None, None]).swapaxes(0, 1),
             np.concatenate([base_of[first], len(bases) + np.arange(len(direct))]).astype(np.int64),
             np.concatenate([power, np.zeros(len(direct), np.int64)]),
             sigma_of,
@@ -223,12 +223,12 @@ class Columns(Kept):
         rows, columns = self.elements
         (_, S), kernel = self._directions, self.kernel
         places = rows * len(kernel.model.inputs) + columns
-        for part in kernel.products(theta, self._asked):
+        for part in kernel.products(theta, self._base_directions):
             # The loops leave the lines of an element side by side.
             s, G = part.s, part.G.transpose(1, 2, 0).reshape(-1, len(part.s)).take(places, axis=0).T
             left, right = kernel.sides(theta, part)
             factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, part)]
-            direct = [*factors, *part.moved[:, :, rows, columns]]
+            direct = [*factors, *part.output_slopes[:, :, rows, columns]]
             unfactored = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
             bases = left, right, self.pieces.sign, S
@@ -253,7 +253,7 @@ class Columns(Kept):
         return G, dG
 
     @cached_property
-    def _asked(self) -> FloatArray:
+    def _base_directions(self) -> FloatArray:
         """The directions of all bases (n, n_1 + r)."""
         return np.hstack([self.pieces.y, self._directions[0]])
 

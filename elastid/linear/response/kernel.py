@@ -43,7 +43,7 @@ class Products(NamedTuple):
     """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
 
     YX (F, m, n_d), right sides b: the columns of B first, then others, `Kernel.output_columns` gives the one of
-    each output.  moved (n_m, F, n_y, n_u): c [(dC + dT / s^2) Z^-1 B + (C + T / s^2) Z^-1 dB] of each of
+    each output.  output_slopes (n_m, F, n_y, n_u): c [(dC + dT / s^2) Z^-1 B + (C + T / s^2) Z^-1 dB] of each of
     `Kernel.moved_outputs`.
     """
 
@@ -52,7 +52,7 @@ class Products(NamedTuple):
     gain: ComplexArray
     G: ComplexArray
     YX: ComplexArray
-    moved: ComplexArray
+    output_slopes: ComplexArray
     loop: ClosedLoop | None = None
 
 
@@ -144,8 +144,8 @@ class Kernel(Kept):
     @cached_property
     def moved_outputs(self) -> tuple[str, ...]:
         """The wanted parameters that move C, T or B: geometry between the springs and a sensor or a force."""
-        moved = self.model.moved_outputs
-        return tuple(name for name in self.wanted if name in moved)
+        names = self.model.moved_outputs
+        return tuple(name for name in self.wanted if name in names)
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
         """Yield the products at theta (n_theta,) with directions Y (n, n_d), one block of lines at a time."""
@@ -155,13 +155,13 @@ class Kernel(Kept):
         right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
         controlled = () if model.controller is None else (model.B,)
-        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows, *controlled]), n_y + len(tilted)
+        sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows, *controlled]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s = (1j * omega).astype(complex)
             products = self._elimination.products if self.takes_compiled else solved_products
-            solved = products(M, D, K, omega, right, asked)
+            solved = products(M, D, K, omega, right, sides)
             gain = factor(model, theta, s)
             moved, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
             G = gain[:, None, None] * moved[:, :, :n_y]
@@ -241,8 +241,8 @@ class Kernel(Kept):
     def _elimination(self) -> "Elimination":
         """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         model = self.model
-        moved = [part for s in model.slopes.values() for part in (s.M, s.D, s.K) if part is not None]
-        return Elimination.of(np.any([part != 0 for part in (model.M, model.D, model.K, *moved)], axis=0))
+        slopes = [part for s in model.slopes.values() for part in (s.M, s.D, s.K) if part is not None]
+        return Elimination.of(np.any([part != 0 for part in (model.M, model.D, model.K, *slopes)], axis=0))
 
     @cached_property
     def takes_compiled(self) -> bool:
@@ -253,18 +253,18 @@ class Kernel(Kept):
     def _sides(self) -> Sides:
         """Outputs in the direction of an input or of another output, at any theta, need no solution of their own."""
         model = self.model
-        moved = [model.slopes[name] for name in model.moved_outputs]
+        slopes = [model.slopes[name] for name in model.moved_outputs]
         none = Slope(C=np.zeros(model.C.shape), B=np.zeros(model.B.shape))
         C, B = (
             np.array(
                 [
                     getattr(model, letter),
-                    *(getattr(s if getattr(s, letter) is not None else none, letter) for s in moved),
+                    *(getattr(s if getattr(s, letter) is not None else none, letter) for s in slopes),
                 ]
             )
             for letter in "CB"
         )
-        T = np.array([model.tilt, *(slope.T for slope in moved if slope.T is not None)])
+        T = np.array([model.tilt, *(slope.T for slope in slopes if slope.T is not None)])
         directions, extra, columns = list(B.transpose(2, 0, 1)), [], []
         for row, direction in enumerate(C.transpose(1, 0, 2)):
             same = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]

@@ -185,14 +185,14 @@ def bode(measured: Response, modelled: Response | None, std: FloatArray | None) 
     for i in range(n_y):
         magnitude, phase = [], []
         for j, by in enumerate(measured.inputs):
-            seen = _measured(measured, above[:, i, j], measured.G[:, i, j])
+            curve = _measured(measured, above[:, i, j], measured.G[:, i, j])
             drawn = ([], []) if modelled is None else _modelled(modelled, i, j, std)
             names = (measured.outputs[i], "degrees") if j == 0 else ("", "")
             title = f"by {by}" if i == 0 else ""
             lines = measured.freq_hz
-            magnitude.append(Panel([*seen[0], *drawn[0]], y=names[0], title=title, frequency=lines))
+            magnitude.append(Panel([*curve[0], *drawn[0]], y=names[0], title=title, frequency=lines))
             last, ends = label if i == n_y - 1 else "", (-190.0, 190.0)
-            phase.append(Panel([*seen[1], *drawn[1]], last, names[1], frequency=lines, y_ends=ends))
+            phase.append(Panel([*curve[1], *drawn[1]], last, names[1], frequency=lines, y_ends=ends))
         rows += [magnitude, phase]
     unit = style.pretty_unit(measured.unit)
     title = f"{measured.quantity} of {measured.configuration.name}, dB re 1 {unit} and phase"
@@ -307,7 +307,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     parts = [
         Curve(t, torque[part], name, COLORS[name]) for name, torque in zip(balance.parts, balance.torques, strict=True)
     ]
-    shares = [
+    curves = [
         Curve(np.arange(len(balance.bands)), [100 * max(getattr(band, key), 1e-7) for band in balance.bands], text, ink,
               looks={"marker": "o", "ls": ":"})
         for key, ink, text in (
@@ -317,7 +317,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
         )
     ]  # fmt: skip
     unit, time = style.pretty_unit(balance.unit), "time in s" if balance.has_rate else "time in samples"
-    below = Panel(shares, style.frequency_label(balance.has_rate), "%", scale="log")
+    below = Panel(curves, style.frequency_label(balance.has_rate), "%", scale="log")
     title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square unexplained"
     figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])

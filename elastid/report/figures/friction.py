@@ -153,10 +153,10 @@ def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.
     """
     modelled = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
-    taken = friction.compensated_motors()
-    curves = [_taken_out(friction, i, modelled.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
-    levels = [_unexplained(friction, i) for i in range(len(friction.places))]
-    figure = style.matrix("Friction compensation", style.in_columns(curves, levels))
+    motors = friction.compensated_motors()
+    curves = [_taken_out(friction, i, modelled.get(p)) if p in motors else None for i, p in enumerate(friction.places)]
+    panels = [_unexplained(friction, i) for i in range(len(friction.places))]
+    figure = style.matrix("Friction compensation", style.in_columns(curves, panels))
     for axes in figure.axes:
         if axes.get_title().endswith("distortion"):
             style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")

@@ -224,13 +224,13 @@ def matrix(
     """
     rows = [row for row in rows if any(row)]
     heights = heights or [max(panel.height for panel in row if panel is not None) for row in rows]
-    given = [panel for row in rows for panel in row if panel is not None]
-    texts = {text for panel in given for curve in panel.curves for text in (curve.label, curve.band_label) if text}
+    panels = [panel for row in rows for panel in row if panel is not None]
+    texts = {text for panel in panels for curve in panel.curves for text in (curve.label, curve.band_label) if text}
     columns = max(1, int((width - 0.3) / (0.065 * max(map(len, texts), default=1) + 0.5)))
-    below = max((len(name) for panel in given for name in (panel.cells or panel).columns), default=0)
-    names = [name for panel in given if panel.cells for name in panel.cells.rows]
+    below = max((len(name) for panel in panels for name in (panel.cells or panel).columns), default=0)
+    names = [name for panel in panels if panel.cells for name in panel.cells.rows]
     left = left or max([0.85, *(0.4 + 0.075 * len(name) for name in names)])
-    top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in given)
+    top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in panels)
     bottom = 0.55 + 0.06 * below
     # Between rows and columns, for their labels and titles.
     apart = 0.2 + 0.3 * any(panel.title for row in rows[1:] for panel in row if panel is not None)

@@ -142,8 +142,8 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
     modes: list[Mapping[str, Any]] = []
     for mode, (freq, zeta) in enumerate(zip(row.frequency_hz, row.damping_ratio, strict=True)):
         title = f"{row.configuration}, mode {mode + 1}: {number(freq)} {unit}, " + f"{percent(zeta)} damping"
-        moved = drawing.moved[:, :, mode]
-        shape = {"re": _whole(moved.real, step), "im": _whole(moved.imag, step)}
+        motion = drawing.moved[:, :, mode]
+        shape = {"re": _whole(motion.real, step), "im": _whole(motion.imag, step)}
         modes.append({"title": title, "energy": row.energy_text[mode], "views": drawing.views(mode), **shape})
     sticks = {"points": _whole(drawing.points, step), "links": drawing.links, "joints": drawing.joints}
     return {"step": step, **sticks, "down": drawing.up if drawing.hanging else -1, "modes": modes}

@@ -88,11 +88,11 @@ def _level(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
-    level = _level(names, rows.values())
+    place = _level(names, rows.values())
     widths = (
         ", ".join(f"{row.name} ±{percent(run_summary.half_width(row))}" for row in terms) or "nothing identified here"
     )
-    css_class = "held" if level is None else f"w{level}"
+    css_class = "held" if place is None else f"w{place}"
     label = escape(", ".join(names))
     return (
         f"<g><title>{label}: {escape(widths)}</title>"
@@ -246,8 +246,8 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     scripts = curve_scripts() if responses else (asset("first_screen.js"),)
     scripts = (*scripts, asset("mode_viewer.js")) if modes else scripts
     rows = parameter_rows(content.result, content.truth, content.contents)
-    given = [(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free]
-    values = {"result": content.result, "rows": rows, "given": given, "axis": row_axis(rows), "mode_viewer": modes}
+    fixed = [(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free]
+    values = {"result": content.result, "rows": rows, "given": fixed, "axis": row_axis(rows), "mode_viewer": modes}
     values |= {"agreements": content.validation.configurations, **first_screen(content, rows)}
     values["hz"] = "Hz" if has_rate else "units of the sampling rate"
     return render("template.html.j2", content, figures, responses, scripts, **values)
