@@ -274,10 +274,8 @@ class Parameters:
         """Parameters starting from other SI values."""
         for name in values:
             self[name]
-        changed_parameters = (
-            replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters
-        )
-        return Parameters(tuple(changed_parameters))
+        rows = (replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
+        return Parameters(tuple(rows))
 
     def with_means(self, x: FloatArray) -> "Parameters":
         """Parameters of configurations that were not fitted: stand-ins alone are their mean at x (n_x,).

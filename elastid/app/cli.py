@@ -439,7 +439,7 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
     """The exit code of an error that has a message for the user; any other is a bug and raised again."""
     match error:
         case ElastidError():
-            return _ended(f"{error} [{error.code}]", error.exit_code)
+            return _report_end(f"{error} [{error.code}]", error.exit_code)
         case click.exceptions.Exit():
             return error.exit_code
         case click.ClickException():
@@ -455,7 +455,7 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
             advice = "Close programs that use it, free disk space or correct permissions, or give another --run"
-            return _ended(f"{where}{error.strerror or error}. {advice}", 1)
+            return _report_end(f"{where}{error.strerror or error}. {advice}", 1)
     raise error
 
 
@@ -467,10 +467,10 @@ def interrupted(arguments: Sequence[str]) -> int:
     """Print how to resume an interrupted command, and return its exit code."""
     again = shlex.join(["elastid", *arguments])
     if {*arguments[:1]} & WITHOUT_PARTS:
-        return _ended(f"interrupted: nothing was written. Start again: `{again}`", 130)
-    return _ended(f"interrupted: finished stages and parts are kept. Resume: `{again}`", 130)
+        return _report_end(f"interrupted: nothing was written. Start again: `{again}`", 130)
+    return _report_end(f"interrupted: finished stages and parts are kept. Resume: `{again}`", 130)
 
 
-def _ended(message: str, code: int) -> int:
+def _report_end(message: str, code: int) -> int:
     click.echo(printable(message), err=True)
     return code

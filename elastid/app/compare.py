@@ -47,15 +47,15 @@ PARTIAL = "compare.partial"
 _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
-def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> Comparison:
+def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
     """compare.json, and the report again where there is one; the ranking.
 
-    further: studies whose robots, formulations and parameters are fitted to the responses of `run`, under its
+    studies: further ones whose robots, formulations and parameters are fitted to the responses of `run`, under its
     weights and criterion.  StudyError where there are no current responses, or but one model.
     """
     run.require("fit")  # reads what a comparison reads
     with logged_in(run.folder, run.jobs, run.console):
-        models = list(variants(run.loaded, further))
+        models = list(variants(run.loaded, studies))
         if len(models) < 2:
             raise StudyError(
                 "compare/variants",
@@ -81,16 +81,16 @@ def finish(run: Run, comparison: Comparison) -> None:
         carry_out(run, "report")
 
 
-def variants(loaded: LoadedStudy, further: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
+def variants(loaded: LoadedStudy, studies: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
     """Yield the model of the study, its variants and models of other studies; raise StudyError for an invalid one."""
     study = loaded.study
     yield ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
-    for spec in study.compare.variants or _default(study, bool(further)):
+    for spec in study.compare.variants or _default(study, bool(studies)):
         try:
             yield variant(loaded, spec)
         except StudyError as error:
             raise StudyError("compare/variants", f"{spec.name}: {error}", "compare.variants") from None
-    for peer in further:
+    for peer in studies:
         name = peer.study.name if peer.study.name != study.name else str(peer.path)
         yield ComparedVariant(name, peer.study.as_robot(), _weighed_as(study, peer.study), peer.study.model)
 
@@ -121,10 +121,10 @@ def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
     # Elastic joints that are not driven make the flexible joint model an extended one.
     further = [coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint"]
     rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further]
-    return (*_of_loops(study), *coupling, *rigid)
+    return (*_loop_variants(study), *coupling, *rigid)
 
 
-def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
+def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
     """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
     robot, model = study.as_robot(), study.model
     if not robot.loops:
@@ -204,7 +204,7 @@ def search_elasticity(run: Run) -> None:
         def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, ComparedModel]:
             # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
             new = [model for model in dict.fromkeys((everything, *models)) if model not in fits]
-            fits.update(_fitted(run, coordinates, start, new, responses))
+            fits.update(_fit_variant(run, coordinates, start, new, responses))
             rows = rank(names, *zip(*fits.values(), strict=True)).rows
             by_name = {row.name: row for row in rows}
             return {model: by_name[variant.name] for model, (variant, _) in fits.items()}
@@ -235,7 +235,7 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     return {spring.label: spring.name for spring in coordinates}, start
 
 
-def _fitted(
+def _fit_variant(
     run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: Responses
 ) -> _Fits:
     made: dict[Elastic, ComparedVariant] = {}

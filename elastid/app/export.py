@@ -53,7 +53,7 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
     if gears is not None and gears.effects:
         omitted = "some effects of the gears are omitted (k and d are as estimated with them); robot and fmu have all"
         run.console.say(f"export: {tag}: {omitted}")
-    paths = tuple(_written(target, folder, values))
+    paths = tuple(_write_target(target, folder, values))
     for path in paths:
         run.console.say(f"export: {path}")
     return paths
@@ -68,7 +68,7 @@ def _target(study: Study, tag: str, available: Collection[str]) -> Target:
     raise StudyError(code, f"study {study.name} of kind {study.kind}: {names}", f"--to {tag}")
 
 
-def _written(target: Target, folder: Path, values: Mapping[str, Values]) -> Iterator[Path]:
+def _write_target(target: Target, folder: Path, values: Mapping[str, Values]) -> Iterator[Path]:
     for label in max(values.values(), key=len):
         of_group = {need: value.get(label, value.get("")) for need, value in values.items()}
         yield from target.write(folder / file_name(label), **of_group)

@@ -75,7 +75,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
-        return _of_commands(logs, folder, pairs, clock, robot, text, period)
+        return _command_files(logs, folder, pairs, clock, robot, text, period)
     read = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
     if guess is None:
         measurements, of_pair = in_two_files(logs, form)
@@ -101,11 +101,11 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
         inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
         return {"study.yml": joined(content), "robot.yml": joined(_robot(inertias, "the torque"))}
-    lines = _of_torques(read, folder, guess, robot, frame, positions)
+    lines = _torque_study_lines(read, folder, guess, robot, frame, positions)
     return {"study.yml": joined([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])}
 
 
-def _of_torques(
+def _torque_study_lines(
     read: _Logs, folder: Path, guess: LogGuess, robot: Robot | None, frame: str, positions: Positions
 ) -> Iterator[str]:
     """Yield the lines of a study of responses to torques or forces, from the key `experiment` on."""
@@ -202,7 +202,7 @@ def _unlike(
     return f"kp; kd are {numbers[0]}, but {numbers[1]} in {first}; a study has one controller"
 
 
-def _of_commands(
+def _command_files(
     logs: Sequence[Path],
     folder: Path,
     pairs: Sequence[tuple[ChannelGuess, ChannelGuess]],

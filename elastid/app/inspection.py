@@ -129,7 +129,7 @@ def _log_lines(path: Path) -> list[str]:
             for name, array in log.arrays.items()
             if array.is_signal
         ]
-        contents = [f"  {name}: {_other(array)}" for name, array in log.arrays.items() if not array.is_signal]
+        contents = [f"  {name}: {_describe_array(array)}" for name, array in log.arrays.items() if not array.is_signal]
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
             lines.append(f"  its numbers are written with {described_format(text)}")
@@ -142,7 +142,7 @@ def _log_lines(path: Path) -> list[str]:
     return lines
 
 
-def _other(array: Any) -> str:
+def _describe_array(array: Any) -> str:
     shape = " x ".join(map(str, array.shape)) or "one"
     if array.dtype.kind not in "fiubcU" or np.prod(array.shape, dtype=int) > 1:
         return f"{array.dtype} ({shape})"

@@ -22,7 +22,7 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution, persistent_workers
-from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
+from elastid.design.next_experiment import Goal, NextExperiment, PriorEstimate, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
 from elastid.experiment.plan.plan import Experiment, Plan
@@ -187,9 +187,9 @@ class Session:
                 )
             plan = read_plan(path)
         else:
-            design, prior = self._design(plans), Known.before(problem)
+            design, prior = self._design(plans), PriorEstimate.before(problem)
             if result is not None:
-                prior = Known(result.parameters, result.x, result.covariance)
+                prior = PriorEstimate(result.parameters, result.x, result.covariance)
             problem = replace(problem, design=design)
             candidates, robots = problem.candidates(design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:

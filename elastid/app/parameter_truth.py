@@ -64,16 +64,19 @@ def contents(
 
 
 def truth(
-    robot: Robot, simulated: SimulatedSpec | None, fitted: Collection[str], friction: CompensatedFriction | None = None
+    robot: Robot,
+    simulated: SimulatedSpec | None,
+    estimates: Collection[str],
+    friction: CompensatedFriction | None = None,
 ) -> dict[str, float] | None:
     """Return the simulated robot's identifiable parameters by name, in SI; None for logs.
 
-    fitted: names of parameters in the study.  friction: taken out of the responses; viscous coefficients that contain
+    estimates: parameters of the study.  friction: taken out of the responses; viscous coefficients that contain
     dry friction have no truth.
     """
     if simulated is None:
         return None
     mixed = mixed_numbers(robot, True, friction)
-    named = (*robot.geometry, *(name for name in robot.channel_numbers if name in fitted))
+    named = (*robot.geometry, *(name for name in robot.channel_numbers if name in estimates))
     numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}

@@ -81,7 +81,7 @@ class CommandSettings:
 def read_model(path: Path) -> Model:
     """The robot of a run folder or fit.h5, a robot model of elastid, a URDF, or an MJCF file with its servos."""
     if path.is_dir() or path.suffix == ".h5":
-        return _of_result(path)
+        return _robot_of_result(path)
     if not path.is_file():
         raise StudyError("files/missing", "no such file; give a run folder, robot.yml, URDF or MJCF", path)
     if path.suffix.lower() in (".xml", ".mjcf"):
@@ -89,7 +89,7 @@ def read_model(path: Path) -> Model:
     return Model(read_urdf_model(path) if path.suffix.lower() == ".urdf" else load_robot(path))
 
 
-def _of_result(path: Path) -> Model:
+def _robot_of_result(path: Path) -> Model:
     """The fitted robot of a run folder, with the friction and effects of gears that were found in its records."""
     folder = path if path.is_dir() else path.parent
     fit, frf, gears, law = (folder / f"{stage}.h5" for stage in ("fit", "frf", "gears", "friction"))

@@ -60,7 +60,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
     is_own = path.suffix.lower() in _OF_ELASTID
-    robot = load_robot(path) if is_own else _of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
+    robot = load_robot(path) if is_own else _links_of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures, gravity = _postures(robot)
@@ -111,10 +111,10 @@ def read_urdf_model(path: Path) -> Robot:
         coulomb = dry.get(joint.name, 0.0)
         return replace(joint, motor=replace(joint.motor, coulomb=coulomb)) if joint.motor else joint
 
-    return with_joints(_of_urdf(path, 1.0), with_friction)
+    return with_joints(_links_of_urdf(path, 1.0), with_friction)
 
 
-def _of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
+def _links_of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
     """The links of a URDF; its motors, behind gears of a ratio where they turn, have no inertia yet."""
     root = read_elements(path)
     kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint") if not joint.first("mimic")}

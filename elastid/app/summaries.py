@@ -43,19 +43,13 @@ def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     fractions = np.vstack([energy.fraction, energy.load])
-    is_spring = fractions[-1] < 0.5  # a pendulum under gravity is no mode of springs
+    mask = fractions[-1] < 0.5  # a pendulum under gravity is no mode of springs
     return ModeRow(
-        *(
-            configuration.name,
-            modal.freq_hz[is_spring],
-            modal.zeta[is_spring],
-            modal.freq_std[is_spring],
-            modal.zeta_std[is_spring],
-        ),
-        *(elastic.coordinates, shapes[:, is_spring]),
+        *(configuration.name, modal.freq_hz[mask], modal.zeta[mask], modal.freq_std[mask], modal.zeta_std[mask]),
+        *(elastic.coordinates, shapes[:, mask]),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
-        energy=fractions[:, is_spring],
-        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, is_spring], robot.gravity),
+        energy=fractions[:, mask],
+        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, mask], robot.gravity),
     )
 
 

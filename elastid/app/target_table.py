@@ -24,7 +24,7 @@ MODULES = {
 
 def tags() -> tuple[str, ...]:
     """Return the tags of all targets."""
-    return (*MODULES, *(entry.name for entry in _of_packages()))
+    return (*MODULES, *(entry.name for entry in _package_targets()))
 
 
 def targets(tag: str) -> tuple["Target", ...]:
@@ -34,7 +34,7 @@ def targets(tag: str) -> tuple["Target", ...]:
     from elastid.base.entry_points import load_row
     from elastid.targets.target import Target
 
-    return tuple(load_row(entry, Target) for entry in _of_packages() if entry.name == tag)
+    return tuple(load_row(entry, Target) for entry in _package_targets() if entry.name == tag)
 
 
 def explain_targets(tag: str = "") -> str:
@@ -46,7 +46,7 @@ def explain_targets(tag: str = "") -> str:
     return "\n".join(f"{row.tag}\n  {text}" for row, text in zip(rows, texts, strict=True))
 
 
-def _of_packages() -> "tuple[EntryPoint, ...]":
+def _package_targets() -> "tuple[EntryPoint, ...]":
     from elastid.base.entry_points import group_entries  # reads files of all packages, which the first lines do without
 
     return tuple(entry for entry in group_entries(GROUP) if entry.name not in MODULES)

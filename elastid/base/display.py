@@ -32,7 +32,9 @@ class Display:
           d_1   3
         """
         lines = columns([tuple(map(one_line, row)) for row in (self.headings, *self.rows[:MAX_ROWS])])
-        return "\n".join([printable(self.title), *(f"  {line}".rstrip() for line in lines if self.rows), *self._rest()])
+        return "\n".join(
+            [printable(self.title), *(f"  {line}".rstrip() for line in lines if self.rows), *self._hidden_rows()]
+        )
 
     @property
     def html(self) -> str:
@@ -40,10 +42,10 @@ class Display:
         head = "".join(f"<th>{_html(cell)}</th>" for cell in self.headings)
         body = "".join(f"<tr>{''.join(f'<td>{_html(cell)}</td>' for cell in row)}</tr>" for row in self.rows[:MAX_ROWS])
         caption = f'<caption style="text-align: left">{_html(self.title)}</caption>'
-        rest = "".join(f"<p>{_html(line.strip())}</p>" for line in self._rest())
+        rest = "".join(f"<p>{_html(line.strip())}</p>" for line in self._hidden_rows())
         return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}"
 
-    def _rest(self) -> Iterator[str]:
+    def _hidden_rows(self) -> Iterator[str]:
         if len(self.rows) > MAX_ROWS:
             yield f"  ... and {len(self.rows) - MAX_ROWS} more rows"
 

@@ -221,10 +221,10 @@ def mean_of_neighbours(values: Values, width: int) -> Values:
     return np.asarray((total[end] - total[first]) / (end - first).reshape(-1, *(1,) * (values.ndim - 1)))
 
 
-def interpolated(wanted: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
-    """Values (K, ...) at `wanted` (K,) of those (F, ...) at lines (F,), linear between them, and beyond."""
-    right = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
-    part = (wanted - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
+def interpolated(places: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
+    """Values (K, ...) at `places` (K,) of those (F, ...) at lines (F,), linear between them, and beyond."""
+    right = np.clip(np.searchsorted(lines, places), 1, len(lines) - 1)
+    part = (places - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
     part = part.reshape(-1, *(1,) * (values.ndim - 1))
     return (1 - part) * values[right - 1] + part * values[right]
 

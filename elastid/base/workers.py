@@ -268,17 +268,17 @@ def start_method() -> str:
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
-def _call(at_rest: list[Worker], called: list[Worker], place: int, new: Callable[..., Any]) -> Worker:
+def _call(at_rest: list[Worker], function: list[Worker], place: int, new: Callable[..., Any]) -> Worker:
     """A worker at rest that lives, or a new one; among those called, from its first moment."""
     for worker in [worker for worker in at_rest if worker.place == place]:
         at_rest.remove(worker)
-        called.append(worker)
+        function.append(worker)
         if worker.process.is_alive():
             return worker
         end(worker)
     with _undisturbed():
-        _start(called, place, new)
-    return called[-1]
+        _start(function, place, new)
+    return function[-1]
 
 
 @contextmanager
@@ -305,10 +305,10 @@ def _local(pipe: Connection, place: int) -> Any:
     return context.Process(target=_serve, args=(pipe,))
 
 
-def _start(called: list[Worker], place: int, new: Callable[..., Any]) -> None:
+def _start(function: list[Worker], place: int, new: Callable[..., Any]) -> None:
     ours, theirs = Pipe()
     process = new(theirs, place)
-    called.append(Worker(process, ours, place))
+    function.append(Worker(process, ours, place))
     # The pipe to a worker that starts from nothing breaks where it dies meanwhile, and so will its own.
     with suppress(BrokenPipeError):
         process.start()

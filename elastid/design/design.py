@@ -50,12 +50,12 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     return tuple(notes)
 
 
-def presliding(fitted: Sequence[Measurement], robot: Robot) -> tuple[Presliding, ...]:
+def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presliding, ...]:
     """Presliding friction of each motor that is expected to reverse within 0.2 to 4 presliding distances.
 
     The distance is F_c / sigma_0 of the friction model of the motor; the rate is E|w| over it.
     """
-    distance, speed, _ = np.median([model.reversals(c, model.parameters.x) for model, c in fitted], axis=0)
+    distance, speed, _ = np.median([model.reversals(c, model.parameters.x) for model, c in measurements], axis=0)
     laws = {law.place: law for law in frictions(robot) if law.spec.lugre or law.spec.maxwell_slip}
     rows = []
     for i, joint in enumerate(robot.driven):
@@ -111,15 +111,15 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
 
 
 def _expected(
-    problem: DesignProblem, fitted: Sequence[Measurement], friction: Sequence[Presliding]
+    problem: DesignProblem, measurements: Sequence[Measurement], friction: Sequence[Presliding]
 ) -> list[ExpectedResponse]:
     """Responses with the tolerances of the robot's file and its gears, and with presliding friction."""
-    robot, freq_hz = problem.robot, fitted[0][0].plan.freq_hz
+    robot, freq_hz = problem.robot, measurements[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
     within = with_tolerances(problem.parameters, robot, problem.fit)
     parameters = with_relaxing_springs(within, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
     responses = []
-    for prospect, configuration in fitted:
+    for prospect, configuration in measurements:
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)
         model = replace(prospect, parameters=parameters, presliding=tuple(springs))
         expected = model.expected(configuration, parameters.x)

@@ -101,7 +101,7 @@ TRIED = 8  # configurations whose other lengths are compared, and that are tried
 
 
 @dataclass(frozen=True)
-class Known:
+class PriorEstimate:
     """Values and covariance (n_x, n_x) of x so far."""
 
     parameters: Parameters
@@ -109,7 +109,7 @@ class Known:
     covariance: FloatArray
 
     @classmethod
-    def before(cls, problem: DesignProblem) -> "Known":
+    def before(cls, problem: DesignProblem) -> "PriorEstimate":
         """Knowledge before any data: starts, priors and tolerances of the study."""
         parameters = with_tolerances(problem.parameters, problem.robot, problem.fit)
         return cls(parameters, parameters.x, np.asarray(np.linalg.inv(_prior_information(parameters))))
@@ -168,7 +168,7 @@ class NextExperiment:
 def next_experiment(
     problem: DesignProblem,
     candidates: Candidates,
-    known: Known,
+    state: PriorEstimate,
     goal: Goal,
     robots: Sequence[Robot],
     name: str,
@@ -183,7 +183,7 @@ def next_experiment(
     only where none is so short.  StudyError where no candidate has an experiment within limits.
     """
     settled = completed_problem(problem)
-    options = _ranked(settled, candidates, known, goal, execution)
+    options = _ranked(settled, candidates, state, goal, execution)
     options = [option for option in options if option.time_s <= left_s] or options
     refused: list[str] = []
     for option in options[:TRIED]:
@@ -203,7 +203,7 @@ def next_experiment(
 
 
 def _ranked(
-    problem: DesignProblem, candidates: Candidates, known: Known, goal: Goal, execution: Execution
+    problem: DesignProblem, candidates: Candidates, state: PriorEstimate, goal: Goal, execution: Execution
 ) -> list[Option]:
     """Options, the best first: all candidates at the study's length, and the best of them at others."""
     lengths = sorted({2, problem.experiment.periods, 2 * problem.experiment.periods})
@@ -211,12 +211,12 @@ def _ranked(
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
         longer = replace(problem, experiment=replace(problem.experiment, periods=periods))
-        prospect = replace(longer.prospect(longer.probe(longer.experiment), -1), parameters=known.parameters)
-        H, rows = informations(prospect, configurations, known.x, execution)
+        prospect = replace(longer.prospect(longer.probe(longer.experiment), -1), parameters=state.parameters)
+        H, rows = informations(prospect, configurations, state.x, execution)
         n_u = len(problem.robot.driven)
         time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
         places = zip(H, rows.tolist(), strict=True)
-        return [_option(known, goal, design, configurations[i], periods, time_s) for design, i in places]
+        return [_option(state, goal, design, configurations[i], periods, time_s) for design, i in places]
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
     best = [option.configuration for option in options[:TRIED]]
@@ -226,13 +226,13 @@ def _ranked(
 
 
 def _option(
-    known: Known, goal: Goal, H: FloatArray, configuration: Configuration, periods: int, time_s: float
+    state: PriorEstimate, goal: Goal, H: FloatArray, configuration: Configuration, periods: int, time_s: float
 ) -> Option:
     """An experiment of information H (n_x, n_x)."""
-    M = known.information
+    M = state.information
 
     def used(repeats: int) -> FloatArray:
-        return goal.used(known.parameters, known.x, np.asarray(np.linalg.inv(M + repeats * H)))
+        return goal.used(state.parameters, state.x, np.asarray(np.linalg.inv(M + repeats * H)))
 
     before, after, repeats = used(0), used(1), 1
     while repeats < 4096 and used(repeats).max() > 1:  # beyond, a goal is out of reach

@@ -41,9 +41,9 @@ class DesignCriterion:
 
     def value(self, M: FloatArray) -> FloatArray:
         """phi (...) of information matrices M (S, ..., d, d), the mean over guesses; -inf where one is singular."""
-        return np.asarray(self._of_covariance(self.interest.T @ self._solved(M)).mean(axis=0))
+        return np.asarray(self._criterion_of_covariance(self.interest.T @ self._solve(M)).mean(axis=0))
 
-    def _solved(self, M: FloatArray) -> FloatArray:
+    def _solve(self, M: FloatArray) -> FloatArray:
         """M^-1 K (..., d, s); a singular M gets huge variances."""
         diagonal = np.einsum("...ii->...i", M)
         ridge = 1e-13 * np.maximum(diagonal, 1e-13 * diagonal.max(axis=-1, keepdims=True))
@@ -51,17 +51,17 @@ class DesignCriterion:
         regular = M + ridge[..., None] * np.eye(M.shape[-1])
         return np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
 
-    def _of_covariance(self, C: FloatArray) -> FloatArray:
+    def _criterion_of_covariance(self, C: FloatArray) -> FloatArray:
         """-ln det(C) / s of (M^-1)_SS (..., s, s); a singular M may have no logarithm due to rounding."""
         sign, log = np.linalg.slogdet(C)
         return np.where((sign > 0) & np.isfinite(log), -log / C.shape[-1], -np.inf)
 
     def slope(self, M: FloatArray) -> tuple[float, FloatArray]:
         """phi and its gradient X C^-1 X^T / s (S, d, d) at M (S, d, d), X = M^-1 K, C = K^T X."""
-        X = self._solved(M)
+        X = self._solve(M)
         C = self.interest.T @ X
         gradient = X @ np.linalg.solve(C, np.swapaxes(X, 1, 2)) / C.shape[-1]
-        return float(self._of_covariance(C).mean()), gradient / len(M)
+        return float(self._criterion_of_covariance(C).mean()), gradient / len(M)
 
 
 def optimal_weights(H: FloatArray, criterion: DesignCriterion, prior: FloatArray) -> "Powers":

@@ -94,17 +94,17 @@ class DesignProblem:
     def plan(
         self,
         experiment: ExperimentSpec,
-        chosen: Sequence[DesignedConfiguration] = (),
+        choices: Sequence[DesignedConfiguration] = (),
         spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
         """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
         spectra_of = dict(spectra or {})
         if self.typical is not None:
-            for name in (*experiment.configurations, *(choice.configuration.name for choice in chosen)):
+            for name in (*experiment.configurations, *(choice.configuration.name for choice in choices)):
                 spectra_of.setdefault(name, self.typical)
         excitation = self.excitation
         loop = closed_loop_of(self.robot, self.simulated.controller, excitation.rate_hz, excitation.inject)
-        return make_plan(excitation, experiment, self.robot, self.seed, chosen, spectra_of, loop)
+        return make_plan(excitation, experiment, self.robot, self.seed, choices, spectra_of, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
         """Simulated rig with the nominal robot, for the simulation of a plan."""
@@ -127,7 +127,7 @@ class DesignProblem:
         )
 
     def at_equilibria(
-        self, probe: Plan, value: Callable[[int, Configuration], Value], needed: Collection[str] = ()
+        self, probe: Plan, value: Callable[[int, Configuration], Value], names: Collection[str] = ()
     ) -> list[Value]:
         """value(q, configuration) of each configuration of a probe that has an equilibrium.
 
@@ -139,7 +139,7 @@ class DesignProblem:
             try:
                 values.append(value(q, configuration))
             except (StudyError, DataError) as error:
-                if configuration.name in needed:
+                if configuration.name in names:
                     raise
                 refused = error
         if refused is not None and not values:
@@ -209,7 +209,10 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
 
 
 def best_spectra_of(
-    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[DesignedConfiguration], torque_rms: AskedTorque
+    problem: DesignProblem,
+    experiment: ExperimentSpec,
+    choices: Sequence[DesignedConfiguration],
+    torque_rms: AskedTorque,
 ) -> dict[str, FloatArray]:
     """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
 
@@ -217,7 +220,7 @@ def best_spectra_of(
     """
     if problem.typical is None:
         return {}
-    plan = problem.plan(experiment, chosen)
+    plan = problem.plan(experiment, choices)
     fitted = problem.fitted(plan)
     names = [configuration.name for _, configuration in fitted]
     rows = [q for q, c in enumerate(plan.configurations) if c.name in names]

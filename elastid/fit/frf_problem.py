@@ -202,9 +202,9 @@ def _part(
     return part_of(response, model, weights, parameters, criterion)
 
 
-def _part_again(each: tuple[Response, Response, Weights, Part]) -> Part:
+def _part_again(group: tuple[Response, Response, Weights, Part]) -> Part:
     """The part of a response with the model and the images of held torques of the part of another one."""
-    response, other, weights, part = each
+    response, other, weights, part = group
     return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
 
 

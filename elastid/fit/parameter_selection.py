@@ -96,7 +96,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_
     of configurations that overlap, and where nothing is free.
     """
     try:
-        parameters = _chosen(spec, robot, configurations, has_references)
+        parameters = _choose(spec, robot, configurations, has_references)
     except ValueError as error:
         raise StudyError("fit/parameters", str(error), "fit.parameters") from None
     if not parameters.free:
@@ -105,7 +105,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_
     return parameters
 
 
-def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
+def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
     """Parameters of `choose`; raise ValueError for an impossible set."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}

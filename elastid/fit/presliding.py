@@ -104,7 +104,10 @@ def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """x (n_x,) of the fit with some springs on thinned lines, and V; base: without springs; signs: of further ones."""
+    """x (n_x,) and V of the fit with some springs on thinned lines.
+
+    base: without springs.  signs: of springs that may be added.
+    """
 
     base: Assembly
     signs: tuple[int, ...]
@@ -291,9 +294,9 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
     return Parameters((*every[:at], *numbers, *every[at:]))
 
 
-def _start(parameters: Parameters, fitted: Parameters, x: FloatArray) -> FloatArray:
+def _start(parameters: Parameters, before: Parameters, x: FloatArray) -> FloatArray:
     """x (n_x,) of parameters: as in x of `fitted`, else their start."""
-    values = named(fitted.free_names, x)
+    values = named(before.free_names, x)
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 
 

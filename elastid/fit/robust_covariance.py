@@ -135,14 +135,14 @@ def sum_lines(
     blocks, scatter, parted = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
     model_error_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
     model_error_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
-    of_ratios = _of_ratios(part, response, part.theta(fit.parameters, x), r, J, U)
+    of_ratios = _sum_ratios(part, response, part.theta(fit.parameters, x), r, J, U)
     noise_sums, error_sums = (power, spread, dof), (model_error_power, model_error_pull, of_ratios)
     by_line = response.freq_hz, _triangle(rows) @ U.T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
     return LineSums(*by_line, lags, n_residuals, *of_z, parted, *noise_sums, *error_sums)
 
 
-def _of_ratios(
+def _sum_ratios(
     part: Part, response: Response, theta: FloatArray, r: ComplexArray, J: ComplexArray, U: FloatArray
 ) -> RatioSums:
     errors, angles = ratio_errors(part, response, theta, part.mixing), response.configuration.angles

@@ -105,10 +105,10 @@ class Estimated:
     def theta(self, x: FloatArray) -> FloatArray:
         """Return theta (n_theta,) at x (n_x + n_d,), SI."""
         n, theta = len(self.fit_x), self.base.copy()
-        estimate = x[:n] + sum(
+        values = x[:n] + sum(
             (size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n)
         )
-        theta[self.rows] = self.parameters.expand(estimate, self.where)[self.places]
+        theta[self.rows] = self.parameters.expand(values, self.where)[self.places]
         for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
             for name in doubt.members:
                 if name in self.names:

@@ -86,7 +86,10 @@ def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
 
 @frozen_value
 class StrainEnergy:
-    """springs: names k_... of the parameters.  fraction (n_s, n_m): of each in a mode.  load (n_m,): w_g, the rest."""
+    """Strain energy of modes, over that of all springs.
+
+    springs: names k_... of the parameters.  fraction (n_s, n_m): of each spring.  load (n_m,): w_g, the rest.
+    """
 
     springs: tuple[str, ...]
     fraction: FloatArray

@@ -253,7 +253,7 @@ def _mean(
     shift = np.zeros_like(angles)
     shift[measured] = motion.mean[at] - angles[measured]
     shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
-    return _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
+    return _mean_slope(expansion, covariance) + _shift_slope(expansion, covariance, shift)
 
 
 def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
@@ -264,7 +264,7 @@ def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sum(expansion.jacobian(np.vstack([e, -e])) - expansion.J, axis=0) / 2)
 
 
-def _of_shift(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
+def _shift_slope(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
     """R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
     n, x = expansion.n, expansion.B @ shift
     torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ x

@@ -98,7 +98,7 @@ class LoadedRobot:
         both = np.tile(np.array(carried), (2, 1))
         z, K = self._rest(both)
         by_theta, p, p_z, p_theta = self._at(self.slopes, z, both)
-        slopes = p_theta - p_z @ self._solved(K, by_theta)
+        slopes = p_theta - p_z @ self._solve(K, by_theta)
         L, places = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
         readings, of_theta = [], []
         for i, (load, at) in enumerate(zip(self.loads, places, strict=True)):
@@ -112,7 +112,7 @@ class LoadedRobot:
         z = self.z.copy()
         r, K = self._at(self.statics, z, theta)
         for _ in range(MAX_STEPS):
-            step = -self._solved(K, r)[:, :, 0]
+            step = -self._solve(K, r)[:, :, 0]
             free = step[:, : step.shape[1] - self.model.n_c]
             largest = np.abs(free).max(axis=1, initial=0.0)
             if not np.isfinite(step).all():
@@ -139,7 +139,7 @@ class LoadedRobot:
             part.full().T.reshape(len(z), n, m).transpose(0, 2, 1) for part, (m, n) in zip(parts, shapes, strict=True)
         )
 
-    def _solved(self, K: FloatArray, right: FloatArray) -> FloatArray:
+    def _solve(self, K: FloatArray, right: FloatArray) -> FloatArray:
         """K^-1 right; for redundant constraints, with the smallest multipliers."""
         if not self.model.n_c:
             return np.asarray(np.linalg.solve(K, right), dtype=float)

@@ -197,9 +197,9 @@ def ends_of(
     )
 
 
-def rotation(layout: Tree, turned: Sequence[Turn], seat: Attachment) -> ca.SX:
+def rotation(layout: Tree, R: Sequence[Turn], seat: Attachment) -> ca.SX:
     """R (3, 3) from the axes of a body to the base axes."""
-    return ca.horzcat(*(direction(layout, turned, seat, axis) for axis in np.eye(3)))
+    return ca.horzcat(*(direction(layout, R, seat, axis) for axis in np.eye(3)))
 
 
 def position(

@@ -156,10 +156,8 @@ def elastic_model(robot: Robot, equations: Equations, independent: tuple[str, ..
         "strain": (("q", "theta"), {"c": stiffness, "b": ca.jacobian(deflection, q)}),
     }
     functions: dict[str, Any] = {
-        name: ca.Function(
-            name, [symbols[symbol] for symbol in arguments], [*results.values()], [*arguments], [*results]
-        )
-        for name, (arguments, results) in terms.items()
+        name: ca.Function(name, [symbols[symbol] for symbol in inputs], [*results.values()], [*inputs], [*results])
+        for name, (inputs, results) in terms.items()
     }
     theta, springs = np.array([x for x, _ in table.values()]), tuple(strain.spring for strain in equations.strains)
     names = equations.coordinates, robot.motor_locations, tuple(table)

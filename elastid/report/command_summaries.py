@@ -22,9 +22,9 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
     part, force = float(m.compliance_fraction[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
     softest = [
         (
-            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _shown(C.value[i], "m/N"),
+            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _text(C.value[i], "m/N"),
             f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
-            _shown(m["frequency_1"].value[i], "Hz"), _shown(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
+            _text(m["frequency_1"].value[i], "Hz"), _text(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
             percent(float(m.compliance_fraction[i].max(initial=0.0))),
         )
         for i in order[:LISTED].tolist()
@@ -44,7 +44,7 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
         f"Map of {m.name}",
         (
             ("Where is it soft?", (
-                f"{len(m)} postures: {_shown(C.value[stiff], 'm/N')} to {_shown(C.value[soft], 'm/N')} in the "
+                f"{len(m)} postures: {_text(C.value[stiff], 'm/N')} to {_text(C.value[soft], 'm/N')} in the "
                 f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
             )),
             ("What limits it, and what helps?", (
@@ -73,7 +73,7 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
     )  # fmt: skip
 
 
-def _shown(value: float, unit: str) -> str:
+def _text(value: float, unit: str) -> str:
     shown, factor = SHOWN[unit]
     return f"{number(factor * float(value), 3)} {shown}" if np.isfinite(value) else "no limit"
 
@@ -137,10 +137,8 @@ def answer_of_loops(loops: Loops) -> Answer:
     lines = [f"{designed.name}: {_state_words(designed)}."]
     lines.append(f"Its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}.")
     if loops.count:
-        percentage = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
-        lines.append(
-            f"{percentage:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures."
-        )
+        rate = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
+        lines.append(f"{rate:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures.")
     of_today = f"{today.name}: {_state_words(today)}." if today else "The study has no controller."
     peaks = [
         (loop.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)

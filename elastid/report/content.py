@@ -229,13 +229,11 @@ def parameter_rows(
         if true is not None and std_x[i] > 0:
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
-        nominal, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
+        file, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
         parts = {kind: part[name] for kind, part in result.std_contributions.items()}
         of_base = "" if truths else bases.get(name, "")  # the base of a simulated robot is rigid
-        rows.append(
-            ParameterRow(*known_of, *nominal, at_bound, true, deviation, contained, parts, verdicts[i], of_base)
-        )
+        rows.append(ParameterRow(*known_of, *file, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)
 
 

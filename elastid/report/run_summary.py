@@ -94,7 +94,7 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[FrfError] = ()) -> str:
     """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
-    return ". ".join(map(capital, filter(None, (_of_status(result, agreements), accuracy(result, rows)))))
+    return ". ".join(map(capital, filter(None, (_status_clause(result, agreements), accuracy(result, rows)))))
 
 
 def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
@@ -103,7 +103,7 @@ def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
     inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in with_truth if row.truth is not None)
     count = f"All {inside}" if inside == len(with_truth) else f"{inside} of {len(with_truth)}"
     truths = f"{count} true values are inside their intervals" if with_truth else ""
-    return ". ".join(filter(None, ("" if is_wrong(result) else capital(_of_widths(rows)), truths)))
+    return ". ".join(filter(None, ("" if is_wrong(result) else capital(_widths_clause(rows)), truths)))
 
 
 def is_wrong(result: Result) -> bool:
@@ -192,7 +192,7 @@ def residual_sentence(result: Result, agreements: Sequence[FrfError]) -> str:
     return f"No model error detected.{test}"
 
 
-def _of_status(result: Result, agreements: Sequence[FrfError]) -> str:
+def _status_clause(result: Result, agreements: Sequence[FrfError]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
     if result.exceeds_noise and not result.is_within_declared:
@@ -200,7 +200,7 @@ def _of_status(result: Result, agreements: Sequence[FrfError]) -> str:
     return f"residuals consistent with {_noise_and_error(result, agreements)}"
 
 
-def _of_widths(rows: Sequence[ParameterRow]) -> str:
+def _widths_clause(rows: Sequence[ParameterRow]) -> str:
     judged = springs_and_dampers(rows)
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
     if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in judged):
@@ -208,11 +208,11 @@ def _of_widths(rows: Sequence[ParameterRow]) -> str:
     others = [row for row in rows if row not in judged and not row.has_coulomb]
     all_others = max(map(half_width, others), default=math.inf)
     last = f", and all {len(others)} other parameters of ±{percent(all_others)} or less"
-    first = _of_width(judged, kind)
+    first = _width_clause(judged, kind)
     return first and f"{first}{last if all_others <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
 
 
-def _of_width(rows: Sequence[ParameterRow], kind: str) -> str:
+def _width_clause(rows: Sequence[ParameterRow], kind: str) -> str:
     widths = [half_width(row) for row in rows]
     widest = max(widths, default=math.inf)
     for limit in (widest,) if widest <= WIDTH_CLASSES[-1] else WIDTH_CLASSES:
@@ -289,12 +289,12 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
     More experiments do not narrow an interval that includes a model error.
     """
     poor = widest(rows)
-    candidates = [_of_cause(result), _action_of_status(result)]
+    candidates = [_action_of_cause(result), _action_of_status(result)]
     if result.cause[0].startswith(NO_CAUSE) or candidates[1] is OPEN_GEARS:  # which a warning names, too
         candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(
-            None if result.exceeds_noise else _of_tolerance(result, poor) or _of_experiments(result, poor)
+            None if result.exceeds_noise else _action_of_tolerance(result, poor) or _action_of_experiments(result, poor)
         )
     if result.is_within_declared:
         candidates.append(Action(f"{OTHER_AMPLITUDE}.", ""))
@@ -317,7 +317,7 @@ def _action_of_status(result: Result) -> Action | None:
     return Action(f"{result.meaning.partition('. ')[2]}.", "")  # the cause stands above it
 
 
-def _of_cause(result: Result) -> Action | None:
+def _action_of_cause(result: Result) -> Action | None:
     what, _, command = result.cause[2].partition(": `")
     first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
     # A number to which others are tied is not freed alone.
@@ -334,7 +334,7 @@ TOLERANCES = {
 }  # fmt: skip
 
 
-def _of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
+def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
     C, names = result.covariance, result.parameters.free_names
     i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
@@ -356,7 +356,7 @@ def _narrower(what: str, poor: ParameterRow, reason: str, factor: float) -> Acti
     return None if before == after else Action(what, f"{reason} from ±{before} to ±{after}.")
 
 
-def _of_experiments(result: Result, poor: ParameterRow) -> Action | None:
+def _action_of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     column = result.parameters.free_names.index(poor.name)
     if not result.information_fraction.size or not np.isfinite(result.information_fraction[:, column]).any():
         return None
@@ -391,15 +391,15 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
     return (
         ("Are the responses good?", tuple(good)),
         ("Which modes are there?", tuple(modes) or ("No significant mode.",)),
-        ("What next?", (_of_damping(with_modes),)),
+        ("What next?", (_action_of_damping(with_modes),)),
     )
 
 
-def _of_damping(every: Sequence[Modes]) -> str:
-    if not every:
+def _action_of_damping(rows: Sequence[Modes]) -> str:
+    if not rows:
         return "Measure longer, or hit more often: a factor of four halves the noise."
-    widths = [QUANTILE_95 * modes.zeta_std / modes.zeta for modes in every]
-    modes, width = max(zip(every, widths, strict=True), key=lambda pair: float(pair[1].max()))
+    widths = [QUANTILE_95 * modes.zeta_std / modes.zeta for modes in rows]
+    modes, width = max(zip(rows, widths, strict=True), key=lambda pair: float(pair[1].max()))
     least = int(width.argmax())
     return (
         f"The damping at {number(float(modes.freq_hz[least]), 4)} {modes.frequency_unit} has the widest interval, "

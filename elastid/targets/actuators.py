@@ -103,11 +103,11 @@ def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, de
         float(joint.all_viscous), float(coulomb), float(stiction),
         None if law is None or law.stribeck_velocity is None else float(law.stribeck_velocity),
         None if spring is None else float(spring.stiffness), None if spring is None else float(spring.damping),
-        joint.limits.torque, joint.limits.velocity, kp, kd, delay_s, tuple(_lost(joint, law)),
+        joint.limits.torque, joint.limits.velocity, kp, kd, delay_s, tuple(_parts_without_snippet(joint, law)),
     )  # fmt: skip
 
 
-def _lost(joint: Joint, law: Friction | None) -> Iterator[str]:
+def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
     """Parts of the model of a joint that no snippet has."""
     parts = {
         "quadratic friction": "quadratic", "friction by direction": "directions", "load-dependent friction": "load",

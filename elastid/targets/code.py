@@ -32,12 +32,10 @@ def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
     """
     m, theta = model.model, model.theta[:-1]
     q, v, multipliers = m.symbols("q", "v", "lambda")
-    arguments = {"q": q, "v": v, "lambda_": multipliers}
+    symbols = {"q": q, "v": v, "lambda_": multipliers}
 
     def function(name: str, inputs: tuple[str, ...], output: str, value: ca.SX) -> ca.Function:
-        return ca.Function(
-            name, [arguments[symbol] for symbol in inputs], [value], list(inputs), [output], {"cse": True}
-        )
+        return ca.Function(name, [symbols[symbol] for symbol in inputs], [value], list(inputs), [output], {"cse": True})
 
     closing = (
         function("constraint", ("q",), "phi", m.constraint(q, theta)),

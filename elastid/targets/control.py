@@ -33,7 +33,7 @@ def write_responses_control(
         arrays |= dict(zip((f"{place}/num", f"{place}/den"), mode.transfer_polynomials(), strict=True))
         arrays |= {f"{place}/numbers": np.stack([mode.freq_hz, mode.zeta], axis=1)}
         arrays |= {f"{place}/covariance": mode.covariance, f"{place}/error": np.array(mode.state_space_error)}
-    return _written(folder / "responses.npz", arrays, folder / "load_responses.py", name, responses[0])
+    return _write(folder / "responses.npz", arrays, folder / "load_responses.py", name, responses[0])
 
 
 def _measured(G: Response) -> dict[str, np.ndarray]:
@@ -42,7 +42,7 @@ def _measured(G: Response) -> dict[str, np.ndarray]:
     return {f"{place}/freq_hz": G.freq_hz, f"{place}/G": G.G} | std
 
 
-def _written(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, first: Response) -> tuple[Path, Path]:
+def _write(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, first: Response) -> tuple[Path, Path]:
     with replacing(data) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
     example = docstring(repr(first.configuration.name))
@@ -74,7 +74,7 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         arrays |= {f"{name}/delay": np.array(system.delay), f"{name}/angles": system.configuration.angles}
     for G in model.measured:
         arrays |= _measured(G)
-    return _written(folder / "model.npz", arrays, folder / "load_model.py", model.name, model.measured[0])
+    return _write(folder / "model.npz", arrays, folder / "load_model.py", model.name, model.measured[0])
 
 
 TARGETS = (

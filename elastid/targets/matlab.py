@@ -40,16 +40,16 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     measured, systems = list(map(_measured, model.measured)), [_system(plant.state_space()) for plant in model.models]
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"
-    return _written(data, content, script, model.name, model.measured[0])
+    return _write(data, content, script, model.name, model.measured[0])
 
 
 def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response]) -> tuple[Path, ...]:
     """responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
     data, script = folder / "responses.mat", folder / "load_responses.m"
-    return _written(data, {"measured": list(map(_measured, responses))}, script, name, responses[0])
+    return _write(data, {"measured": list(map(_measured, responses))}, script, name, responses[0])
 
 
-def _written(
+def _write(
     data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: Response
 ) -> tuple[Path, Path]:
     structs = {}
@@ -91,11 +91,9 @@ def _tool(model: FittedRobot) -> dict[str, Any]:
     named: dict[str, Any] = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
     ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
-    tool_ports = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
+    tool = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
     try:
-        systems = [
-            model.result.family(tool_ports, posture.name).at(posture).state_space() for posture in configurations
-        ]
+        systems = [model.result.family(tool, posture.name).at(posture).state_space() for posture in configurations]
     except StudyError:
         return named
     stacks = {name: np.stack([getattr(system, name) for system in systems], axis=2) for name in "ABCD"}

@@ -235,12 +235,12 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
 
 
 def _keyframes(
-    root: ET.Element, model: FittedRobot, rest: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
+    root: ET.Element, model: FittedRobot, points: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
 ) -> None:
     """Rest in every configuration, the joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
-    for point in rest:
+    for point in points:
         now = rod_poses(model.robot, point.q[: len(model.robot.joints)])
         positions = _positions(model, point) | rod_positions(start, now, model.robot)
         q = [value for joint in joints for value in positions[joint]]

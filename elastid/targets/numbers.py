@@ -51,7 +51,7 @@ class KnownNumber:
 
 def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
     """Numbers of every parameter of a fitted model, in the order of the fit."""
-    return tuple(_known(model.result, parameter) for parameter in model.parameters)
+    return tuple(_known_number(model.result, parameter) for parameter in model.parameters)
 
 
 def interval_lines(model: FittedRobot) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
 
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     """Header of an exported file: status of the fit, then a row per free parameter."""
-    every = [_known(result, parameter) for parameter in parameters_of(result, configuration)]
+    every = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
     numbers = [number for number in every if number.interval_text != HELD]
     ended = result.status.replace("_", " ")
     head = f"Numbers of the fit ({ended}), SI, with standard deviation and 95 % interval; all others were held:"
@@ -75,7 +75,7 @@ def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     return head, *rows, *presliding
 
 
-def _known(result: Result, parameter: Parameter) -> KnownNumber:
+def _known_number(result: Result, parameter: Parameter) -> KnownNumber:
     name, unit, value = parameter.stands_for, parameter.unit, result.values[parameter.name]
     if not parameter.is_free:
         tie = parameter.tie

@@ -134,7 +134,7 @@ class PostureFamily:
         modal = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, modal.shapes))
-        fraction, M = np.nan_to_num(energy.fraction), linear.matrices(theta)[0]
+        energy_of, M = np.nan_to_num(energy.fraction), linear.matrices(theta)[0]
         parts = (
             np.abs(linear.B.T @ modal.shapes) ** 2 / np.einsum("im,ij,jm->m", modal.shapes.conj(), M, modal.shapes).real
         )
@@ -143,7 +143,7 @@ class PostureFamily:
         sprung = np.flatnonzero(energy.load <= 0.5).tolist()
         return tuple(
             PlantMode(
-                float(modal.freq_hz[m]), energy.springs[int(fraction[:, m].argmax())], tuple(parts[:, m].tolist())
+                float(modal.freq_hz[m]), energy.springs[int(energy_of[:, m].argmax())], tuple(parts[:, m].tolist())
             )
             for m in sprung
         )
@@ -160,9 +160,7 @@ def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[Fl
     samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
     wide = np.zeros((n + n_u, n + n_u))
     wide[:n] = np.hstack([system.A, system.B])
-    (A, B), (_, now) = (
-        np.split(expm(wide * part_of_step / rate_hz)[:n], [n], axis=1) for part_of_step in (1.0, 1 - part)
-    )
+    (A, B), (_, now) = (np.split(expm(wide * span / rate_hz)[:n], [n], axis=1) for span in (1.0, 1 - part))
     C = system.C
     if part > 0:  # u_(k - 1) acts for the first part of the sample
         A, B, C = _with_input_states(A, B - now, now, C)

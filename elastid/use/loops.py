@@ -308,12 +308,12 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
             break
         limit_db -= min(above + 0.01, 1.5)
     # Slowing may cost one of them half its bandwidth, and another nothing.
-    feasible = [
+    safe = [
         result for start in candidates if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None
     ]
-    if not feasible:
+    if not safe:
         raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")
-    return max(feasible, key=lambda cascade: cascade.reached(scene))
+    return max(safe, key=lambda cascade: cascade.reached(scene))
 
 
 @frozen_value

@@ -11,7 +11,7 @@ from plants.units import factor, in_other_units
 
 from elastid.base.execution import Execution
 from elastid.design.design import design, with_friction_damping
-from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment
+from elastid.design.next_experiment import Goal, NextExperiment, PriorEstimate, next_experiment
 from elastid.design.problem import DesignProblem, with_typical_spectrum
 from elastid.design.spec import BoxSpec, CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
@@ -34,10 +34,10 @@ def problem(robot: Robot | None = None, excitation: MultisineSpec = EXCITATION, 
 
 
 def proposed(
-    asked: DesignProblem, goal: Goal, known: Known | None = None, robots: tuple[Robot, ...] = ()
+    asked: DesignProblem, goal: Goal, known: PriorEstimate | None = None, robots: tuple[Robot, ...] = ()
 ) -> NextExperiment:
     assert asked.design is not None
-    how = asked.candidates(asked.design), known or Known.before(asked), goal, robots
+    how = asked.candidates(asked.design), known or PriorEstimate.before(asked), goal, robots
     return next_experiment(asked, *how, "x1", 7, Execution())
 
 
@@ -76,7 +76,7 @@ def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
 def test_a_parameter_that_is_known_no_longer_counts() -> None:
     """Where the fit knows one spring a hundred times better than asked, the posture is that of the other."""
     asked = problem()
-    before = Known.before(asked)
+    before = PriorEstimate.before(asked)
     i = before.parameters.free_names.index("k_1")
     covariance = before.covariance.copy()
     covariance[i, i] = 1e-12

@@ -63,18 +63,18 @@ def report(study: Study, work: Work) -> Artefacts:
 
 def page_artefacts(
     page: Callable[[list[EmbeddedFigure]], str],
-    drawn: Iterable[Drawing],
+    embedded: Iterable[Drawing],
     study: Study,
     work: Work,
-    further: Mapping[str, Write] = MappingProxyType({}),
+    files: Mapping[str, Write] = MappingProxyType({}),
     lines: Sequence[str] = (),
 ) -> Artefacts:
-    """A page with the figures drawn for it, after further files; lines of the report before its path."""
+    """A page with the figures drawn for it, after other files; lines of the report before its path."""
     pages: list[Path] = []
 
     def write(path: Path, stamp: Stamp) -> None:
         with work.execution() as execution:
-            pages.append(write_page(page, drawn, path.parent, study.report.formats, execution))
+            pages.append(write_page(page, embedded, path.parent, study.report.formats, execution))
 
     def report(console: Console) -> None:
         for line in lines:
@@ -82,7 +82,7 @@ def page_artefacts(
         for page in pages:  # the end of a run of all stages names the page
             (console.say if console.shows_tables else console.detail)(f"report: {page}")
 
-    return Artefacts({**further, "report.html": write}, report)
+    return Artefacts({**files, "report.html": write}, report)
 
 
 def report_responses(study: Study, work: Work) -> Artefacts:

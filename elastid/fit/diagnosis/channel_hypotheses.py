@@ -86,10 +86,10 @@ def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray
         part = evaluated[i].part
         for misreading in changes([evaluated[i]], costs[[i]]):
             name = f"{misreading.name} in configuration {part.configuration} alone"
-            yield replace(misreading, name=name, change=partial(_of_one, part, misreading.change))
+            yield replace(misreading, name=name, change=partial(_change_one, part, misreading.change))
 
 
-def _of_one(part: Part, change: Change, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+def _change_one(part: Part, change: Change, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
     return change(evaluated, values) if evaluated.part.configuration == part.configuration else values
 
 

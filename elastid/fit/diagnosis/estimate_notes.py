@@ -150,6 +150,6 @@ def contradictions(result: Result) -> tuple[Note, ...]:
     )
 
 
-def listed(names: tuple[str, ...], chosen: BoolArray) -> str:
+def listed(names: tuple[str, ...], selection: BoolArray) -> str:
     """Return the selected names as a list for a sentence."""
-    return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)
+    return ", ".join(name for name, is_chosen in zip(names, selection, strict=True) if is_chosen)

@@ -46,10 +46,10 @@ class ExtendedModel:
     loads: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, assembly: Assembly, fitted: LinearModel) -> ExtendedModel:
+    def of(cls, assembly: Assembly, model: LinearModel) -> ExtendedModel:
         """Return the extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
-        roles = ("u",) if fitted.controller is None else ("kp", "kd")
+        roles = ("u",) if model.controller is None else ("kp", "kd")
         channels = [channel_name("gain", role, place) for role in roles for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
         channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
@@ -58,8 +58,8 @@ class ExtendedModel:
             with suppress(ElastidError, ValueError):
                 plain = Linearisation.of_robot(flexible, assembly.model, (*robot.geometry, *channels))
                 extended = cls(replace(plain, presliding=assembly.linearisation.presliding), rigid)
-                theta = extended.theta(assembly.parameters, assembly.parameters.x, fitted.configuration.name)
-                extended.linearisation.at(fitted.configuration, theta[:-1], places_of(fitted), fitted.quantity)
+                theta = extended.theta(assembly.parameters, assembly.parameters.x, model.configuration.name)
+                extended.linearisation.at(model.configuration, theta[:-1], places_of(model), model.quantity)
                 return replace(extended, loads=_loads(assembly))
         free_names = (*assembly.parameters.names, *channels)
         return cls(Linearisation.of_robot(robot, assembly.model, free_names), {}, _loads(assembly))
@@ -69,19 +69,19 @@ class ExtendedModel:
         """Names of theta: parameters of the equations, and the delay."""
         return (*self.linearisation.parameters, DELAY)
 
-    def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
+    def theta(self, parameters: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """Return the numbers (n,) in SI where x (n_x,) is the estimate."""
         model = self.linearisation.model
-        estimates = named(fitted.names, fitted.expand(x, configuration))
+        estimates = named(parameters.names, parameters.expand(x, configuration))
         nominal = named(model.parameters, model.theta)
         return np.array([estimates.get(name, nominal.get(name, 0.0)) for name in self.parameters])
 
-    def at(self, fitted: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
+    def at(self, parameters: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
         """Return the linear model of a configuration with slopes to all of `parameters`, and theta (n,).
 
         measured: its model in the fit, whose inputs and outputs are those measured.
         """
-        theta = self.theta(fitted, x, measured.configuration.name)
+        theta = self.theta(parameters, x, measured.configuration.name)
         model = self.linearisation.at(measured.configuration, theta[:-1], places_of(measured), measured.quantity)
         model = at_measured_places(model, measured)
         slopes = dict(model.slopes)
@@ -146,22 +146,22 @@ class ModelResponse:
 
 def evaluate_extended(
     extended: ExtendedModel,
-    fitted: Parameters,
+    parameters: Parameters,
     x: FloatArray,
     columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]],
     part: Part,
 ) -> Evaluated:
     """Return one configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
-    model, theta = extended.at(fitted, part.kernel.model, x)
+    model, theta = extended.at(parameters, part.kernel.model, x)
     varied = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in varied))
     G, dG = Columns(kernel).evaluate(theta)
     by_name = dict(zip(kernel.wanted, dG, strict=True))
-    chain, numbers = fitted.jacobian(x, part.configuration), dict(by_name)
+    chain, numbers = parameters.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
     # An entry of an inertia moves with all others by their common factor, and may be off alone, too.
-    tied = {p.name for p in fitted if p.tie is not None and fitted[p.tie.to].is_nuisance}
-    for name, row in zip(fitted.names, chain, strict=True):
+    tied = {p.name for p in parameters if p.tie is not None and parameters[p.tie.to].is_nuisance}
+    for name, row in zip(parameters.names, chain, strict=True):
         if name in by_name and np.any(row):
             if name not in tied:
                 del numbers[name]

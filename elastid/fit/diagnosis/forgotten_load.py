@@ -57,7 +57,7 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
 
     priors = math.sqrt(variance) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]])
 
-    A = _of_moments(numbers)
+    A = _parameter_changes(numbers)
     LA = L @ A
 
     def residual(p: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ def _moments(p: FloatArray) -> FloatArray:
     return np.asarray(mu * np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]))
 
 
-def _of_moments(numbers: list[FixedNumber]) -> FloatArray:
+def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
     """delta (n_m, 10), relative where log, by the moments of a load."""
     mass = numbers[0].value
     J: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
@@ -99,7 +99,7 @@ def _of_moments(numbers: list[FixedNumber]) -> FloatArray:
 def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
     """Return the changes of mass, common centre and inertia, as ln p if log."""
     mass = numbers[0].value
-    changes, both = _of_moments(numbers) @ _moments(p), mass / (mass + p[0])
+    changes, both = _parameter_changes(numbers) @ _moments(p), mass / (mass + p[0])
     inertial = np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)
     changes = changes * inertial
     log = np.array([n.log for n in numbers])

@@ -21,7 +21,7 @@ class Limits:
     shift: float = 2.0  # standard deviations
     drop: float = 30.0
     prior: float = 4.0  # standard deviations of a prior or tolerance by which the data may move its number
-    prior_variance_fraction: float = 0.8  # that the data leave, at most, to contradict a prior
+    prior_fraction: float = 0.8  # that the data leave, at most, to contradict a prior
     effect: float = 0.005  # of a parameter, below which a change is a note and no misfit, and has no words
     effect_on_damping: float = 0.05  # likewise of a damping or a friction
     # An estimate.

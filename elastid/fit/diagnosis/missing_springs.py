@@ -38,7 +38,7 @@ def find_missing_springs(
     if evidence.result.exceeds_noise and explained > LIMITS.certain_fraction:
         return indices
     promising = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.followed]
-    springs = [index for index in (_followed(spring, evidence, scores) for spring in promising) if index is not None]
+    springs = [index for index in (_fit_spring(spring, evidence, scores) for spring in promising) if index is not None]
     springs = sorted((i for i in springs if i.drop > scores.significant[1]), key=lambda index: index.drop)
     by_name = {index.name: index for index in springs}
     return [*(index for index in indices if index.name not in by_name), *by_name.values()]
@@ -124,7 +124,7 @@ def _with_spring(
     return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))
 
 
-def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
+def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
     assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
     models = _models(evidence, scores.extended, assembly.responses)
     fit = _with_spring(optimum.fit, spring.name, spring.stiffness, spring.damping_ratio, models, assembly)

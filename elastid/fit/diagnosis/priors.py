@@ -41,11 +41,7 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
     """
     notes = []
     for p, P, move in zip(result.parameters.free, np.diag(result.covariance), prior_moves(result), strict=True):
-        if (
-            p.prior is None
-            or p.is_nuisance
-            or not (gain := 1 - P / p.prior.std**2) > 1 - LIMITS.prior_variance_fraction
-        ):
+        if p.prior is None or p.is_nuisance or not (gain := 1 - P / p.prior.std**2) > 1 - LIMITS.prior_fraction:
             continue
         sigmas, alone = abs(move) / math.sqrt(gain), p.to_x(p.prior.mean) + move * p.prior.std / gain
         if sigmas >= LIMITS.prior:

@@ -73,7 +73,7 @@ def score(evidence: Evidence) -> Scores:
     chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
     sums = partial(_sums, extended, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
     every_sum = each_at_home(sums, fit.parts, evidence.execution)
-    A, b, V, counted, names = _added((sums for sums in every_sum if sums is not None), len(x))
+    A, b, V, counted, names = _add_sums((sums for sums in every_sum if sums is not None), len(x))
     numbers, scale = _fixed_numbers(names, evidence, extended, x)
     every, lines = np.concatenate([np.ones(len(x)), scale]), counted / max(fit.n_residuals, 1)
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
@@ -114,24 +114,24 @@ def _with_priors(
 
 
 def _sums(
-    extended: ExtendedModel, fitted: Parameters, x: FloatArray, columns: Sequence[Columns], chosen: Container[str],
+    extended: ExtendedModel, parameters: Parameters, x: FloatArray, columns: Sequence[Columns], names: Container[str],
     thin: Callable[[Part], Part], part: Part,
 ) -> _Sums | None:  # fmt: skip
     """The sums of a configuration, some lines of which count; None of one that is not chosen."""
-    if part.configuration not in chosen or not (part := thin(part)).n_residuals:
+    if part.configuration not in names or not (part := thin(part)).n_residuals:
         return None
     # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
-    G = part.kernel.response(part.theta(fitted, x))
-    evaluated = replace(evaluate_extended(extended, fitted, x, columns, part), G=G)
+    G = part.kernel.response(part.theta(parameters, x))
+    evaluated = replace(evaluate_extended(extended, parameters, x, columns, part), G=G)
     J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.fixed.values()))]))
     r = evaluated.residual
     return J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.fixed)
 
 
-def _added(every: Iterable[_Sums], n_x: int) -> _Sums:
+def _add_sums(sums: Iterable[_Sums], n_x: int) -> _Sums:
     names: dict[str, int] = {}
     A, b, V, counted = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0, 0
-    for A_q, b_q, V_q, count_q, names_q in every:
+    for A_q, b_q, V_q, count_q, names_q in sums:
         for name in names_q:
             names.setdefault(name, len(names))
         more = n_x + len(names) - len(b)
@@ -191,14 +191,14 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
         moments = [f"I_{body.name}_{axis}" for axis in ("xx", "yy", "zz")]
         if f"I_{body.name}" not in place:
             add_common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
-    for name, family, members in _of_one_cause(robot, place):
+    for name, family, members in _common_causes(robot, place):
         together = [place[member] for member in members if member in place]
         if len(together) > 1:
             every.append(Candidate(name, family, np.array(together), np.eye(len(together))))
     return every
 
 
-def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
+def _common_causes(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
     postures = sorted({name.partition("@")[2] for name in place if "@" in name})
     for body in robot.bodies:
         yield f"payload_{body.name}", "payload", inertial(body)
@@ -239,10 +239,10 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
         [*equal, *(name for name in alone[0].alike if odds.get(name, best) > best - 4 * LIMITS.equal_odds)]
     )
     first = replace(alone[0], alike=tuple(name for name in names if name != alone[0].name))
-    return (replace(first, place=1), *_further(first, scores), first, *alone[1 : LIMITS.alone])
+    return (replace(first, place=1), *_following_causes(first, scores), first, *alone[1 : LIMITS.alone])
 
 
-def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
+def _following_causes(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
     by_name = {candidate.name: candidate for candidate in scores.candidates}
     before, further, test = first, list[ModificationIndex](), scores.test
     for place in range(2, LIMITS.sequence + 1):

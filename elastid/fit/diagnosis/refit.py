@@ -94,8 +94,8 @@ def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
     return partial(_thin, every, least)
 
 
-def _thin(every: int, least: int, part: Part) -> Part:
-    lines = slice(None, None, min(every, max(1, len(part.measured) // least)))
+def _thin(step: int, least: int, part: Part) -> Part:
+    lines = slice(None, None, min(step, max(1, len(part.measured) // least)))
     kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
     whitening = part.whitening and part.whitening.lines(lines)
     return replace(

@@ -153,11 +153,11 @@ def _tool_residuals(
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Compare the responses at the tool in `assembly` with `alone`, the fit to the motor responses."""
-    fit, now = _beside(assembly.with_model_error(alone.model_error), alone)
+    fit, now = _source(assembly.with_model_error(alone.model_error), alone)
     result, with_factor = agreement(now, alone)
     is_misread = False
     if result.disagrees:
-        others = [(_beside(replace(assembly, responses=read).with_model_error(alone.model_error), alone)[1], words)
+        others = [(_source(replace(assembly, responses=read).with_model_error(alone.model_error), alone)[1], words)
                   for read, words in _tool_readings(assembly.responses)]  # fmt: skip
         least, misreading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
         is_misread = explains(now, result.chi_square, least)
@@ -172,7 +172,7 @@ def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     return ToolAgreement(**vars(result), responses=compared, is_misread=is_misread)
 
 
-def _beside(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
+def _source(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
     fit = replace(assembly, parameters=alone.parameters).at(alone.x, assembly.spec.criterion)
     return fit, SecondSource.of(alone, partial(_tool_residuals, fit), fit.n_residuals)
 

@@ -169,10 +169,10 @@ def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
 
 def each_at_home(function: Callable[[Item], Value], items: Sequence[Item], home: Execution) -> Iterator[Value]:
     """Apply a function to each item, with configuration-specific data at the worker of its chunk."""
-    return chain.from_iterable(home.at_home(partial(_each, function), chunked(items)))
+    return chain.from_iterable(home.at_home(partial(_map_chunk, function), chunked(items)))
 
 
-def _each(function: Callable[[Item], Value], chunk: Sequence[Item]) -> list[Value]:
+def _map_chunk(function: Callable[[Item], Value], chunk: Sequence[Item]) -> list[Value]:
     return [function(item) for item in chunk]
 
 

@@ -271,7 +271,7 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
     smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ L.mT.conj()))
-    return smooth, *_own(S, smooth, rho, width, dof)
+    return smooth, *_self_influence(S, smooth, rho, width, dof)
 
 
 def _width(n: int, dof: float) -> int:
@@ -298,7 +298,9 @@ def _shrinkage(X: ComplexArray, width: int) -> float:
     return SHRINKAGES[int(np.argmax(likelihood))]
 
 
-def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: float) -> tuple[FloatArray, FloatArray]:
+def _self_influence(
+    S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: float
+) -> tuple[FloatArray, FloatArray]:
     """kappa (F,) of the whole and of the diagonal; both in proportion to how much of C~ the errors fill on average."""
     F, n = S.shape[:2]
     shares = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)

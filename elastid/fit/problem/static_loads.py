@@ -86,9 +86,9 @@ class StaticLoads:
         y, slopes = self.predicted(parameters, x)
         return (self.measured - y) / self.std, -slopes / self.std[:, None]
 
-    def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> "StaticLoads":
+    def drawn(self, deflections: FloatArray, rng: np.random.Generator) -> "StaticLoads":
         """Return the loads with measurements (n,) about a model's deflections."""
-        return replace(self, measured=predicted + self.std * rng.standard_normal(len(predicted)))
+        return replace(self, measured=deflections + self.std * rng.standard_normal(len(deflections)))
 
 
 def loaded_robot(

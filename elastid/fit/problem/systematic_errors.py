@@ -53,34 +53,34 @@ def ratio_errors(
     the derivative of the motion.  They widen intervals and are not estimated (`fit.gear_ratios`).
     """
     errors, s = dict[str, ComplexArray](), np.asarray(2j * np.pi * response.freq_hz)
-    late = np.exp(s * sum(of_name(part.kernel.model, theta, name) for name in ("delay", "delay_u")))
+    late = np.exp(s * sum(parameter_value(part.kernel.model, theta, name) for name in ("delay", "delay_u")))
     G = part.kernel.response(theta)  # noise of the measured one would be correlated with the residuals
     for j, std in enumerate(response.ratio_std.tolist()):
         if std > 0 and response.inputs[j] in response.outputs:
             i, error = response.outputs.index(response.inputs[j]), np.zeros_like(G)
             error[:, i] += std * G[:, i]
             error[:, :, j] += std * G[:, :, j]
-            impedance = _of_motor(part.kernel.model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
+            impedance = _motor_impedance(part.kernel.model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
             error -= 2 * std * impedance[:, None, None] * G[:, :, j, None] * G[:, i, None, :]
             errors[response.inputs[j]] = part.slopes(G, -error, mixing)
     return errors
 
 
-def of_name(model: LinearModel, theta: FloatArray, name: str) -> float:
+def parameter_value(model: LinearModel, theta: FloatArray, name: str) -> float:
     """Return the value of a parameter of a model at theta (n_theta,), 0 without it."""
     return float(theta[model.parameters.index(name)]) if name in model.parameters else 0.0
 
 
-def _of_motor(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) -> ComplexArray:
+def _motor_impedance(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) -> ComplexArray:
     """Return torque over angle (F,) of a motor with its viscous friction and the inertia of its coordinate."""
     joint, b = model.inputs[j].removeprefix("motor "), model.B[:, j]
     inertia, friction = (model.slopes.get(f"{name}_{joint}") for name in ("Jm", "fm"))
     at = int(np.argmax(np.abs(b)))
     J = 0.0 if np.any(np.delete(model.M[at], at)) else float(b @ model.M @ b)
     if inertia is not None and inertia.M is not None:
-        J = of_name(model, theta, f"Jm_{joint}") * float(b @ inertia.M @ b)
+        J = parameter_value(model, theta, f"Jm_{joint}") * float(b @ inertia.M @ b)
     is_free = friction is not None and friction.D is not None
-    f = of_name(model, theta, f"fm_{joint}") * float(b @ friction.D @ b) if is_free else 0.0  # type: ignore[union-attr,operator]
+    f = parameter_value(model, theta, f"fm_{joint}") * float(b @ friction.D @ b) if is_free else 0.0  # type: ignore[union-attr,operator]
     return J * s**2 + f * s
 
 

@@ -64,11 +64,11 @@ class Sensitivity:
         np.multiply(scaled, other, out=columns[:, :, :n_1])
         if n_12 > n_1:
             left = left[:, :, n_1:] * self.gain.astype(columns.dtype)[:, None, None]
-            columns[:, :, n_1:n_12] = self._of_matrices(left, right[:, :, n_1:], scale[n_1:n_12])
+            columns[:, :, n_1:n_12] = self._matrix_columns(left, right[:, :, n_1:], scale[n_1:n_12])
         np.multiply(self.whole, scale[n_12:], out=columns[:, :, n_12:], casting="same_kind")
         return columns
 
-    def _of_matrices(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
+    def _matrix_columns(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
         """left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
         (F, n_u, r), n_2, real = right.shape, len(scale), right.real.dtype
         # Rows of S by their row first, so that the matrices of a line stand side by side in one product with left.
@@ -107,7 +107,7 @@ class Sensitivity:
         return np.asarray(pulled)
 
 
-def of_rank_one(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+def rank_one_parts(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return which symmetric matrices (N, n, n) are of rank one, sigma y y^T, and sigma = +-1 (N,) and y (N, n)."""
     N = np.arange(len(matrices))
     diagonal = matrices.diagonal(axis1=1, axis2=2)
@@ -183,7 +183,7 @@ class Columns(Kept):
         ]
         place, power = np.array([term[:2] for term in terms], np.int64).reshape(-1, 2).T
         matrices = np.array([matrix for *_, matrix in terms]).reshape(-1, n, n)
-        is_single, sign, y = of_rank_one(matrices)
+        is_single, sign, y = rank_one_parts(matrices)
         E = np.stack([matrices, np.zeros_like(matrices)], axis=1)
         # Of a parameter that changes K and M by matrices of a higher rank both are one piece.
         stiff, heavy = (np.flatnonzero(~is_single & (power == order)) for order in (0, 2))

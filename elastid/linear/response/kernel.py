@@ -226,14 +226,14 @@ class Kernel(Kept):
         rows = [(zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T)]
         return (*rows, *(slope.B for slope in slopes if slope.B is not None))
 
-    def _moved_columns(self, solved: ComplexArray, s: ComplexArray) -> ComplexArray:
+    def _moved_columns(self, products: ComplexArray, s: ComplexArray) -> ComplexArray:
         """(C + T / s^2) Z^-1 dB (n_m, F, n_y, n_u), of right sides with the columns of all dB (F, m, n_dB n_u)."""
         model, sides = self.model, self._sides
         moves = [model.slopes[name].B is not None for name in self.moved_outputs]
         added = np.zeros((len(moves), len(s), len(model.outputs), len(model.inputs)), complex)
         if any(moves):
-            rows = solved[:, sides.columns]
-            rows[:, sides.tilted] += solved[:, sides.tilts] / s[:, None, None] ** 2
+            rows = products[:, sides.columns]
+            rows[:, sides.tilted] += products[:, sides.tilts] / s[:, None, None] ** 2
             added[moves] = rows.reshape(*rows.shape[:2], sum(moves), -1).transpose(2, 0, 1, 3)
         return added
 

@@ -160,11 +160,11 @@ def friction_study_drawings(
         explained = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
         draws = [partial(fit.torque_balance_figure, balance) for balance in explained]
         torques: list[Named] = [("torque", fit.TORQUE_CAPTION, draw) for draw in draws]
-        for name, caption, draw in (*_of_joint(joint), *torques, *map(_of_filter, followed)):
+        for name, caption, draw in (*_joint_figure(joint), *torques, *map(_filter_figure, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 
 
-def _of_joint(joint: JointFriction) -> Iterator[Named]:
+def _joint_figure(joint: JointFriction) -> Iterator[Named]:
     if joint.static is not None:
         caption = (
             "friction over speed: torques of the constant-velocity runs and the friction model, with 95 % intervals. "
@@ -178,7 +178,7 @@ def _of_joint(joint: JointFriction) -> Iterator[Named]:
         yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
 
 
-def _of_filter(followed: TrackedFriction) -> Named:
+def _filter_figure(followed: TrackedFriction) -> Named:
     from elastid.report.figures import friction_records
 
     joint = followed.filtered

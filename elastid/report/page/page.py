@@ -205,7 +205,7 @@ class EmbeddedFigure:
 @own_style()
 def write_page(
     page: Callable[[list[EmbeddedFigure]], str],
-    drawn: Iterable[Drawing],
+    drawings: Iterable[Drawing],
     folder: Path,
     formats: Collection[str],
     execution: Execution | None = None,
@@ -217,15 +217,15 @@ def write_page(
     """
     figures = clear_folder(folder, "figures")
     figures.mkdir(parents=True)
-    todo = [drawing for drawing in drawn if drawing.on_page or formats]
-    write = partial(_written, figures if formats else None)
+    todo = [drawing for drawing in drawings if drawing.on_page or formats]
+    write = partial(_embed, figures if formats else None)
     embedded = (execution or Execution()).ordered(write, todo)
     write_atomically(folder / name, page(embedded).encode("utf-8"))
     return folder / name
 
 
 @own_style()
-def _written(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
+def _embed(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
     with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
         figure = drawing.draw()
     png, name = rendered(figure), f"{drawing.name}.png"
