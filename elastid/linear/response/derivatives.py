@@ -191,7 +191,7 @@ class Columns(Kept):
         E[stiff[with_mass], 1] = self.omega_0**2 * matrices[heavy[masses]]
         others = np.delete(np.arange(len(place)), heavy[masses])
         place, power, is_single, sign, y = place[others], power[others], is_single[others], sign[others], y[others]
-        sigma, first = _first_alike(E[others].reshape(len(others), -1))
+        sigma, first = _first_alike(E[others].reshape(len(others), 2 * n * n))
         # The first pieces of each base, those of rank one in front.
         bases = np.unique(first)
         bases = bases[np.argsort(~is_single[bases], kind="stable")]
