@@ -202,7 +202,7 @@ def repaired_signals(
     period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
     if log.findings.repairs[SET_BACK]:
         text = "the time runs backwards, and the length of the gap there is unknown. Select one part by samples"
-        raise DataError("records/clock", text, log.where)
+        raise log.error("records/clock", text)
     errors = [channel.errors for channel in gathered.channels]
     if period is None:
         signals = repair_without_period(gathered.signals, log)

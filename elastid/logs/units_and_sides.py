@@ -15,11 +15,10 @@ from itertools import combinations
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.base.errors import StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.logs.files.text import MAX_WRONG_FRACTION
-from elastid.logs.repair import Log, blocks
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log, blocks
 from elastid.logs.repair.time_stamps import MIN_DELAY_CORRELATION
 
 UNWRAPPED = "records/unwrapped"
@@ -141,7 +140,7 @@ def check_values(
     may_rest: further roles of channels that may be constant.
     """
     for i, text in value_refusals(channels, columns, may_rest):
-        raise DataError("records/values", f"{channels[i].full_name} {text}", log.where)
+        raise log.error("records/values", f"{channels[i].full_name} {text}")
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
         if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:

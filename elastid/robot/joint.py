@@ -181,7 +181,7 @@ class Gear:
 
     # fmt: off
     load: Annotated[float, Key("Coulomb friction at the motor per Nm of instantaneous gear torque.", "0.02 to 0.15, "
-        "about one minus the efficiency; friction.load refers to the static load instead.", least=0)] = 0.0
+        "about one minus the efficiency; friction.load refers to the static load instead.", least=0, below=1)] = 0.0
     transmission_error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, one entry per order.",
         "from the data sheet, or as estimated by the stage gears.")] = ()
     ripple: Annotated[tuple[GearRipple, ...], Key("Torque ripple and cogging of the motor, one entry per order.",
@@ -190,12 +190,6 @@ class Gear:
         "a few percent of the rated torque for strain wave gears; without an element, the gear dissipates by damping "
         "only.")] = ()
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.load >= 1:
-            raise ValueError(
-                f"gear: load is {self.load:g}; a gear whose friction takes all of its torque turns no link"
-            )
 
 
 @section

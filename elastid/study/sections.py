@@ -193,14 +193,12 @@ class FleetSpec:
         "values of the member.", "for paths of logs with {robot} and {date}, and for settings of the whole fleet such "
         "as fewer starts.")] = field(default_factory=dict)
     false_discovery_rate: Annotated[float, Key("Expected fraction of false alarms among the reported differences and "
-        "trends.", "0.01 if each finding stops a robot; higher if an inspection is cheap.")] = 0.05
+        "trends.", "0.01 if each finding stops a robot; higher if an inspection is cheap.", above=0, below=1)] = 0.05
     # fmt: on
 
     def __post_init__(self) -> None:
         if bool(self.members) == bool(self.table):
             raise ValueError("give either members or table")
-        if not 0 < self.false_discovery_rate < 1:
-            raise ValueError(f"false_discovery_rate is {self.false_discovery_rate:g}; it must be between 0 and 1")
 
 
 def joint_called(name: str, driven: Sequence[str]) -> str | None:

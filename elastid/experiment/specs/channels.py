@@ -50,7 +50,8 @@ class ChannelSpec:
     channel: Annotated[str, Key("Name of the signal in the file: MATLAB variable (`theta_m`, `rec.torque`), CSV "
         "column heading or HDF5 path (default: the key column).", "copy the name from `elastid inspect FILE`.")] = ""
     column: Annotated[int | None, Key("Number of the column in a matrix, from 1 (default: none; then channel).",
-        "number of the signal in a file without headings, or the column of a matrix if `channel` names one.")] = None
+        "number of the signal in a file without headings, or the column of a matrix if `channel` names one.",
+        least=1)] = None
     quantity: Annotated[Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration",
         "temperature"], Key("Quantity of the channel; voltage, and current without torque_constant, only in studies "
         "without a robot.", "the default is torque; prefer logged positions, whose derivative is exact at the DFT "
@@ -68,7 +69,7 @@ class ChannelSpec:
         "gears, `motor` is the shaft of each motor.", "`motor` for raw drive signals: angles are then divided by the "
         "ratio, torques multiplied by it.")] = "link"
     file: Annotated[int, Key("Number of the file that contains the signal: 1 for `path`, 2 for the first of `also`.",
-        "if drive and data logger write separate files, which a common signal aligns.")] = 1
+        "if drive and data logger write separate files, which a common signal aligns.", least=1)] = 1
     rate_hz: Annotated[Frequency | None, Key("Sampling rate of the channel (default: rate_hz of the section); all "
         "channels are resampled to the lowest rate.", "for a temperature at 1 Hz or an accelerometer at 10 kHz, for "
         "example; the lowest rate limits the band.", above=0)] = None
@@ -83,12 +84,8 @@ class ChannelSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.file < 1:
-            raise ValueError(f"file is {self.file}; files of an experiment are numbered from 1")
         if not self.channel and self.column is None:
             raise ValueError("give channel (a name in the file), column (a number from 1), or both")
-        if self.column is not None and self.column < 1:
-            raise ValueError(f"column is {self.column}; columns are numbered from 1")
         fits_motion = self.is_motion == (self.role in ("y", "reference"))
         fits_reference = self.role != "reference" or self.quantity == "position"
         if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):

@@ -139,7 +139,7 @@ class RecordedSpec:
         "position, velocity or acceleration (y); add the injected torque (r) for closed-loop estimators. References "
         "of a known controller may replace the torques.")]
     files: Annotated[tuple[FileSpec, ...], Key("Log files.", "one entry per experiment; realisations and experiments "
-        "are numbered from 0 in each configuration.")]
+        "are numbered from 0 in each configuration.", filled=True)]
     period: Annotated[Period | None, Key("Period of the excitation, `find` to estimate it from the torques, or `none` "
         "for an aperiodic record such as noise or a sweep from rest (default: none).", "the period of the signal "
         "generator is best; `find` needs two periods and distinct lines.", most=1e6)] = None
@@ -174,8 +174,6 @@ class RecordedSpec:
         for role, name in (("u", "input"), ("y", "output")):
             if role not in roles and not (role == "u" and self.has_no_torque):
                 raise ValueError(f"no channel has role {role} (an {name})")
-        if not self.files:
-            raise ValueError("files is empty. List at least one log file")
         for file in self.files:
             samples = self.period_of(file)
             if samples is None and self.half_wave:
@@ -310,7 +308,7 @@ class ResponsesSpec:
 
     # fmt: off
     files: Annotated[tuple[ResponseFileSpec, ...], Key("Files of the responses, one per configuration.",
-        "several configurations separate springs that one configuration cannot.")]
+        "several configurations separate springs that one configuration cannot.", filled=True)]
     channels: Annotated[tuple[ChannelSpec, ...], Key("Inputs (role u) and outputs (role y) of the files, by column "
         "(from 1) or channel name; not needed for frf.h5.", "list all inputs and outputs in the order of the "
         "files.")] = ()
@@ -333,8 +331,6 @@ class ResponsesSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.files:
-            raise ValueError("files is empty. List at least one file")
         roles = {channel.role for channel in self.channels}
         if self.channels and roles != {"u", "y"}:
             raise ValueError("channels need at least one role u (input) and one role y (output), and no other role")

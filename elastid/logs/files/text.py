@@ -19,13 +19,13 @@ from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.encodings import decoded, encoding_of, packing, raw_bytes, wide_encoding
 from elastid.logs.files.lines import LARGE_BYTES, FileLines
 from elastid.logs.files.log import Log, missing_channel
+from elastid.logs.repair import MAX_WRONG_FRACTION
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
 _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
 _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace", "|") for mark in _DECIMALS if mark != sign]
 
 
-MAX_WRONG_FRACTION = 0.01  # of rows with a cell that is no number, which are missing samples
 _HEAD_LINES, _LEAST_PROPERTIES = 100, 3  # lines in which data start, and those with a property and its numbers
 _SAMPLE_TIME = "SampleTime[ms]"  # property of TwinCAT Scope, below its column of times in ms
 _TIMES = re.compile(r"time \d+ \[ms\]")  # headings of these columns

@@ -11,8 +11,9 @@ from typing import SupportsInt
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, folded
-from elastid.base.errors import Note, Severity
+from elastid.base.errors import DataError, Note, Severity
 
+MAX_WRONG_FRACTION = 0.01  # of samples, cells or steps of a clock that may be wrong, which are then missing
 _CODES = {  # of findings that mend nothing
     "quantised channels": "records/quantised",
     "samples at a limit": "records/clipped",
@@ -50,6 +51,10 @@ class Log:
     def note(self, code: str, text: str, severity: Severity = "warning") -> None:
         """Add a note."""
         self.findings.notes.append(Note(code, text, severity=severity))
+
+    def error(self, code: str, text: str) -> DataError:
+        """Return the error of a log that is of no use."""
+        return DataError(code, text, self.where)
 
     def report(self, kind: str, count: SupportsInt, text: str) -> None:
         """Count the samples or repetitions of a fault by kind, and add a note on it unless `text` is empty."""

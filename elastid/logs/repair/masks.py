@@ -11,12 +11,11 @@ Where other noise is below half a step the error repeats with the signal, so tha
 does not show it (Widrow and Kollar, Quantization Noise, 2008).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, folded
-from elastid.base.errors import DataError
 from elastid.base.statistics import runs
 from elastid.logs.repair import Log, flat, without_line
 
@@ -85,12 +84,17 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         lost = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
         others = np.delete(signals, c, axis=1) / np.delete(size, c)
         lost = [(a, b) for a, b in lost if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
-        if lost:
-            missing = np.concatenate([np.arange(a, b) for a, b in lost])
-            result[missing, c] = np.nan
-            text = f"{log.names[c]} is constant or 0 for {missing.size} samples in total while other channels vary"
-            log.report(MASKED, missing.size, f"{text}, first at {log.time_of(missing[0])}; treated as missing")
+        _mask_constant(result, c, lost, "channels", log)
     return result
+
+
+def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]], others: str, log: Log) -> None:
+    """Mask (NaN) ranges of channel c of signals (n, c), and report them; others: the signals that vary there."""
+    missing = np.unique([i for start, end in ranges for i in range(start, end)]).astype(int)
+    if missing.size:
+        signals[missing, c] = np.nan
+        text = f"{log.names[c]} is constant or 0 for {missing.size} samples in total while other {others} vary"
+        log.report(MASKED, missing.size, f"{text}, first at {log.time_of(missing[0])}; treated as missing")
 
 
 def samples_before_motion(torques: FloatArray) -> int:
@@ -125,11 +129,7 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
         moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stuck else 0.0
         # The first value may be a measured one.
         lost += [(a + 1, b + 1) for a, b in stuck if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
-        if lost:
-            missing = np.unique(np.concatenate([np.arange(a, b) for a, b in lost]))
-            result[missing, c] = np.nan
-            text = f"{log.names[c]} is constant or 0 for {missing.size} samples from {log.time_of(missing[0])} on"
-            log.report(MASKED, missing.size, f"{text}, while other periods vary; treated as missing")
+        _mask_constant(result, c, lost, "periods", log)
     return result
 
 
@@ -157,12 +157,9 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     numbers = ", ".join(str(p + 1) for p in np.flatnonzero(bad))
     text = f"repetitions {numbers} of {P} are discarded: their torques are partly constant, as at a stop"
     if P - bad.sum() < 2:
-        raise DataError(
-            "records/missing-samples",
-            f"{text}; two are needed. Measure again, or set samples: [{log.first}, "
-            f"{log.first + int(np.argmax(bad)) * L}] with period: none",
-            log.where,
-        )
+        samples = f"samples: [{log.first}, {log.first + int(np.argmax(bad)) * L}]"
+        text += f"; two are needed. Measure again, or set {samples} with period: none"
+        raise log.error("records/missing-samples", text)
     result, end = np.copy(signals), 1 + int(np.flatnonzero(~bad)[-1])
     for p in np.flatnonzero(bad):
         result[p * L : (p + 1) * L] = np.nan
@@ -224,9 +221,8 @@ def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
         text = f"{name}: {n_clipped} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
         text += f"{np.min(x):.4g} and {np.max(x):.4g}"
         if share > MAX_CLIPPED_FRACTION:
-            raise DataError(
-                "records/clipped", f"{text}; it is clipped. Measure again with less torque or a wider range", log.where
-            )
+            text += "; it is clipped. Measure again with less torque or a wider range"
+            raise log.error("records/clipped", text)
         log.report(CLIPPED, n_clipped, f"{text}; clipped there. Measure with less torque")
 
 

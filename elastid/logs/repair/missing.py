@@ -12,10 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
-from elastid.base.errors import DataError
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, bridged
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log, bridged
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
     MAX_MISSING_FRACTION,
@@ -30,7 +29,6 @@ from elastid.logs.repair.outliers import outliers_of, without_spikes
 from elastid.logs.repair.periodicity import MIN_PERIODS, grid_samples
 from elastid.logs.repair.time_stamps import at_times, resampled
 
-MAX_FRACTION = 0.01  # of a channel that may be missing, single samples apart, without a period
 MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 FILLED = "missing samples filled"
 REPLACED = "interpolated from other periods and adjacent samples"
@@ -51,17 +49,14 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         return periodic
     result, poor = np.copy(periodic), set[int]()
     for c in np.flatnonzero(~good.all(axis=0)):
-        missing = np.flatnonzero(~good[:, c])
-        text = f"{_missing(missing, good, log, int(c))}, the first is {log.time_of(missing[0])}"
-        if missing.size > MAX_MISSING_FRACTION * len(good):
-            raise DataError(
-                "records/missing-samples", f"{log.where}: {text}. Measure again, or exclude them with samples"
-            )
+        count, text = _missing(good[:, c], log, int(c))
+        if count > MAX_MISSING_FRACTION * len(good):
+            raise log.error("records/missing-samples", f"{text}. Measure again, or exclude them with samples")
         result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
         poor |= of_channel
-        outliers = outliers_of(log.names[c], missing.size, len(good))
+        outliers = outliers_of(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
-        log.report(FILLED, missing.size, "" if is_reported else f"{text}. They are {REPLACED}")
+        log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
     left_out = sorted(poor | set(np.flatnonzero(lacking > MAX_STATIONARY_FRACTION).tolist()))
     if not left_out:
@@ -69,11 +64,8 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     numbers = ", ".join(str(p + 1) for p in left_out)
     text = f"repetitions {numbers} of {P} lack a tenth of a channel, or samples that the others do not predict"
     if P - len(left_out) < 2:
-        raise DataError(
-            "records/missing-samples",
-            f"{text}, and two complete repetitions are needed. Measure again, or exclude the faulty part with samples",
-            log.where,
-        )
+        text += ", and two complete repetitions are needed. Measure again, or exclude the faulty part with samples"
+        raise log.error("records/missing-samples", text)
     log.report("repetitions left out", len(left_out), f"{text}, and are left out")
     log.findings.discarded_periods += left_out
     return result
@@ -86,44 +78,45 @@ def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tupl
     for at, gap in interpolations(x, L, sign):
         n = at.stop - at.start
         if gap is None:
-            raise DataError(
-                "records/missing-samples",
-                f"{log.where}: {text}, and no other period has the {n} from {log.time_of(at.start)} on. "
-                "Measure again, or exclude them with samples",
-            )
+            text += f", and no other period has the {n} from {log.time_of(at.start)} on"
+            raise log.error("records/missing-samples", f"{text}. Measure again, or exclude them with samples")
         result[at] = gap.values
         if n > MAX_BRIDGED and gap.error > limit:
             poor |= set(range(at.start // L, (at.stop - 1) // L + 1))
     return result, poor
 
 
-def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
-    return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing"
+def _missing(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
+    """Return the number of missing samples of a channel, and a sentence on them."""
+    missing = np.flatnonzero(~good)
+    verb = "is" if missing.size == 1 else "are"
+    text = f"{log.names[c]}: {missing.size} of {len(good)} samples {verb} missing"
+    return missing.size, f"{text}, the first is {log.time_of(missing[0])}"
 
 
-def bridged_gaps(signals: FloatArray, log: Log, max_share: float = MAX_FRACTION) -> FloatArray:
-    """Signals (n, c) without NaN; DataError for long gaps, or too many, with the piece of the log that is complete."""
+def bridged_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
+    """Interpolate short gaps (NaN) of signals (n, c) without a period.
+
+    Raises DataError for long gaps, or too many, with the longest range of the log that is complete.
+    """
     result = np.copy(signals)
     for c in range(signals.shape[1]):
         good = np.isfinite(signals[:, c])
-        missing = np.flatnonzero(~good)
-        if missing.size == 0:
+        if good.all():
             continue
-        text = f"{_missing(missing, good, log, c)}, the first is {log.time_of(missing[0])}"
-        gaps = runs(~good)
-        is_inside = missing[0] > 1 and missing[-1] < len(good) - 2
-        is_short = np.ptp(gaps, axis=1).max() <= MAX_BRIDGED
-        if not (is_inside and is_short and missing.size <= max_share * len(good)):
+        count, text = _missing(good, log, c)
+        is_inside = good[[0, 1, -2, -1]].all()
+        is_short = np.ptp(runs(~good), axis=1).max() <= MAX_BRIDGED
+        if not (is_inside and is_short and count <= max_fraction * len(good)):
             pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
             first, last = max(pieces, key=np.ptp, default=(0, 0))
-            raise DataError(
+            raise log.error(
                 "records/missing-samples",
                 f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
                 f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
-                log.where,
             )
         result[:, c], _ = _interpolated(signals[:, c], len(signals), 1, log, text)
-        log.report(INTERPOLATED, missing.size, f"{text}: interpolated between their neighbours")
+        log.report(INTERPOLATED, count, f"{text}: interpolated between their neighbours")
     return result
 
 

@@ -276,17 +276,14 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
 
     is_one_of_several: another log shows if one period repeats.
     """
-    n, path = len(excitation), log.where
+    n = len(excitation)
     repeat, sign = (N // 2, -1) if half_wave else (N, 1)
     if is_one_of_several and N <= n < MIN_PERIODS * repeat:
         return
     if n < MIN_PERIODS * repeat:
         needed = "one is" if half_wave else "two are"
-        raise DataError(
-            "records/period-mismatch",
-            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}",
-            path,
-        )
+        text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}"
+        raise log.error("records/period-mismatch", text)
     result = repetition(excitation, repeat, sign)
     lost = _lost_samples(excitation, repeat, sign)
     if result.matches_stated_period and lost is None:
@@ -313,7 +310,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
             f"nor at any other lag (best correlation {result.best_correlation:.3f}); a stated period needs a periodic "
             f"excitation. {NO_LINES}"
         )
-    raise DataError("records/period-mismatch", f"{problem}; {text}", path)
+    raise log.error("records/period-mismatch", f"{problem}; {text}")
 
 
 def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:

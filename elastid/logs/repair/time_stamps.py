@@ -29,8 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
-from elastid.base.errors import DataError
-from elastid.logs.repair import Log, scaled
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log, scaled
 from elastid.logs.repair.interpolation import MAX_BRIDGED
 
 RESAMPLED, JITTER = "samples resampled", "time stamps with jitter"
@@ -216,11 +215,8 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
         T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
     periods = int((len(signals) + MAX_MISSING_END * N) // T)
     if periods < 2:
-        raise DataError(
-            "records/clock",
-            f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods",
-            log.where,
-        )
+        text = f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods"
+        raise log.error("records/clock", text)
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = (
         f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
@@ -239,7 +235,6 @@ def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
 
 
 GAPS, SET_BACK = "samples missing in time", "clock set back"
-MAX_FALLING_FRACTION = 0.01  # of steps, of a clock that is set back or rows that change places
 # Knots that are solved for together, and those beyond either end that are solved for and not used.
 _KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
 _TOLERANCE = 1e-8  # below the noise of any sensor
@@ -297,17 +292,14 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     """
     time_s, signals = rising(time_s, signals, log)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
-        raise DataError(
-            "records/clock", "its time does not increase. Name another channel as time, or omit time", log.where
-        )
+        raise log.error("records/clock", "its time does not increase. Name another channel as time, or omit time")
     time_s = time_s - time_s[0]
     if not 1 / MAX_RATE_RATIO < (len(time_s) - 1) / (time_s[-1] * rate_hz) < MAX_RATE_RATIO:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
-        raise DataError(
+        raise log.error(
             "records/clock",
             f"its {len(time_s)} time stamps have {describe_steps(time_s)}, the longest after {after}; rate_hz is "
             f"{rate_hz:g}. Give the time in s, correct rate_hz, or exclude a jump by samples",
-            log.where,
         )
     grid = even_grid(time_s)
     even = _logger_jitter(time_s, signals) if grid is None else None
@@ -337,9 +329,9 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
     """
     if not np.isfinite(time_s).all():
         place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
-        raise DataError("records/clock", f"the time is missing at {place}. Exclude that part by samples", log.where)
+        raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
-    if 0 < len(twice) <= max(1.0, MAX_FALLING_FRACTION * len(time_s)) and even_grid(time_s) is None:
+    if 0 < len(twice) <= max(1.0, MAX_WRONG_FRACTION * len(time_s)) and even_grid(time_s) is None:
         place = log.time_of(twice[0])
         log.report(
             "rows with the stamp of another",
@@ -351,9 +343,9 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
     if not len(falls):
         return time_s, signals
     place = log.time_of(falls[0] + 1)
-    if len(falls) > max(1.0, MAX_FALLING_FRACTION * len(time_s)):
+    if len(falls) > max(1.0, MAX_WRONG_FRACTION * len(time_s)):
         text = f"the time runs backwards in {len(falls)} of {len(time_s) - 1} steps, the first at {place}"
-        raise DataError("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples", log.where)
+        raise log.error("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples")
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
     if steps.min() > np.median(steps) / 2:
@@ -403,11 +395,10 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
-        raise DataError(
+        raise log.error(
             "records/clock",
             f"its time has {steps}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz {rate_hz:g} needs "
             f"{PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
-            log.where,
         )
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz

@@ -17,13 +17,15 @@ from elastid.base.errors import DataError, Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.logs import ResponsesSpec
 from elastid.logs.files.formats import opened_log
-from elastid.logs.files.text import MAX_WRONG_FRACTION, TextLog, guess_format
+from elastid.logs.files.text import TextLog, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
+from elastid.logs.repair import MAX_WRONG_FRACTION
 from elastid.logs.responses.table import (
     ResponseTable,
     dataset_table,
     struct_table,
     structs_in,
+    table_error,
     text_table,
     uff_contents,
     uff_table,
@@ -78,11 +80,8 @@ def link_side_response(
     order = np.argsort(freq_hz, kind="stable")
     freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
     for i, j in np.argwhere(np.isnan(G).all(axis=0)):
-        raise DataError(
-            "responses/table",
-            f"it lacks the response of {outputs[i].name_in_file} to {inputs[j].name_in_file}",
-            table.path,
-        )
+        lack = f"it lacks the response of {outputs[i].name_in_file} to {inputs[j].name_in_file}"
+        raise table_error(table.path, lack)
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
     is_zero = G == 0  # at all lines of an element that has no response, else of a missing value

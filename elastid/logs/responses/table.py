@@ -45,6 +45,11 @@ HOW_TO_SAVE = (
 )
 
 
+def table_error(path: Path, text: str) -> DataError:
+    """Return the error of a file without the frequency response that a study needs."""
+    return DataError("responses/table", text, path)
+
+
 @frozen_value
 class ResponseTable:
     """G (F, rows, columns) at freq (F,) in frequency_unit; rows are outputs and columns inputs, by name or number.
@@ -65,18 +70,13 @@ class ResponseTable:
     def __post_init__(self) -> None:
         F, rows, columns = (*self.G.shape, 0, 0, 0)[:3]
         if self.G.ndim != 3 or len(self.freq) != F or F == 0:
-            raise DataError(
-                "responses/table", f"{len(self.freq)} frequencies and a response of shape {self.G.shape}", self.path
-            )
+            raise table_error(self.path, f"{len(self.freq)} frequencies and a response of shape {self.G.shape}")
         for kind, names, n in (("outputs", self.outputs, rows), ("inputs", self.inputs, columns)):
             if names and len(names) != n:
-                raise DataError("responses/table", f"{len(names)} names of {n} {kind}: {', '.join(names)}", self.path)
+                raise table_error(self.path, f"{len(names)} names of {n} {kind}: {', '.join(names)}")
         if self.variance is not None and self.variance.shape != self.G.shape:
-            raise DataError(
-                "responses/table",
-                f"the variance has shape {self.variance.shape}, the response {self.G.shape}",
-                self.path,
-            )
+            shapes = f"the variance has shape {self.variance.shape}, the response {self.G.shape}"
+            raise table_error(self.path, shapes)
 
     def freq_hz(self, unit: str) -> FloatArray:
         """The frequencies (F,) in Hz; `auto` is the file's own unit.  DataError for an unknown or missing unit."""
@@ -84,7 +84,7 @@ class ResponseTable:
         known = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
         if known not in _IN_HZ:
             problem = f"its unit of frequency is '{name}'" if name else "the unit of its frequencies is unknown"
-            raise DataError("responses/table", f"{problem}. Set frequency_unit to Hz, rad/s, kHz or rpm", self.path)
+            raise table_error(self.path, f"{problem}. Set frequency_unit to Hz, rad/s, kHz or rpm")
         return self.freq * _IN_HZ[known]
 
     def index(self, channel: ChannelSpec) -> int:
@@ -98,7 +98,7 @@ class ResponseTable:
         if not channel.channel and channel.column is not None and channel.column <= n:
             return channel.column - 1
         listed = ", ".join(names) or f"{n}, named by column: 1 to {n}"
-        raise DataError("responses/table", f"no {kind} is '{name}'; there are {listed}", self.path)
+        raise table_error(self.path, f"no {kind} is '{name}'; there are {listed}")
 
 
 def label(channel: ChannelSpec) -> str:
@@ -130,12 +130,8 @@ def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     missing = [name for name in names if name not in log.headings]
     if missing:
         listed = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
-        raise DataError(
-            "responses/table",
-            f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels. "
-            f"There are {listed}",
-            path,
-        )
+        text = f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels"
+        raise table_error(path, f"{text}. There are {listed}")
     return log.columns([log.headings.index(name) for name in names])
 
 
@@ -158,14 +154,10 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
         name = structs[0]
     if name not in structs:
         listed = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
-        raise DataError(
-            "responses/table", f"no response '{name}' in it (name it with response); responses in it: {listed}", path
-        )
+        raise table_error(path, f"no response '{name}' in it (name it with response); responses in it: {listed}")
     prefix = f"{name}." if name else ""
     if f"{prefix}Frequency" not in leaves:
-        raise DataError(
-            "responses/table", (f"{prefix}{_DATA} has no {prefix}Frequency. Save the frequencies, too"), path
-        )
+        raise table_error(path, f"{prefix}{_DATA} has no {prefix}Frequency. Save the frequencies, too")
     data = complex_array(leaves, f"{prefix}{_DATA}")
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
@@ -173,9 +165,7 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     stated, other, time = (leaves[key].text if key in leaves else "" for key in keys)
     unit = stated or other
     if "timeunit" in unit.lower() and time.lower() not in ("", "seconds", "s"):
-        raise DataError(
-            "responses/table", f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s", path
-        )
+        raise table_error(path, f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s")
     freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
     outputs, inputs = (_names(leaves, f"{prefix}{side}Name") for side in ("Output", "Input"))
     variance = _variance(path, leaves.get(f"{prefix}CovarianceData"), G)
@@ -189,17 +179,11 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     if G is None or columns.frequency not in leaves:
         lacking = columns.response if G is None else columns.frequency
         listed = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
-        raise DataError(
-            "responses/table",
-            f"no {lacking} in it. Name response and frequency under columns. There are {listed}",
-            path,
-        )
+        raise table_error(path, f"no {lacking} in it. Name response and frequency under columns. There are {listed}")
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
-        raise DataError(
-            "responses/table", (f"column {columns.std} does not exist. Correct columns.std, or omit it"), path
-        )
+        raise table_error(path, f"column {columns.std} does not exist. Correct columns.std, or omit it")
     G = _frequency_first(path, G, len(freq), spec)
     variance = None if std is None else np.abs(_frequency_first(path, std, len(freq), spec)) ** 2
     return ResponseTable(path, freq, leaves[columns.frequency].units or "Hz", G, variance=variance)
@@ -219,12 +203,8 @@ def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray 
 def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpec) -> ComplexArray:
     axes = [axis for axis, n in enumerate(array.shape) if n == F]
     if not axes or array.ndim > 3:
-        raise DataError(
-            "responses/table",
-            f"{spec.columns.response} has shape {array.shape} for {F} frequencies; one of at most three axes must "
-            "have this length",
-            path,
-        )
+        text = f"{spec.columns.response} has shape {array.shape} for {F} frequencies"
+        raise table_error(path, f"{text}; one of at most three axes must have this length")
     first = np.moveaxis(array, axes[0], 0)
     if first.ndim == 3:
         return first
@@ -239,7 +219,7 @@ def _variance(path: Path, covariance: StoredArray | None, G: ComplexArray) -> Fl
     C = np.asarray(covariance, dtype=np.float64)
     F, n_y, n_u = G.shape
     if C.size != F * n_y * n_u * 4 or C.shape[-2:] != (2, 2):
-        raise DataError("responses/table", f"CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}", path)
+        raise table_error(path, f"CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}")
     return np.asarray(np.moveaxis(np.einsum("yukaa->yuk", C.reshape(n_y, n_u, F, 2, 2)), 2, 0))
 
 
@@ -265,12 +245,8 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     for data_set in sets:
         output, input_ = place_of(data_set, "rsp"), place_of(data_set, "ref")
         if not np.array_equal(np.asarray(data_set["x"]), freq):
-            raise DataError(
-                "responses/table",
-                f"the responses of {output} to {input_} and of {outputs[0]} to {inputs[0]} have different "
-                "frequencies. Export all with the same lines",
-                path,
-            )
+            pairs = f"the responses of {output} to {input_} and of {outputs[0]} to {inputs[0]}"
+            raise table_error(path, f"{pairs} have different frequencies. Export all with the same lines")
         sign = np.prod([-1 if int(data_set[f"{side}_dir"]) < 0 else 1 for side in ("rsp", "ref")])
         G[:, outputs.index(output), inputs.index(input_)] = sign * np.asarray(data_set["data"])
         _check_quantity(path, data_set, output, channels)
@@ -366,7 +342,7 @@ def _responses(path: Path) -> list[dict[str, Any]]:
             ", ".join(f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items()) or "none"
         )
         text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {named}"
-        raise DataError("responses/table", f"{text}. Export frequency responses or time histories", path)
+        raise table_error(path, f"{text}. Export frequency responses or time histories")
     return responses
 
 
@@ -378,8 +354,5 @@ def _check_quantity(path: Path, data_set: dict[str, Any], output: str, channels:
     quantity = _quantity(data_set)
     for channel in channels:
         if channel.role == "y" and label(channel) == output and quantity not in (None, channel.quantity):
-            raise DataError(
-                "responses/table",
-                f"output {output} has quantity {quantity} in the file, {channel.quantity} in its channel",
-                path,
-            )
+            text = f"output {output} has quantity {quantity} in the file, {channel.quantity} in its channel"
+            raise table_error(path, text)
