@@ -103,9 +103,9 @@ class ReferenceLoop:
             return self
         place = np.interp(freq_hz, self.freq_hz, np.arange(len(self.freq_hz)))
         low = np.minimum(place.astype(np.int64), len(self.freq_hz) - 2).clip(0)
-        share = (place - low)[:, None]
+        fraction = (place - low)[:, None]
         feedback, feedforward = (
-            (1 - share) * C[:, low] + share * C[:, np.minimum(low + 1, C.shape[1] - 1)]
+            (1 - fraction) * C[:, low] + fraction * C[:, np.minimum(low + 1, C.shape[1] - 1)]
             for C in (self.feedback, self.feedforward)
         )
         return replace(self, freq_hz=freq_hz, feedback=feedback, feedforward=feedforward)

@@ -114,25 +114,25 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
         return _resample_to_slowest(log, channels_ms, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     frequent = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
-    stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
+    units = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
     result = []
     for name, shape in shapes.items():
         count = min(shape) if len(shape) > 1 else 1
-        alike = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
-        for column in alike if frequent and max(shape) == frequent[0][0] else ():
-            number = column if len(alike) > 1 else None
+        columns = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
+        for column in columns if frequent and max(shape) == frequent[0][0] else ():
+            number = column if len(columns) > 1 else None
             try:
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words
                 continue
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
-            heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
+            heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, units.get(name, ""))
             guess = guess_by_name(heading, number, unit)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 is_position = [True] if guess.quantity == "position" else []
                 x = without_lone(x[:, None], RepairLog("", ("",)), is_position)[:, 0]
-            is_known = np.isfinite(x).sum() > _MIN_MEASURED_FRACTION * len(x)
-            if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
+            is_measured = np.isfinite(x).sum() > _MIN_MEASURED_FRACTION * len(x)
+            if is_measured and (np.ptp(whole := bridged(x)) > 0 or with_constant):
                 result.append((replace(_with_counts(guess, whole), name=name), whole))
     return _with_gravity(_with_commands(result))
 
@@ -194,7 +194,7 @@ def _resample_to_slowest(
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
     """Name and unit of a column by its array, or by the cells InputName{1} and InputUnit{1} of an iddata struct."""
     side = re.fullmatch(r"(.*(?:Input|Output))Data", name)
-    keys = [f"{side[1]}{of}{{{column}}}" if side else "" for of in ("Name", "Unit")]
+    keys = [f"{side[1]}{key}{{{column}}}" if side else "" for key in ("Name", "Unit")]
     heading, unit = (log.arrays[key].text if key in log.arrays else "" for key in keys)
     return heading or name, unit or log.arrays[name].units
 
@@ -203,7 +203,7 @@ def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple
     """Interpret signals named as commands, without a quantity, as positions if their joint's position follows them."""
     positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
 
-    def of(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
+    def interpret(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
         name, y = positions.get(guess.parts[1], ("", x))
         lag = _lag(x, y)
         is_near = 0 < np.std(x[: len(x) - lag] - y[lag:]) < np.std(y) / 2
@@ -211,7 +211,7 @@ def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple
             return guess
         return replace(guess, quantity="position", why=f"by its name, and since {name} follows it")
 
-    return [(of(guess, x), x) for guess, x in signals]
+    return [(interpret(guess, x), x) for guess, x in signals]
 
 
 def _lag(x: FloatArray, y: FloatArray) -> int:
@@ -223,9 +223,9 @@ def _lag(x: FloatArray, y: FloatArray) -> int:
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
     """Guess the joints of a log, each with torque and motion channel; None if nothing identifies the channels."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
-    of_motors = [g for g in guesses if not g.is_torque_sensor]
-    has_motors = any(g.quantity in DRIVES and g.rank >= 0 for g in of_motors)
-    drives, motions = _best_family(of_motors if has_motors else guesses, DRIVES), _best_family(guesses, MOTIONS)
+    on_motors = [g for g in guesses if not g.is_torque_sensor]
+    has_motors = any(g.quantity in DRIVES and g.rank >= 0 for g in on_motors)
+    drives, motions = _best_family(on_motors if has_motors else guesses, DRIVES), _best_family(guesses, MOTIONS)
     if bool(drives) != bool(motions):
         drives, motions = _completed(drives, motions, [g for g, x in signals if not is_clock(x)])
     if not drives:
@@ -234,21 +234,21 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     speeds = {g.parts[1]: g for g in _best_family([g for g in guesses if g.quantity == "velocity"], MOTIONS)}
     motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
     motions = _with_common_unit(motions)
-    by_label = {m.parts[1]: m for m in motions}
-    paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
+    motion_at = {m.parts[1]: m for m in motions}
+    paired = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
-    joints = _by_number(joints, [drive.parts[1] for drive in drives])
+    joints = _sorted(joints, [drive.parts[1] for drive in drives])
     joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
     motor_motions = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
-    alike = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
-    further = [g for g in measured.values() if g.quantity in alike and g.key not in motor_motions]
-    further = [_with_unit(g, None, values, rate_hz, slides) for g in further]
+    kinds = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
+    outputs = [g for g in measured.values() if g.quantity in kinds and g.key not in motor_motions]
+    outputs = [_with_unit(g, None, values, rate_hz, slides) for g in outputs]
     torques = np.stack([values[joint.torque.key] for joint in joints])
     power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
     half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
     is_motion = bool(np.all(half_hz < _MOTION_HZ)) and quantity == "position"
-    return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
+    return LogGuess(tuple(joints), tuple(outputs), is_motion, _references(guesses, joints))
 
 
 def _with_sensors(
@@ -266,9 +266,9 @@ def _with_sensors(
 
 def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
     """Joint with its sensor; its sign turns it into the torque of the links on the motor."""
-    s, of_motor = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
+    s, u = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
     y = joint.motion.sign * _in_si(joint.motion, values)
-    gain, std = sensor_gain(of_motor, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
+    gain, std = sensor_gain(u, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
     is_certain, why = MIN_GAIN_OVER_STD * std < abs(gain), "torque sensor behind the gear, by its name"
     sensor = replace(sensor, unit=sensor.unit or "N*m", sign=1 if is_certain and gain < 0 else -1, why=why)
     is_torque = joint.torque.quantity == "torque"  # of a current the constant is unknown
@@ -282,7 +282,7 @@ def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
     return size * (unwrapped(x, 2 * np.pi / size)[0] if turns else x)
 
 
-def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
+def _sorted(items: Sequence[T], labels: Sequence[str]) -> list[T]:
     """Joints in the order of the numbers in their labels, if these differ; else in the order of the log."""
     numbers = [tuple(map(int, re.findall(r"\d+", label))) for label in labels]
     is_numbered = all(numbers) and len(set(numbers)) == len(numbers)
@@ -299,7 +299,7 @@ def guess_commands(
     measured = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
     commanded = _commanded_positions(guesses)
     pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
-    pairs = _by_number(pairs, [g.parts[1] for g, _ in pairs])
+    pairs = _sorted(pairs, [g.parts[1] for g, _ in pairs])
     return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
 
 
@@ -331,13 +331,13 @@ def _completed(
     """
     labels, unknown = [g.parts[1] for g in drives or motions], [g for g in guesses if not g.quantity]
     families = [[g for g in unknown if g.parts[0] == name] for name in dict.fromkeys(g.parts[0] for g in unknown)]
-    alike = [family for family in families if sorted(g.parts[1] for g in family) == sorted(labels)]
-    alike = alike or ([unknown] if len(unknown) == len(labels) == 1 else [])
+    matches = [family for family in families if sorted(g.parts[1] for g in family) == sorted(labels)]
+    matches = matches or ([unknown] if len(unknown) == len(labels) == 1 else [])
     is_structure = bool(drives) and drives[0].quantity == "force" and len(drives) < len(unknown)
-    if not unknown or not (alike or is_structure):
+    if not unknown or not (matches or is_structure):
         return [], []
     quantity = "torque" if motions else "acceleration" if is_structure else "position"
-    members = unknown if is_structure else max(alike, key=lambda family: family[0].rank)
+    members = unknown if is_structure else max(matches, key=lambda family: family[0].rank)
     why = f"its name identifies nothing; a {quantity} according to the channels next to it"
     guess = [replace(g, quantity=quantity, why=g.why if g.why.startswith("?") else why) for g in members]
     return (drives, guess) if drives else (guess, motions)

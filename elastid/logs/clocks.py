@@ -107,8 +107,8 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
     if isinstance(log, TextLog):
         units = log.units or [""] * log.n_columns
         return list(zip(log.headings, units, log.sample_ms, strict=True)) if log.sample_ms else []
-    stated = [(n, a.units, 1e3 / a.rate_hz) for n, a in log.arrays.items() if a.rate_hz and a.is_signal]
-    return stated if len({ms for *_, ms in stated}) > 1 else []
+    rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in log.arrays.items() if a.rate_hz and a.is_signal]
+    return rates if len({ms for *_, ms in rates}) > 1 else []
 
 
 def slowest_ms(channels: Sequence[tuple[str, str, float]]) -> float:

@@ -57,12 +57,12 @@ class _Signals:
         families: dict[str, dict[str, FloatArray]] = {}
         for guess, x in self.members:
             # A command without a quantity in its name is a position.
-            known = guess.quantity or ("position" if guess.rank < 0 else "")
-            if known == quantity and (guess.rank < 0) == is_command:
+            kind = guess.quantity or ("position" if guess.rank < 0 else "")
+            if kind == quantity and (guess.rank < 0) == is_command:
                 families.setdefault(guess.parts[0], {})[guess.parts[1]] = guess.to_si * x
         for family in families.values():
-            named = [family[joint] for joint in joints if joint in family]
-            columns = [*family.values()] if len(named) < len(joints) else named  # else in the order of the log
+            match = [family[joint] for joint in joints if joint in family]
+            columns = [*family.values()] if len(match) < len(joints) else match  # else in the order of the log
             if len(columns) == len(joints):
                 return np.stack(columns, axis=1)
         return None
@@ -83,11 +83,11 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     signals = _Signals(path, [(with_unit.get(guess.key, guess), x) for guess, x in members])
     command, position = (signals.of("position", is_command, joints) for is_command in (True, False))
     if command is None or position is None:
-        named = ", ".join(dict.fromkeys(guess.name for guess, _ in signals.members)) or "none"
+        names = ", ".join(dict.fromkeys(guess.name for guess, _ in signals.members)) or "none"
         raise DataError(
             "records/channels",
             f"each of {len(joints)} joints needs one commanded and one measured position. Name them command and "
-            f"position, one column per joint ({', '.join(joints)}), or give --study. Channels: {named}",
+            f"position, one column per joint ({', '.join(joints)}), or give --study. Channels: {names}",
             path,
         )
     rate_hz = rate_hz or clock.rate_hz

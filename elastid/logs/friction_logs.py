@@ -85,20 +85,20 @@ def read_friction_logs(
         progress(done, len(recorded.files))
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
         payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
-        of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
-        if not any(record.joint in joints for record in of_log):
+        motions = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
+        if not any(record.joint in joints for record in motions):
             raise DataError(
                 "friction/no-record",
                 f"none of the joints {', '.join(joints)} moves in it. Correct friction.joints, or omit the file",
                 f"{base / file.path}",
             )
-        start_s = max(record.start_s + record.duration_s for record in of_log)
+        start_s = max(record.start_s + record.duration_s for record in motions)
         if file.purpose == "warm_up":
-            notes += of_log[0].notes
-            heated.setdefault(of_log[0].joint, []).append((of_log[0], file))
-            joint = robot.driven[robot.driven_names.index(of_log[0].joint)]
-            of_log = tests_in(of_log[0], turns_against_gravity(robot, joint, of_log[0].configuration))
-        records += of_log
+            notes += motions[0].notes
+            heated.setdefault(motions[0].joint, []).append((motions[0], file))
+            joint = robot.driven[robot.driven_names.index(motions[0].joint)]
+            motions = tests_in(motions[0], turns_against_gravity(robot, joint, motions[0].configuration))
+        records += motions
     warm_ups = tuple(warm_up_log(*zip(*parts, strict=True)) for parts in heated.values())
     return FrictionRecords(tuple(records), warm_ups, tuple(notes))
 
@@ -150,20 +150,20 @@ class _LogReader:
 
     def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
         repaired, N, rate_hz = self._repaired(gathered)
-        values, known = on_one_side(gathered.channels, repaired, to_shafts(gathered.channels, self.robot))
+        values, tau_d = on_one_side(gathered.channels, repaired, to_shafts(gathered.channels, self.robot))
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
-        of_motors = [c.at for c in gathered.channels if c.role == "u"]
-        by_place: dict[tuple[str, str, str], FloatArray] = {
+        motors = [c.at for c in gathered.channels if c.role == "u"]
+        signals: dict[tuple[str, str, str], FloatArray] = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)
         }
-        by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
+        signals |= {("d", at, ""): d for at, d in zip(motors, tau_d.T, strict=True) if d.any()}
         for channel in self._channels():
             if channel.role == "t":
                 time_s = self.offset_s + np.arange(len(values)) / rate_hz
-                by_place["t", channel.at, ""] = self._thermometer(channel, time_s)
-        return self._of_joints(by_place, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
+                signals["t", channel.at, ""] = self._thermometer(channel, time_s)
+        return self._of_joints(signals, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
 
     def _repaired(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
@@ -172,10 +172,10 @@ class _LogReader:
         log = gathered.log
         signals = bridged_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
         judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
-        of_judged = replace(log, names=tuple(log.names[i] for i in judged))
+        part_log = replace(log, names=tuple(log.names[i] for i in judged))
         are_motions = [gathered.channels[i].role != "u" for i in judged]
-        clean = without_lone(signals[:, judged], of_judged, are_motions)
-        signals[:, judged] = bridged_gaps(clean, replace(of_judged, findings=Findings()), MAX_MISSING_FRACTION)
+        clean = without_lone(signals[:, judged], part_log, are_motions)
+        signals[:, judged] = bridged_gaps(clean, replace(part_log, findings=Findings()), MAX_MISSING_FRACTION)
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
@@ -186,9 +186,9 @@ class _LogReader:
         values = read_channels(path, [channel], self.recorded.text)
         check_values([channel], [values[:, 0]], log)
         degc = link_side(channel, values[:, 0], self.robot, log)
-        read = np.flatnonzero(np.isfinite(degc))
+        finite = np.flatnonzero(np.isfinite(degc))
         first = 0 if self.file.samples is None or channel.file > 1 else self.file.samples[0]
-        return np.interp(first / self.recorded.known_rate_hz + time_s, read / rate_hz, degc[read])
+        return np.interp(first / self.recorded.known_rate_hz + time_s, finite / rate_hz, degc[finite])
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
         return tuple(c for c in self.recorded.channels if self.file.joint in ("", _joint_of(c)))
@@ -282,9 +282,9 @@ class _LogReader:
         loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
         kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feedforward
         command = kp * reference + s * kd * np.gradient(reference, 1 / rate_hz)
-        late_s = 0.5 / controller.tick_hz if controller.tick_hz else 0.0
-        of_velocity = late_s if controller.velocity == "difference" else 0.0
-        return {"command": command, "gains": (kp, kd), "feedback_delays_s": (late_s, of_velocity)}
+        delay_s = 0.5 / controller.tick_hz if controller.tick_hz else 0.0
+        further_s = delay_s if controller.velocity == "difference" else 0.0
+        return {"command": command, "gains": (kp, kd), "feedback_delays_s": (delay_s, further_s)}
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:
         rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD
@@ -430,24 +430,24 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
         time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
     span = float(time_s[-1] - time_s[0])
     least = MIN_STEPS * STEP_S
-    read, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
+    valid, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
     if span < least:
         text = (
             f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s, better "
             "two hours, or set purpose: motion"
         )
-    elif read.any() and np.ptp(readings[read]) < max(count, 1e-9):
+    elif valid.any() and np.ptp(readings[valid]) < max(count, 1e-9):
         text = (
-            f"the thermometer reads {readings[read][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint. "
-            "Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
+            f"the thermometer reads {readings[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint."
+            " Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
         )
     if text:
         raise DataError("friction/warm-up", text, place)
-    if not read.any():
+    if not valid.any():
         return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
-    noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
-    std, at_start = max(noise, count / np.sqrt(12)), float(readings[read][0])
+    noise = float(np.std(np.diff(readings[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
+    std, at_start = max(noise, count / np.sqrt(12)), float(readings[valid][0])
     if noise < count / np.sqrt(12):  # readings of one count have one error
-        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[read]) / count))
-        readings = np.where(np.cumsum(read) % max(1, read.sum() // most) == 0, readings, np.nan)
+        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[valid]) / count))
+        readings = np.where(np.cumsum(valid) % max(1, valid.sum() // most) == 0, readings, np.nan)
     return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(START_STD, 3 * std))

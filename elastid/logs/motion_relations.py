@@ -128,8 +128,8 @@ def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, ra
         v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
         A = np.stack([s, a, v, np.sign(v), np.ones_like(a)], axis=1)[:: int(width / 2)]
         theta, _, alone, std = _fitted(A, torque[:: int(width / 2)], 0)
-        is_seen = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
-        gains += [(float(theta[0]), std)] if is_seen else []
+        is_rich = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
+        gains += [(float(theta[0]), std)] if is_rich else []
     return min(gains, key=lambda pair: pair[1] / max(abs(pair[0]), 1e-300))
 
 
@@ -158,23 +158,23 @@ def _relation_at(
     q = derivative(y, -order, rate_hz, width) if turns and order < 2 else np.zeros(1)
     if np.ptp(q) > 0.3:  # from so many rad on gravity changes as a cosine
         columns += [np.cos(q), np.sin(q)]
-    every = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
-    moving = [x for x in every if np.std(x) > MIN_MOVING * np.std(a)]
+    accelerations = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
+    moving = [x for x in accelerations if np.std(x) > MIN_MOVING * np.std(a)]
     A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
     theta, residual, alone, std = _fitted(A, torque, 0)
     explained = 1 - float(np.var(residual) / np.var(torque))
     by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
     friction = slice(2 if moving and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
-    parts = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
-    signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
-    shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
-    is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1
+    terms = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
+    signs = (np.sign(theta[0]), np.sign(np.mean(terms[1] * A[:, 1])))
+    signed = [float(s * abs(np.cov(term, torque)[0, 1]) / np.var(torque)) for s, term in zip(signs, terms, strict=True)]
+    is_against = explained > MIN_EXPLAINED and min(signed) < -0.3 and max(signed) < 0.1
     if is_against and moving:  # joints that move in proportion do not determine the sign
         B = np.stack([np.ones_like(torque), *(x[:: int(width / 2)] for x in moving)], axis=1)
         independent, remaining = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
-        is_seen = np.var(independent[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
+        is_rich = np.var(independent[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
         slopes = np.linalg.lstsq(independent, remaining, rcond=1e-9)[0]
-        is_against = bool(is_seen and min(slopes * np.std(independent, axis=0)) < 0)
+        is_against = bool(is_rich and min(slopes * np.std(independent, axis=0)) < 0)
     return TorqueRelation(
         explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)
     )

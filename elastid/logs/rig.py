@@ -139,17 +139,17 @@ class RecordedRig:
         report_drives(channels, signals, N, log)
         if N is not None:
             n = len(gathered.signals)
-            lost = int(n * N / (gathered.period or N)) - len(signals)
+            excess = int(n * N / (gathered.period or N)) - len(signals)
             if STOPPED not in repairs:
-                report_end(lost, n, N // 2 if recorded.half_wave else N, log)
+                report_end(excess, n, N // 2 if recorded.half_wave else N, log)
         elif "none" not in (file.period, recorded.period):
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
-        is_moved = any(other.at for other in recorded.files if other.configuration == file.configuration)
-        inputs = recorded.places_of(file.configuration, "u") if is_moved else acting
+        has_at = any(other.at for other in recorded.files if other.configuration == file.configuration)
+        inputs = recorded.places_of(file.configuration, "u") if has_at else acting
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
         u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
         units = input_units(channels, self.robot) * (len(inputs) // len(acting))
@@ -248,24 +248,24 @@ def joined(
     """
     n, first = bounds[-1][1], measure(*bounds[0])
     period = mean_period(_driver(first), first.period_samples) if first.is_periodic else None
-    of_roles = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
-    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in of_roles.items()}
-    notes, left_out = dict[Note, None](), list[int]()
+    roles = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
+    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in roles.items()}
+    notes, discarded = dict[Note, None](), list[int]()
     repairs: Counter[str] = Counter()
     for start, end in bounds:
-        part = measure(start, end) if start else first
-        if part.n_samples != end - start or not _is_in_step(part, period):
+        piece = measure(start, end) if start else first
+        if piece.n_samples != end - start or not _is_in_step(piece, period):
             return None
         for role, signal in signals.items():
-            signal[start:end] = getattr(part, role)
+            signal[start:end] = getattr(piece, role)
             arrays.release(signal)
-        notes |= dict.fromkeys(part.notes)
-        repairs.update(part.repairs)
-        left_out += [start // part.repeat_samples + p for p in part.discarded_periods]
+        notes |= dict.fromkeys(piece.notes)
+        repairs.update(piece.repairs)
+        discarded += [start // piece.repeat_samples + p for p in piece.discarded_periods]
     large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
     period_samples = first.period_samples if first.is_periodic else n
     record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
-    return replace(record, notes=tuple(notes), repairs=dict(repairs), discarded_periods=tuple(left_out))
+    return replace(record, notes=tuple(notes), repairs=dict(repairs), discarded_periods=tuple(discarded))
 
 
 def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
@@ -274,10 +274,10 @@ def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
     return rows
 
 
-def report_end(lost: int, n: int, repeat: int, log: Log) -> None:
+def report_end(excess: int, n: int, repeat: int, log: Log) -> None:
     """Report the samples of a log of n that are lost after its last whole repetition, if there are any."""
-    text = f"the last {lost} of {n} samples are discarded, as they are no whole period of {repeat} samples"
-    if lost > 0:
+    text = f"the last {excess} of {n} samples are discarded, as they are no whole period of {repeat} samples"
+    if excess > 0:
         log.note("records/corrected", text)
 
 
@@ -285,14 +285,14 @@ def _driver(record: Record) -> FloatArray:
     return record.u if record.r is None else record.r
 
 
-def _is_in_step(part: Record, first: FloatArray | None) -> bool:
+def _is_in_step(piece: Record, first: FloatArray | None) -> bool:
     """True if a piece joins the first one, whose mean period is `first` (None without a period)."""
     if first is None:
         # An angle whose turns were taken out of one piece does not continue in the next.
-        return all(note.code != UNWRAPPED for note in part.notes)
-    if RESAMPLED in part.repairs:
+        return all(note.code != UNWRAPPED for note in piece.notes)
+    if RESAMPLED in piece.repairs:
         return False
-    mean, N = mean_period(_driver(part), len(first)), len(first)
+    mean, N = mean_period(_driver(piece), len(first)), len(first)
     delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
     # The lag of a slow excitation is uncertain.
     return all(
@@ -318,40 +318,40 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     Raises DataError that names two logs where they do not hold the same excitation at the same rate.
     """
     first = _shift_periods(records[0], 0.0)
-    both = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
-    every = [first, *(_brought_into_step(first, *pair) for pair in zip(records[1:], both, strict=True))]
-    starts = np.cumsum([0, *(part.n_repeats for part in every)]).tolist()
-    r = [part.r for part in every if part.r is not None]
-    repairs = sum((Counter(part.repairs) for part in every), Counter())
-    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(every, paths, strict=True))
-    text = f"the periods of one excitation are from {len(every)} logs: {counts}"
+    claims = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
+    parts = [first, *(_align_record(first, *pair) for pair in zip(records[1:], claims, strict=True))]
+    starts = np.cumsum([0, *(part.n_repeats for part in parts)]).tolist()
+    r = [part.r for part in parts if part.r is not None]
+    repairs = sum((Counter(part.repairs) for part in parts), Counter())
+    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(parts, paths, strict=True))
+    text = f"the periods of one excitation are from {len(parts)} logs: {counts}"
     note = Note("records/corrected", text, f"record {first.name}", severity="information")
     return replace(
         first,
-        u=np.concatenate([part.u for part in every]),
-        y=np.concatenate([part.y for part in every]),
-        r=np.concatenate(r) if len(r) == len(every) else None,
+        u=np.concatenate([part.u for part in parts]),
+        y=np.concatenate([part.y for part in parts]),
+        r=np.concatenate(r) if len(r) == len(parts) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(notes_of(every)), note),
+        notes=(*dict.fromkeys(notes_of(parts)), note),
         repairs=dict(repairs),
         discarded_periods=tuple(
-            start + p for start, part in zip(starts, every, strict=False) for p in part.discarded_periods
+            start + p for start, part in zip(starts, parts, strict=False) for p in part.discarded_periods
         ),
     )
 
 
-def _brought_into_step(first: Record, record: Record, both: str) -> Record:
+def _align_record(first: Record, record: Record, claim: str) -> Record:
     """A record that begins at the phase of the first, and has its means; DataError for another excitation."""
     N = first.period_samples
     if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > MAX_CLOCK_ERROR:
         raise DataError(
             "records/inconsistent",
-            f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
+            f"{claim}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
             f"{record.rate_hz:g} Hz. {_ADVICE}",
         )
-    is_known = first.r is not None and record.r is not None
-    (a, of_a), (b, of_b) = (
-        _mean_with_variance(x.r if is_known and x.r is not None else x.u, N) for x in (first, record)
+    has_references = first.r is not None and record.r is not None
+    (a, var_a), (b, var_b) = (
+        _mean_with_variance(x.r if has_references and x.r is not None else x.u, N) for x in (first, record)
     )
     delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
     best = max(range(len(delays)), key=lambda i: delays[i][1])
@@ -359,10 +359,10 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
     turns = np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)
     b = np.fft.irfft(np.fft.rfft(b, axis=0) * turns[:, None], N, axis=0)
     for i, place in enumerate(first.inputs):
-        noise = of_a[i] + of_b[i]
+        noise = var_a[i] + var_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}. {_ADVICE}")
+            raise DataError("records/inconsistent", f"{claim}, but at {place} {refused}. {_ADVICE}")
     aligned = _shift_periods(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)
@@ -401,8 +401,8 @@ def _shift_periods(record: Record, lag: float) -> Record:
     times = np.arange(periods * N, dtype=np.float64) + start
     is_inside = is_whole and times[-1] < record.n_samples
 
-    def moved(x: FloatArray) -> FloatArray:
+    def shifted(x: FloatArray) -> FloatArray:
         return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
 
-    r = None if record.r is None else moved(record.r)
-    return replace(record, u=moved(record.u), y=moved(record.y), r=r, discarded_periods=tuple(sorted(discarded)))
+    r = None if record.r is None else shifted(record.r)
+    return replace(record, u=shifted(record.u), y=shifted(record.y), r=r, discarded_periods=tuple(sorted(discarded)))

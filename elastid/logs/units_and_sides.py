@@ -61,11 +61,11 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
         if channel.role == "d" and channel.at in motors and not has_torque:
             yield i, "at", f"d needs a channel of role u at '{channel.at}'. Add that channel"
-    of = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
-    if of["r"] and of["r"] != of["u"]:
+    at = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
+    if at["r"] and at["r"] != at["u"]:
         first = next(i for i, channel in enumerate(channels) if channel.role == "r")
-        text = f"channels with role r are at {', '.join(sorted(of['r']))}, channels with role u at"
-        yield first, "at", f"{text} {', '.join(sorted(of['u']))}. List r for every input or for none"
+        text = f"channels with role r are at {', '.join(sorted(at['r']))}, channels with role u at"
+        yield first, "at", f"{text} {', '.join(sorted(at['u']))}. List r for every input or for none"
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -272,5 +272,5 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
     torques = [channel for channel in channels if channel.role == "u"]
     rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
     rates_hz = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
-    is_held = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
-    return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, rates_hz, strict=True))
+    are_zoh = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
+    return tuple(rate_hz / rate if is_zoh else 0.0 for is_zoh, rate in zip(are_zoh, rates_hz, strict=True))

@@ -82,17 +82,17 @@ def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
         keys: Path = tuple(path.split("."))
         if _present(friction, keys):
             values[keys] = number_at(friction, keys) * scale**power * (-1.0 if turns and n < 0 else 1.0)
-    moved: Friction = replaced(friction, values)
+    law: Friction = replaced(friction, values)
     slip, measured = friction.maxwell_slip, friction.measured
     if measured is not None:
         speed, load = _scaled(measured.speed, 1 / scale), _scaled(measured.load, scale)
-        moved = replace(moved, measured=replace(measured, speed=speed, load=load))
+        law = replace(law, measured=replace(measured, speed=speed, load=load))
     if slip is None:
-        return moved
+        return law
     stiffness = tuple(scale**2 * k for k in slip.stiffness)
     damping = tuple(scale**2 * d for d in slip.damping)
     slip = replace(slip, stiffness=stiffness, damping=damping, attraction=scale * slip.attraction)
-    return replace(moved, maxwell_slip=slip)
+    return replace(law, maxwell_slip=slip)
 
 
 def law_of(robot: Robot, joint: str) -> Friction | None:

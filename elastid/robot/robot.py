@@ -48,15 +48,15 @@ def check_body_exists(owner: str, name: str, robot: "Robot") -> None:
 
 def check_loops(robot: "Robot") -> None:
     """ValueError unless loops join bodies that exist and share no name with anything that has parameters of its own."""
-    taken = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
+    names = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
     for loop in robot.loops:
         for end in loop.ends:
             check_body_exists(f"loop {loop.name}", end.body, robot)
-        if loop.name in taken:
+        if loop.name in names:
             raise ValueError(
                 f"loop {loop.name}: a body, joint or loop has this name; its parameters need a name of their own"
             )
-        taken.append(loop.name)
+        names.append(loop.name)
 
 
 def check_carrier(joint: Joint, robot: "Robot") -> None:
@@ -68,12 +68,14 @@ def check_carrier(joint: Joint, robot: "Robot") -> None:
     carried_by: dict[str, list[str]] = {BASE: []}
     for body in robot.bodies:
         carried_by[body.name] = [*carried_by[body.parent], body.name]
-    moved = next(body.name for body in robot.bodies if joint in body.joints)
-    fitting = [body for body, path in carried_by.items() if moved in path or body in carried_by[moved]]
-    if carrier not in fitting:
+    body_of_joint = next(body.name for body in robot.bodies if joint in body.joints)
+    candidates = [
+        body for body, path in carried_by.items() if body_of_joint in path or body in carried_by[body_of_joint]
+    ]
+    if carrier not in candidates:
         raise ValueError(
             f"joint {joint.name}: its motor is on {carrier}, in a branch without this joint. Possible bodies: "
-            f"{', '.join([BASE, *fitting])}"
+            f"{', '.join([BASE, *candidates])}"
         )
 
 
@@ -379,27 +381,27 @@ class Robot:
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit; of geometry and channels those that are named, last."""
-        named = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
-        table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
-        of_channels = self.channel_numbers.items() if geometry else ()
+        geometric = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
+        table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | geometric).items()}
+        channels = self.channel_numbers.items() if geometry else ()
         return table | {
             name: (getattr(channel, kind), CHANNEL_NUMBERS[kind][0])
-            for name, (channel, kind) in of_channels
+            for name, (channel, kind) in channels
             if name in geometry
         }
 
     def with_parameters(self, values: Mapping[str, float]) -> "Robot":
         """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         numbers = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
-        of_channels = self.channel_numbers
-        further = {name: of_channels[name] for name in values if name in of_channels and name not in numbers}
-        if further:
+        channel_table = self.channel_numbers
+        channel_names = {name: channel_table[name] for name in values if name in channel_table and name not in numbers}
+        if channel_names:
             channels = {(channel.role, channel.at): channel for channel in self.chain.channels}
-            for name, (channel, kind) in further.items():
+            for name, (channel, kind) in channel_names.items():
                 key = channel.role, channel.at
                 channels[key] = replaced(channels.get(key, channel), {(kind,): values[name]})
             changed: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
-            return changed.with_parameters({name: value for name, value in values.items() if name not in further})
+            return changed.with_parameters({name: value for name, value in values.items() if name not in channel_names})
         for name in values:
             if name not in numbers:
                 raise StudyError(
@@ -424,6 +426,6 @@ def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
                 "robot/unknown-name",
                 f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*frame_names, *bodies])}",
             )
-        made = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
-        robot = replace(robot, frames=(*robot.frames, made))
+        frame = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
+        robot = replace(robot, frames=(*robot.frames, frame))
     return robot

@@ -107,8 +107,8 @@ def with_straight_springs(robot: Robot) -> Robot:
 
 def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
     """Return the robot with changed joints; None removes a joint."""
-    kept = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
-    return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in kept))
+    bodies = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
+    return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in bodies))
 
 
 def _with_motor(joint: Joint, **changes: Any) -> Joint:

@@ -203,9 +203,9 @@ class _Reader:
         moving = [joint.name for joint in self.root.all("joint") if joint.text("type") != "fixed"]
         for name in self.known:
             if name not in moving:
-                listed = ", ".join(moving) or "none"
+                names = ", ".join(moving) or "none"
                 raise StudyError(
-                    "robot/unknown-name", f"{self.root.path} has no moving joint {name}; there are {listed}", "joints"
+                    "robot/unknown-name", f"{self.root.path} has no moving joint {name}; there are {names}", "joints"
                 )
         bodies: list[Body] = []
         frames = [Frame(roots[0], BASE)]
@@ -222,7 +222,7 @@ class _Reader:
             else:
                 bodies.append(_body(link, seat.body, Placement.of(R, p), self._joints(joint)))
                 below = _Seat(child, np.eye(3), np.zeros(3))
-            waiting += [(further, below) for further in self.below.get(child, [])]
+            waiting += [(joint_below, below) for joint_below in self.below.get(child, [])]
         reached = {body.name for body in bodies} | {frame.name for frame in frames}
         for name in self.links:
             if name not in reached:
@@ -236,9 +236,9 @@ class _Reader:
         if self._is_fixed(joint):
             return ()
         if kind not in _MOVING or joint.first("mimic") is not None:
-            which = f"of type {kind}" if kind not in _MOVING else "that mimics another"
+            kind_text = f"of type {kind}" if kind not in _MOVING else "that mimics another"
             raise joint.wrong(
-                f"joint {name}: a joint {which} cannot be modelled; take revolute, prismatic or fixed joints"
+                f"joint {name}: a joint {kind_text} cannot be modelled; take revolute, prismatic or fixed joints"
             )
         if name not in self.known:
             raise joint.wrong(
@@ -251,13 +251,13 @@ class _Reader:
             )
         axis_of = joint.first("axis")
         x, y, z = (1.0, 0.0, 0.0) if axis_of is None else axis_of.numbers("xyz", 3)
-        dynamics, given = joint.first("dynamics"), self.known[name]
+        dynamics, properties = joint.first("dynamics"), self.known[name]
         viscous = 0.0 if dynamics is None else dynamics.number("damping", "0")
-        viscous = viscous if given.viscous is None else given.viscous
+        viscous = viscous if properties.viscous is None else properties.viscous
         try:
-            limits = _limits(joint) if given.limits is None else given.limits
-            axis, parts = (x, y, z), (given.spring, given.motor, viscous)
-            return Joint(name, axis, *parts, limits=limits, motion=_MOVING[kind]), *given.elastic
+            limits = _limits(joint) if properties.limits is None else properties.limits
+            axis, parts = (x, y, z), (properties.spring, properties.motor, viscous)
+            return Joint(name, axis, *parts, limits=limits, motion=_MOVING[kind]), *properties.elastic
         except StudyError:
             raise
         except ValueError as error:

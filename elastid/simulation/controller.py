@@ -43,21 +43,21 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> 
     return tune(model, q, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
 
 
-def loop_of(given: GainsSpec, n_u: int) -> JointLoop:
+def loop_of(gains: GainsSpec, n_u: int) -> JointLoop:
     """Loop of each of n_u motors with stated gains."""
-    position, kd = (np.broadcast_to(part, n_u) for part in (given.position_gain, given.velocity_gain))
-    ki = 0.0 if given.integral_time is None else 1 / np.asarray(given.integral_time)
+    position, kd = (np.broadcast_to(part, n_u) for part in (gains.position_gain, gains.velocity_gain))
+    ki = 0.0 if gains.integral_time is None else 1 / np.asarray(gains.integral_time)
     return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, n_u))
 
 
 def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> "Filters | None":
     """Filters behind the feedback of the driven joints; None without any."""
-    given = controller.gains
+    gains = controller.gains
     sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
-    if given is not None:
-        for spec in given.notches:
+    if gains is not None:
+        for spec in gains.notches:
             sections[spec.joint].append(notch(spec.freq_hz, spec.width, spec.depth, rate_hz))
-        corners = () if given.low_pass_hz is None else np.broadcast_to(given.low_pass_hz, len(joints))
+        corners = () if gains.low_pass_hz is None else np.broadcast_to(gains.low_pass_hz, len(joints))
         for joint, corner in zip(joints, corners, strict=False):
             sections[joint].append(low_pass(corner, rate_hz))
     if not controller.delay_samples and not any(sections.values()):
@@ -90,8 +90,8 @@ def sampled_responses(
         text = f"inject: {inject} needs the path of the references into the controller; give at least its cycle"
         raise StudyError("experiment/simulated", text, "experiment.simulated.controller.reference")
     alpha, F_r = spec.velocity_feedforward, ReferencePath(spec, rate_hz).response(freq_hz)[:, None]
-    taken = JointLoop(loop.kd, 0 * loop.kd, loop.ki) if inject == "velocity" else replace(loop, kd=alpha * loop.kd)
-    return C_fb, H * taken.response(freq_hz, rate_hz) * F_r
+    forward = JointLoop(loop.kd, 0 * loop.kd, loop.ki) if inject == "velocity" else replace(loop, kd=alpha * loop.kd)
+    return C_fb, H * forward.response(freq_hz, rate_hz) * F_r
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:

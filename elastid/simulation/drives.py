@@ -76,16 +76,18 @@ class Drives:
 
     def reading(self, angle: ca.SX, noise: ca.SX) -> ca.SX:
         """Readings of the encoders (n_u,) at motor angles (n_u,), in whole counts."""
-        read = angle + noise
+        angles = angle + noise
         widths = enumerate(self.resolution.tolist())
-        return ca.vertcat(*(width * ca.floor(read[i] / width + 0.5) if width > 0 else read[i] for i, width in widths))
+        return ca.vertcat(
+            *(width * ca.floor(angles[i] / width + 0.5) if width > 0 else angles[i] for i, width in widths)
+        )
 
     def clipped(self, u: ca.SX) -> ca.SX:
         """The command (n_u,) within the torque limits of the drives."""
-        taken = ca.SX(u)
+        result = ca.SX(u)
         for i in np.flatnonzero(np.isfinite(self.torque)).tolist():
-            taken[i] = ca.fmax(-self.torque[i], ca.fmin(self.torque[i], u[i]))
-        return taken
+            result[i] = ca.fmax(-self.torque[i], ca.fmin(self.torque[i], u[i]))
+        return result
 
     def lagged(self, w: ca.SX, u: ca.SX, step: float) -> tuple[ca.SX, ca.SX]:
         """Torque (n_u,) and states after `step` s of the command u (n_u,), from the states w (n_states,)."""

@@ -224,8 +224,8 @@ def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) ->
     M, f = ca.sparsify(model.mass(q, numbers)), model.force(q, v, numbers)
     D, LT, order = ca.ldl(ca.sparsify(Z.T @ M @ Z))
     y = ca.ldl_solve(Z.T @ (torque - f - M @ a0), D, LT, order)
-    given = [q, v, torque, *([] if theta is None else [theta])]
-    return ca.Function("constrained_acceleration", given, [a0 + Z @ y], {"cse": True})
+    arguments = [q, v, torque, *([] if theta is None else [theta])]
+    return ca.Function("constrained_acceleration", arguments, [a0 + Z @ y], {"cse": True})
 
 
 def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
@@ -239,8 +239,8 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), parts)
     closed = q + step
     Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), parts)
-    given = [q, v, *([] if theta is None else [theta])]
-    return ca.Function("projection", given, [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
+    arguments = [q, v, *([] if theta is None else [theta])]
+    return ca.Function("projection", arguments, [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
 
 
 def pivots(model: ElasticModel) -> Partition:

@@ -62,8 +62,8 @@ class CommandedJoints:
         steps = self.steps(J)
         h = T / steps
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
-        b, taken, threshold = (2 * J - a) / a, h / a, h * F_c / a
-        spring = taken * self.kp
+        b, gain, threshold = (2 * J - a) / a, h / a, h * F_c / a
+        spring = gain * self.kp
         has_gravity = bool(np.any(G) or np.any(H))
         slope = np.vstack([self.load[1:] - self.load[:-1], np.zeros((1, S))])
         x, v = (np.array(np.broadcast_to(start, (K, S))) for start in (self.position, self.velocity))
@@ -79,10 +79,10 @@ class CommandedJoints:
                 if has_gravity:
                     middle = x + h / 2 * v
                     torque -= G * np.cos(middle) + H * np.sin(middle)
-                free = b * v + taken * torque - spring * x
-                moved = free - np.clip(free, -threshold, threshold)
-                x = x + h / 2 * (v + moved)
-                v = moved
+                free = b * v + gain * torque - spring * x
+                v_next = free - np.clip(free, -threshold, threshold)
+                x = x + h / 2 * (v + v_next)
+                v = v_next
             if (k + 1) % window == 0:
                 means[k // window], total = total / window, np.zeros((K, S))
         return means

@@ -165,8 +165,8 @@ class ControllerSpec:
             K_p, K_v = (tuple((np.atleast_1d(K) * x).tolist()) for K, x in ((K_p, position), (K_v, velocity)))
             return replace(self, gains=replace(gains, position_gain=K_p, velocity_gain=K_v))
         bandwidth_hz, ratio = self.bandwidth_hz * math.sqrt(position * velocity), math.sqrt(velocity / position)
-        given = bandwidth_hz, self.damping_ratio * ratio, self.velocity_integral_time
-        return replace(self, bandwidth_hz=given[0], damping_ratio=given[1], integral_time=given[2])
+        numbers = bandwidth_hz, self.damping_ratio * ratio, self.velocity_integral_time
+        return replace(self, bandwidth_hz=numbers[0], damping_ratio=numbers[1], integral_time=numbers[2])
 
     @property
     def velocity_integral_time(self) -> float | None:

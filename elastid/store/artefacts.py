@@ -45,9 +45,9 @@ class Stamp:
         hashes = {"hash of the inputs": self.inputs, "hash of the code": self.code}
         return {"made by": self.software or f"elastid {self.version}", "seed": str(self.seed), **hashes}
 
-    def is_of(self, wanted: "Stamp") -> bool:
+    def is_of(self, other: "Stamp") -> bool:
         """True if inputs and code equal another stamp."""
-        return (self.inputs, self.code) == (wanted.inputs, wanted.code)
+        return (self.inputs, self.code) == (other.inputs, other.code)
 
 
 NO_STAMP = Stamp()

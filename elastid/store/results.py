@@ -81,14 +81,14 @@ class Numbers:
     @classmethod
     def of(cls, result: Result) -> "Numbers":
         """Numbers that were asked for."""
-        asked = result.parameters.of_interest
+        parameters = result.parameters.of_interest
         parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
-            for p in asked
+            for p in parameters
         ]  # fmt: skip
         columns = np.array(rows).reshape(-1, 7).T
-        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
+        return cls(tuple(p.name for p in parameters), tuple(p.unit for p in parameters), *columns)
 
 
 def write_fit(
@@ -133,8 +133,8 @@ def read_comparison(path: Path, stamp: Stamp) -> "Comparison | None":
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):
             return None
         names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
-        of_file = {name: content[key] for name, key in names.items()}
-        comparison: Comparison = from_json(of_file, resolve_name("elastid.validation.comparison:Comparison"))
+        entries = {name: content[key] for name, key in names.items()}
+        comparison: Comparison = from_json(entries, resolve_name("elastid.validation.comparison:Comparison"))
     except (OSError, ValueError, TypeError, KeyError, AttributeError):  # missing or damaged
         return None
     return comparison

@@ -418,8 +418,8 @@ class Writer:
 
     def __call__(self, path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
         """A file at a path, in place of one that is there."""
-        given = dict(zip(self.parts, (value, *others), strict=False)) | named
-        content = {name: (given.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
+        values = dict(zip(self.parts, (value, *others), strict=False)) | named
+        content = {name: (values.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
         content = {n: (tuple(part) if isinstance(part, list) else part, type_) for n, (part, type_) in content.items()}
         write_artefact(path, self.kind, stamp, content, self.entries)
 

@@ -26,15 +26,15 @@ def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
         raise StudyError(
             "files/missing", f"loads.file: no such file (looked for {path}; the path is relative to the study)", place
         )
-    listed = loads.get("tests") or []
-    if not isinstance(listed, list):
+    entries = loads.get("tests") or []
+    if not isinstance(entries, list):
         return source
     robot = source.data.get("robot")
     tests = list(_tests(path, _joints(robot)))
     places: dict[KeyPath, tuple[Place, Place]] = {
-        ("loads", "tests", i): (place, place) for i, (place, _) in enumerate(tests, start=len(listed))
+        ("loads", "tests", i): (place, place) for i, (place, _) in enumerate(tests, start=len(entries))
     }
-    data = {**source.data, "loads": {**loads, "tests": [*listed, *(test for _, test in tests)]}}
+    data = {**source.data, "loads": {**loads, "tests": [*entries, *(test for _, test in tests)]}}
     return YamlSource(data, {**source.places, **places}, source.text)
 
 

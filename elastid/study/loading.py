@@ -39,8 +39,8 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
         return study, []
     problems: list[Problem] = []
     numbers = {**study.robot.parameters(study.robot.on_demand), **friction_numbers(study.robot)}
-    named = named_on_demand(study.fit.parameters, study.robot)
-    table: Table = {**study.robot.parameters(named), DELAY: (0.0, "s")}
+    names = named_on_demand(study.fit.parameters, study.robot)
+    table: Table = {**study.robot.parameters(names), DELAY: (0.0, "s")}
     parameters = {
         name: _convert_parameter(spec, name, table, numbers, problems) for name, spec in study.fit.parameters.items()
     }
@@ -57,9 +57,9 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
 
 
 def _convert_parameter(
-    spec: ParameterSpec, pattern: str, table: Table, every: Table, problems: list[Problem]
+    spec: ParameterSpec, pattern: str, table: Table, all_numbers: Table, problems: list[Problem]
 ) -> ParameterSpec:
-    """Specification in SI. table: the parameters. every: including geometry and gains that no key names."""
+    """Specification in SI. table: the parameters. all_numbers: including geometry and gains that no key names."""
     path = (*_FIT, pattern)
     names = list(matching(pattern, table))
 
@@ -67,7 +67,7 @@ def _convert_parameter(
         return _convert(value, names, (*path, *keys), table, problems)
 
     if not names:
-        advice = did_you_mean(pattern, table, every)
+        advice = did_you_mean(pattern, table, all_numbers)
         problems.append(Problem(path, f"the robot has no parameter '{pattern}'; {advice}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")
@@ -115,10 +115,10 @@ def with_usual_tolerances(study: Study) -> Study:
         if tolerances is None and any(kind_of(paths[name]) for name in fixed):
             tolerances = Tolerances()
     else:
-        of_current = any(channel.quantity == "current" for channel in experiment.channels)
+        has_current = any(channel.quantity == "current" for channel in experiment.channels)
         tolerances = tolerances or Tolerances()
         if tolerances.torque_constant is None:
-            tolerances = replace(tolerances, torque_constant=OF_CURRENT if of_current else EXACT)
+            tolerances = replace(tolerances, torque_constant=OF_CURRENT if has_current else EXACT)
     return replace(study, robot=replace(robot, tolerances=tolerances))
 
 
@@ -130,7 +130,7 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     # Together they may be possible where one alone is not, as the three inertias of a slender body.
     if (refusal := _refusal(robot, values)) is None:
         return []
-    error, name = next(filter(None, (_refusal(robot, tried) for tried in (*singles, friction))), refusal)
+    error, name = next(filter(None, (_refusal(robot, trial) for trial in (*singles, friction))), refusal)
     return [Problem((*_TRUTH, name), f"no robot has this value: {error}")]
 
 
@@ -149,14 +149,14 @@ def _check_choice(study: Study) -> list[Problem]:
         choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError as error:
         message = str(error).removeprefix("fit.parameters").lstrip(".: ")
-        named = re.match(r"[^\s:.]+", message)
-        given = study.fit.parameters
-        keys = [key for key in given if named and is_match(named[0].partition(SEPARATOR)[0], key)]
-        keys += [key for key in given if named and named[0] == key]
+        match = re.match(r"[^\s:.]+", message)
+        parameters = study.fit.parameters
+        keys = [key for key in parameters if match and is_match(match[0].partition(SEPARATOR)[0], key)]
+        keys += [key for key in parameters if match and match[0] == key]
         for key in keys[-1:]:
             if message.startswith((f"{key}:", f"{key}.")):
                 message = message.removeprefix(key).lstrip(".: ")
-            inner = ("bounds",) if "bound" in message and given[key].bounds is not None else ()
+            inner = ("bounds",) if "bound" in message and parameters[key].bounds is not None else ()
             return [Problem((*_FIT, key, *inner), message)]
         return [Problem(_FIT, message)]
     return []
@@ -219,22 +219,22 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
     """Problems, the first missing log with its origin from the first comment of the study, `The record: ...`."""
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     comment = " ".join(line.removeprefix("#").strip() for line in lines)
-    stated = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
+    origin_match = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
     missing = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
-    origin = f" (origin stated in the study: {stated[1]})" if stated else ""
+    origin = f" (origin stated in the study: {origin_match[1]})" if origin_match else ""
     return [replace(p, message=p.message + origin * (i == missing)) for i, p in enumerate(problems)]
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:
     """The study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
-    recorded, left_out = study.experiment.recorded, study.validation.configurations
-    if study.friction is not None or not left_out:
+    recorded, postures = study.experiment.recorded, study.validation.configurations
+    if study.friction is not None or not postures:
         return study
     planned = 1 if study.excitation is None else len(study.excitation.amplitudes)
-    amplitudes = {name: list(range(1, planned + 1)) for name in left_out}
+    amplitudes = {name: list(range(1, planned + 1)) for name in postures}
     if recorded is not None:
-        amplitudes = {q: sorted({f.amplitude for f in recorded.files if f.configuration == q}) for q in left_out}
-    names = tuple(at_amplitude(name, amplitude) for name in left_out for amplitude in amplitudes[name])
+        amplitudes = {q: sorted({f.amplitude for f in recorded.files if f.configuration == q}) for q in postures}
+    names = tuple(at_amplitude(name, amplitude) for name in postures for amplitude in amplitudes[name])
     return replace(study, validation=replace(study.validation, configurations=names))
 
 

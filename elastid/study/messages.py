@@ -148,10 +148,10 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
         if isinstance(entry, dict) and entry.get("name")
     }
     places = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}
-    named = {name: place.start() for name, place in places.items() if place is not None}
-    if not named:
+    starts = {name: place.start() for name, place in places.items() if place is not None}
+    if not starts:
         return path
-    first = min(named, key=named.__getitem__)
+    first = min(starts, key=starts.__getitem__)
     if first in section:
         return (*path, first)
     key, i = entries[first]

@@ -206,30 +206,30 @@ def _for_editors(node: Any) -> Any:
     return plain
 
 
-def explain(asked: str) -> str:
+def explain(query: str) -> str:
     """The explanation of a key by its path, or of all keys that end so; StudyError for one that does not exist.
 
     Names that a study chooses and numbers of entries may be given or left out: experiment.recorded.files[0].samples.
     """
-    if "/" in asked:
-        if asked not in codes():
-            text = renamed(asked) or f"no error or note has the code {asked}; {did_you_mean(asked, codes())}"
+    if "/" in query:
+        if query not in codes():
+            text = renamed(query) or f"no error or note has the code {query}; {did_you_mean(query, codes())}"
             raise StudyError("study/unknown-key", text)
-        return f"{asked}\n  {codes()[asked].meaning}\n  {codes()[asked].remedy}"
+        return f"{query}\n  {codes()[query].meaning}\n  {codes()[query].remedy}"
     keys = {key.path: key for key in all_keys()}
-    steps, wanted = {path: _steps(path) for path in keys}, _steps(asked)
-    if any(_agree(parts[: len(wanted)], wanted) and parts[len(wanted) - 1] == "<name>" for parts in steps.values()):
-        wanted = wanted[:-1]  # of a name the mapping that holds it
-    exact = [key for path, key in keys.items() if _agree(steps[path], wanted)]
-    matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(wanted) :], wanted)]
-    if not matches and (same := [code for code in codes() if code.endswith(f"/{asked}")]):
+    steps, target = {path: _steps(path) for path in keys}, _steps(query)
+    if any(_agree(parts[: len(target)], target) and parts[len(target) - 1] == "<name>" for parts in steps.values()):
+        target = target[:-1]  # of a name the mapping that holds it
+    exact = [key for path, key in keys.items() if _agree(steps[path], target)]
+    matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(target) :], target)]
+    if not matches and (same := [code for code in codes() if code.endswith(f"/{query}")]):
         return "\n\n".join(map(explain, same))
     if not matches:
         names = {".".join(parts[-n:]): ".".join(parts) for parts in reversed(steps.values()) for n in (len(parts), 1)}
-        close = get_close_matches(".".join(wanted), names, n=1)
+        close = get_close_matches(".".join(target), names, n=1)
         nearest = f"did you mean '{names[close[0]]}'?" if close else f"there are {', '.join(names_in(Study))}"
-        owner = "a fleet" if asked.startswith("fleet.") else "a study"
-        raise StudyError("study/unknown-key", renamed_key(wanted) or f"{owner} has no key {asked}; {nearest}")
+        owner = "a fleet" if query.startswith("fleet.") else "a study"
+        raise StudyError("study/unknown-key", renamed_key(target) or f"{owner} has no key {query}; {nearest}")
     return "\n\n".join(map(_explanation, matches))
 
 
@@ -251,13 +251,13 @@ def overview() -> str:
 def _explanation(key: StudyKey) -> str:
     below = names_in(key.annotation)
     entries = [get_args(o)[1 if get_origin(o) is dict else 0] for o in _options(key.annotation) if get_args(o)]
-    of_each = [name for entry in entries for name in names_in(entry)]
+    entry_keys = [name for entry in entries for name in names_in(entry)]
     text, *rule = re.split(r" \(default: ([^)]+)\)", key.text, maxsplit=1)
     default = rule[0] if rule else _default(key.default)
     paragraphs = [text + "".join(rule[1:]), f"Value: {describe(key.annotation)}.", f"Default: {default}."]
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
-    paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []
+    paragraphs += [f"Keys of each: {', '.join(entry_keys)}."] if entry_keys else []
     layout: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "  ", "break_on_hyphens": False}
     return "\n".join([key.path, *(fill(paragraph, 100, **layout) for paragraph in paragraphs)])
 
@@ -292,8 +292,8 @@ def _steps(path: str) -> list[str]:
     return re.sub(r"\[\d*\]", "", path).split(".")
 
 
-def _agree(steps: list[str], wanted: list[str]) -> bool:
-    return len(steps) == len(wanted) and all(a in ("<name>", b) for a, b in zip(steps, wanted, strict=True))
+def _agree(steps: list[str], target: list[str]) -> bool:
+    return len(steps) == len(target) and all(a in ("<name>", b) for a, b in zip(steps, target, strict=True))
 
 
 # Beginnings of the names of parameters, each with the key of a robot's file that holds the number.

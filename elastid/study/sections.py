@@ -125,10 +125,10 @@ class Study:
     @property
     def friction_joints(self) -> tuple[Joint, ...]:
         """Joints whose friction is identified, in the robot's order, by default all driven joints."""
-        driven, asked = self.as_robot().driven, self.as_friction().joints
+        driven, choice = self.as_robot().driven, self.as_friction().joints
         names = [joint.name for joint in driven]
-        chosen = [joint_called(name, names) for name in asked]
-        return tuple(joint for joint in driven if not asked or joint.name in chosen)
+        chosen = [joint_called(name, names) for name in choice]
+        return tuple(joint for joint in driven if not choice or joint.name in chosen)
 
     @property
     def places(self) -> Places:

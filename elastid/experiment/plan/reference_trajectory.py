@@ -179,9 +179,9 @@ def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, 
     if plan.inject == "torque":
         return np.zeros((0, len(plan.inputs)))
     path = movement(carrier, plan)
-    moved = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
+    signal = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
     period = factor * plan.reference(experiment)
-    return (moved + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
+    return (signal + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
 
 
 def reference(
@@ -199,14 +199,14 @@ def reference(
 
 def _first_of_its_kind(plan: Plan, carrier: CarrierSpec | None) -> IntArray:
     """The first sample (n,) with the movement that each has: at rest one for all, in the periods one of a cycle."""
-    every, first = np.arange(plan.run_samples), plan.first_sample
+    sample, first = np.arange(plan.run_samples), plan.first_sample
     if carrier is None:
-        return np.zeros_like(every)
+        return np.zeros_like(sample)
     if carrier.kind == "offset":
-        return every
+        return sample
     cycle = plan.period_samples // math.gcd(plan.period_samples, carrier.cycles)
-    in_periods = (every >= first) & (every < plan.run_samples - first)
-    return np.where(in_periods, first + (every - first) % cycle, every)
+    in_periods = (sample >= first) & (sample < plan.run_samples - first)
+    return np.where(in_periods, first + (sample - first) % cycle, sample)
 
 
 @frozen_value

@@ -50,12 +50,12 @@ class FrictionRun:
     def simulated(self, controller: ControllerSpec, rate_hz: float, noise: Noise) -> Trajectory:
         """The motion in closed loop; DataError where the joint is lost."""
         model, point, n = self.plant.model, self.plant.point, len(self.path.position)
-        moved, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
+        offset, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
         injected[:, self.index] = 0.0 if self.motion.torque is None else self.motion.torque
-        moved[:, self.index] = self.path.position - point.configuration.angles[self.index]
+        offset[:, self.index] = self.path.position - point.configuration.angles[self.index]
         velocity[:, self.index], acceleration[:, self.index] = self.path.velocity, self.path.acceleration
-        torque = injected + feed_forward(model, point.q, moved, velocity, acceleration)
-        position = point.configuration.angles + moved
+        torque = injected + feed_forward(model, point.q, offset, velocity, acceleration)
+        position = point.configuration.angles + offset
         position[:, self.index] = self.path.position  # to the last bit
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
         bandwidth_hz = controller.bandwidth_hz

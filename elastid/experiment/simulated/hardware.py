@@ -74,11 +74,11 @@ def sense(
 
 
 def sense_movement(
-    moved: FloatArray, model: ElasticModel, q0: FloatArray, outputs: Sequence[str], rate_hz: float, period_samples: int
+    offset: FloatArray, model: ElasticModel, q0: FloatArray, outputs: Sequence[str], rate_hz: float, period_samples: int
 ) -> FloatArray:
-    """Contribution (n, n_y) of the planned movement, moved (n, n_u) from the configuration, to the logged outputs."""
+    """Contribution (n, n_y) of the planned movement, offset (n, n_u) from the configuration, to the logged outputs."""
     start = model.B.T @ q0
-    path = rigid_path(model, q0, start, start + moved)
+    path = rigid_path(model, q0, start, start + offset)
     y = (path - q0) @ model.output_jacobian(q0, outputs).T
     for column, place in enumerate(outputs):
         if is_point(place):

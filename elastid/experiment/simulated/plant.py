@@ -41,7 +41,7 @@ from elastid.simulation.controller import feed_forward, filters_of, gains_of, sa
 from elastid.simulation.dynamics import MAX_SUBSTEPS, contacts, least_steps, poles
 from elastid.simulation.spec import ControllerSpec
 
-MAX_CLIPPED_SHARE = 0.5  # of the samples, beyond which a motor cannot control the robot
+MAX_CLIPPED_FRACTION = 0.5  # of the samples, beyond which a motor cannot control the robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def _loop_of(
     controller: ControllerSpec,
     samples: int,
     is_free: bool,
-    of_numbers: bool,
+    has_theta: bool,
 ) -> ClosedLoop:
     """The closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
@@ -98,17 +98,17 @@ def _loop_of(
     hardware = drives(robot, encoder_counts, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
     filters = filters_of(robot.driven_names, controller, rate_hz)
-    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, of_numbers, filters)
+    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, has_theta, filters)
 
 
 def true_plant(
     robot: Robot, spec: SimulatedSpec, rate_hz: float, start: Configuration, highest_hz: float = 0.0, samples: int = 0,
-    is_free: bool = False, of_numbers: bool = False
+    is_free: bool = False, has_theta: bool = False
 ) -> Plant:  # fmt: skip
     """The plant of a section `simulated`, with its truth, at rest in `start`.
 
     highest_hz: the end of the band, if any.  samples: about how many the whole plan has, for which steps are compiled
-    where the section asks for it.  is_free: without limits of the motors' angles.  of_numbers: each run has numbers of
+    where the section asks for it.  is_free: without limits of the motors' angles.  has_theta: each run has numbers of
     its own, for whose poles a fifth is to spare.  StudyError where the integration steps are too long for the fastest
     pole.
     """
@@ -116,7 +116,7 @@ def true_plant(
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
     s, fastest = poles(model, contacts(model, frictions(robot)), point.q)
-    needed = least_steps(1.2 * s if of_numbers else s, 1 / rate_hz)
+    needed = least_steps(1.2 * s if has_theta else s, 1 / rate_hz)
     # The rate of a recorded log cannot be raised: it has the steps in a second of a log of 1 kHz.
     most = spec.substeps or max(MAX_SUBSTEPS, int(1000.0 / rate_hz * MAX_SUBSTEPS) if is_free else 0)
     if needed > most:
@@ -129,15 +129,15 @@ def true_plant(
     substeps = max(needed, spec.steps(rate_hz, highest_hz))
     hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
-    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, of_numbers), point)
+    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, has_theta), point)
 
 
 def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
     """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
-    moved = np.zeros((len(position), model.n_u))
-    moved[:, index] = position - point.configuration.angles[index]
-    still = np.zeros_like(moved)
-    return feed_forward(model, point.q, moved, still, still)
+    offset = np.zeros((len(position), model.n_u))
+    offset[:, index] = position - point.configuration.angles[index]
+    still = np.zeros_like(offset)
+    return feed_forward(model, point.q, offset, still, still)
 
 
 def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) -> Iterator[Note]:
@@ -147,16 +147,16 @@ def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) ->
     """
     for i in motors:
         joint, drive, torque = plant.model.robot.driven[i], float(plant.loop.drives.torque[i]), np.abs(u[:, i])
-        place, unit, share = f"{run}, motor {joint.name}", drive_unit(joint.slides), float(np.mean(torque >= drive))
-        text = f"saturated at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples"
-        if share > MAX_CLIPPED_SHARE:
+        place, unit, fraction = f"{run}, motor {joint.name}", drive_unit(joint.slides), float(np.mean(torque >= drive))
+        text = f"saturated at its torque limit of {drive:.4g} {unit} in {max(fraction, 1e-4):.2%} of the samples"
+        if fraction > MAX_CLIPPED_FRACTION:
             raise DataError(
                 "experiment/diverged",
                 f"{text} and cannot control the robot. Lower excitation.torque_rms, choose a configuration with less "
                 "gravity torque, or correct limits.torque",
                 place,
             )
-        if share > 0:
+        if fraction > 0:
             yield Note("experiment/limits", f"{text}; {_LOWER}", place)
         elif torque.max() > joint.limits.torque:
             yield beyond(place, torque.max(), joint.limits.torque, unit)
@@ -259,7 +259,7 @@ def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[
     U = 5.0 * np.sqrt(2 / len(lines)) * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
     G, experiments = true_response(lines * rate_hz / period_samples), []
     for F in (U, U * [1, -1]):
-        of_each = ((F, 0.05), ((G @ F[..., None])[..., 0], 0.1))
-        signals = [(np.tile(synthesise(lines, X, period_samples), (periods, 1)), std) for X, std in of_each]
+        pairs = ((F, 0.05), ((G @ F[..., None])[..., 0], 0.1))
+        signals = [(np.tile(synthesise(lines, X, period_samples), (periods, 1)), std) for X, std in pairs]
         experiments.append(np.hstack([x + std * random.standard_normal(x.shape) for x, std in signals]))
     return experiments

@@ -235,8 +235,8 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
         return "unit", f"without a robot, '{channel.at}' may rotate or translate. {choice}"
     measures = dimension_and_size(channel.unit)[0]
     if dimensions[0] != turning and measures not in dimensions and channel.unit != "g":
-        fitting = ", ".join(name for dimension in dimensions for name in units_of(dimension))
-        return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {fitting}"
+        units = ", ".join(name for dimension in dimensions for name in units_of(dimension))
+        return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {units}"
     turning_too = [c for c in channels if c.at == channel.at and not c.drive and not _translates(c)]
     if not channel.drive and _translates(channel) and turning_too:
         return "at", (

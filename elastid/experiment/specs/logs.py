@@ -225,7 +225,7 @@ class RecordedSpec:
         """Why a file may not have the numbers of an earlier one; empty where it has further periods, or none has."""
         file = self.files[number]
         earlier = [before for before in self.files[:number] if before.run == file.run]
-        periods = {self.period_of(of_run) for of_run in (*earlier[:1], file)}
+        periods = {self.period_of(entry) for entry in (*earlier[:1], file)}
         is_repeated = any((before.path, before.samples) == (file.path, file.samples) for before in earlier)
         is_repeated |= any(before.at != file.at for before in earlier)
         if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):

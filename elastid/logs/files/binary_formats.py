@@ -24,8 +24,8 @@ def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     from scipy.io import loadmat
 
     variables = loadmat(path)
-    named = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
-    arrays = dict(leaf for name, value in named.items() for leaf in _leaves_of_matlab(name, value))
+    values = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
+    arrays = dict(leaf for name, value in values.items() for leaf in _leaves_of_matlab(name, value))
     yield _in_memory(path, arrays)
 
 
@@ -39,14 +39,14 @@ def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
     Pickled objects are left out; dates and times are s from the first.
     """
-    loaded, named = np.load(path), dict[str, NDArray[Any]]()
+    loaded, arrays = np.load(path), dict[str, NDArray[Any]]()
     for name in [path.stem] if isinstance(loaded, np.ndarray) else loaded.files:
         with suppress(ValueError):
             array = loaded if isinstance(loaded, np.ndarray) else loaded[name]
             fields = array.dtype.names
-            named |= {f"{name}.{field}": array[field] for field in fields} if fields else {name: array}
-    is_time = {name: x.dtype.kind in "mM" and x.size > 0 for name, x in named.items()}
-    yield _in_memory(path, {name: seconds(x, x.flat[0]) if is_time[name] else x for name, x in named.items()})
+            arrays |= {f"{name}.{field}": array[field] for field in fields} if fields else {name: array}
+    is_time = {name: x.dtype.kind in "mM" and x.size > 0 for name, x in arrays.items()}
+    yield _in_memory(path, {name: seconds(x, x.flat[0]) if is_time[name] else x for name, x in arrays.items()})
 
 
 def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -174,8 +174,8 @@ def _channel(channel: Any, part: slice) -> StoredArray:
     is_time = channel.dtype.kind == "M"
     dtype = np.dtype(np.float64) if is_time else channel.dtype
     units = "s" if is_time else str(channel.properties.get("unit_string", ""))
-    read = partial(_read_channel, channel, part)
-    return StoredArray((part.stop - part.start,), dtype, read, units, 1 / step if step > 0 else None, rows=read)
+    rows = partial(_read_channel, channel, part)
+    return StoredArray((part.stop - part.start,), dtype, rows, units, 1 / step if step > 0 else None, rows=rows)
 
 
 def _read_channel(channel: Any, whole: slice, part: slice = slice(None)) -> NDArray[Any]:
@@ -223,9 +223,9 @@ def _dataset(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
     # MATLAB stores texts as numbers.
     is_text = dataset.attrs.get("MATLAB_class") == b"char"
     dtype = np.dtype(str) if is_text else dataset.dtype[field] if field else dataset.dtype
-    read = partial(_read_dataset, dataset, field, is_transposed)
+    rows = partial(_read_dataset, dataset, field, is_transposed)
     units = units.decode() if isinstance(units, bytes) else str(units)
-    return StoredArray(shape[::-1] if is_transposed else shape, dtype, read, units, rows=read)
+    return StoredArray(shape[::-1] if is_transposed else shape, dtype, rows, units, rows=rows)
 
 
 def _read_dataset(dataset: Any, field: str, is_transposed: bool, part: slice | None = None) -> NDArray[Any]:

@@ -88,8 +88,8 @@ FORMATS = (
 
 def is_log(path: Path) -> bool:
     """True if a path is a log: a file, or a folder that a format recognises, such as a ROS bag."""
-    *of_folders, _ = all_formats()  # text, the last, takes everything
-    return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in of_folders))
+    *formats, _ = all_formats()  # text, the last, takes everything
+    return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in formats))
 
 
 def all_formats() -> tuple[Format, ...]:

@@ -71,5 +71,5 @@ def _starts(path: Path, size: int, changed_ns: int) -> tuple[IntArray, int]:
             ends = np.flatnonzero(np.frombuffer(chunk, np.uint8) == ord("\n"))
             starts.append(offset + 1 + ends[(-n - 1) % _STEP :: _STEP])
             n, offset, last = n + len(ends), offset + len(chunk), chunk[-1:]
-    kept = np.concatenate(starts)
-    return np.append(kept[kept < size], size), n + (last != b"\n")
+    all_starts = np.concatenate(starts)
+    return np.append(all_starts[all_starts < size], size), n + (last != b"\n")

@@ -135,20 +135,20 @@ class ArrayLog:
         if name not in self.arrays:
             raise DataError("records/channels", missing_channel(self.path, channel, shapes))
         if name not in shapes:
-            what = f"not a signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
-            raise self._refusal(f"channel {name} is {what}; there are {', '.join(shapes) or 'none'}")
+            kind = f"not a signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
+            raise self._refusal(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
     def _signal(self, channel: ChannelSpec, part: slice, stored: dict[str, FloatArray]) -> FloatArray:
         name, array = self.array_of(channel)
         if not channel.channel and len(self.shapes()) > 1:
             channel = replace(channel, channel=name, column=None)
-        is_part = part != slice(None) and array.rows is not None and array.has_pieces
+        is_range = part != slice(None) and array.rows is not None and array.has_pieces
         if name not in stored:
-            values = array.rows(part) if is_part and array.rows is not None else np.squeeze(np.asarray(array))
+            values = array.rows(part) if is_range and array.rows is not None else np.squeeze(np.asarray(array))
             stored[name] = np.asarray(values, dtype=np.float64)
         values = stored[name]
-        if is_part:
+        if is_range:
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
@@ -179,12 +179,12 @@ class ArrayLog:
 
 def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
     """The message about a channel that is not in a file, with those that are."""
-    listed = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
-    more = f" and {len(listed) - 40} more" if len(listed) > 40 else ""
+    names = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
+    more = f" and {len(names) - 40} more" if len(names) > 40 else ""
     close = difflib.get_close_matches(channel.channel, shapes, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     problem = f"there is no channel '{channel.channel}'" if channel.channel else "give the name of a channel"
-    return f"{path}: {problem}; {hint}There are {', '.join(listed[:40]) or 'no signals in it'}{more}"
+    return f"{path}: {problem}; {hint}There are {', '.join(names[:40]) or 'no signals in it'}{more}"
 
 
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:

@@ -151,8 +151,8 @@ def serve() -> None:
                 opened.close()
                 last, signals = None, dict(opened.enter_context(file.opened()).arrays)
                 last = file
-            stated = {n: (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None) for n, x in signals.items()}
-            reply = _values(signals[name], part) if name else stated
+            descriptions = {n: (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None) for n, x in signals.items()}
+            reply = _values(signals[name], part) if name else descriptions
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
             reply = ValueError(f"its reader needs {amount} memory")

@@ -29,8 +29,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     reading = installed("rosbags.highlevel", "ros", path)
     types = installed("rosbags.typesys", "ros", path)
     # Bags of older releases do not hold the definitions of their messages.
-    usual = types.get_typestore(types.Stores.ROS2_HUMBLE)
-    with reading.AnyReader([path], default_typestore=usual) as bag:
+    typestore = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    with reading.AnyReader([path], default_typestore=typestore) as bag:
         arrays: dict[str, StoredArray] = {}
         for name, topic in bag.topics.items():
             arrays |= _Topic(bag, name, topic.connections, topic.msgtype or "").arrays()

@@ -77,36 +77,36 @@ class TextLog(Log):
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
         """Values (n_samples, n_c) of the channels; DataError for one that is not in the file, or of another rate."""
-        wanted = [self._column(channel) for channel in channels]
-        if len({self._length(column) for column in wanted}) > 1:
-            listed = ", ".join(f"{self.headings[i]} {self.sample_ms[i]:g} ms" for i in wanted)
-            problem = f"the sample times differ: {listed}. Give each channel its rate_hz"
+        columns = [self._column(channel) for channel in channels]
+        if len({self._length(column) for column in columns}) > 1:
+            sample_times = ", ".join(f"{self.headings[i]} {self.sample_ms[i]:g} ms" for i in columns)
+            problem = f"the sample times differ: {sample_times}. Give each channel its rate_hz"
             raise DataError("records/clock", problem, self.path)
-        if self.sample_ms and wanted and (lead := self._start_ms(wanted[0]) - self._start_ms(0)):
+        if self.sample_ms and columns and (lead := self._start_ms(columns[0]) - self._start_ms(0)):
             order = f"{abs(lead):g} ms {'after' if lead > 0 else 'before'}"
-            problem = f"{self.headings[wanted[0]]} starts {order} {self.headings[0]}"
+            problem = f"{self.headings[columns[0]]} starts {order} {self.headings[0]}"
             raise DataError("records/clock", f"{problem}. Export both with one sample time", self.path)
-        return self.columns(wanted, part)
+        return self.columns(columns, part)
 
     @property
     def is_large(self) -> bool:
         """True if its lines remain in the file, so that a part of them counts as so many samples."""
         return isinstance(self.number_lines, FileLines)
 
-    def columns(self, wanted: Sequence[int], part: slice = slice(None)) -> FloatArray:
+    def columns(self, columns: Sequence[int], part: slice = slice(None)) -> FloatArray:
         """Columns (n_samples, len(wanted)), counted from 0.
 
         A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
         such cells.
         """
-        needed, end = sorted(set(wanted)), self.first + max(map(self._length, wanted))
+        needed, end = sorted(set(columns)), self.first + max(map(self._length, columns))
         if self.is_large:
             rows = range(self.first, end)[part]
             parts = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
             data = np.concatenate([self._read(needed, rows.start, rows.stop) for rows in parts or [range(0)]])
         else:
             data = self._read(needed, self.first, end, part.stop if (part.stop or 0) > 0 else None)[part]
-        return data[:, [needed.index(column) for column in wanted]]
+        return data[:, [needed.index(column) for column in columns]]
 
     def _read(self, needed: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
         """Columns (n_samples, len(needed)) of some lines, at most so many samples."""
@@ -128,15 +128,15 @@ class TextLog(Log):
     ) -> tuple[FloatArray | None, str]:
         """Columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
         delimiter = _delimiter(self.format)
-        read = partial(
+        load = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
             ndmin=2, max_rows=most
         )  # fmt: skip
         try:
-            return read(lines), ""
+            return load(lines), ""
         except ValueError:
             try:
-                return read(_with_nan(lines, delimiter)), ""
+                return load(_with_nan(lines, delimiter)), ""
             except ValueError as error:
                 return None, str(error)
 
@@ -145,11 +145,11 @@ class TextLog(Log):
 
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
-        every = [fields for line in lines if (fields := _fields(line, self.format))]
-        rows = [fields for fields in every if not all(map(_is_word, fields))]
+        nonempty = [fields for line in lines if (fields := _fields(line, self.format))]
+        rows = [fields for fields in nonempty if not all(map(_is_word, fields))]
         columns = [_values([row[i] if i < len(row) else "" for row in rows]) for i in needed]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
-        return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(every) - len(rows)
+        return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
 
     def wrong_cell(self, columns: Sequence[int], part: slice) -> str:
         """Message on the first cell without a number in a range of rows; empty without such a cell."""
@@ -189,13 +189,13 @@ class TextLog(Log):
                 missing = missing_channel(self.path, channel, self.shapes())
                 raise DataError("records/channels", missing + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
-                listed = ", ".join(map(str, headed))
+                places = ", ".join(map(str, headed))
                 raise DataError(
                     "records/channels",
-                    f"{self.path}: several columns have the heading '{channel.channel}', {listed}. Give column, too"
+                    f"{self.path}: several columns have the heading '{channel.channel}', {places}. Give column, too"
                     if column is None
                     else (
-                        f"{self.path}: the heading '{channel.channel}' is not in column {column} but in column {listed}"
+                        f"{self.path}: the heading '{channel.channel}' is not in column {column} but in column {places}"
                     ),
                 )
             return (column or headed[0]) - 1

@@ -76,12 +76,12 @@ def place_of(data_set: dict[str, Any], side: str) -> str:
 
 def time_histories(path: Path) -> dict[str, dict[str, Any]]:
     """Data sets of time histories, by node, direction and, where one has several, number."""
-    named: dict[str, dict[str, Any]] = {}
+    histories: dict[str, dict[str, Any]] = {}
     for data_set in sets_of(path, 58):
         if int(data_set["func_type"]) == TIME_HISTORY:
             name = place_of(data_set, "rsp")
-            named[name if name not in named else f"{name} {len(named) + 1}"] = data_set
-    return named
+            histories[name if name not in histories else f"{name} {len(histories) + 1}"] = data_set
+    return histories
 
 
 @contextmanager
@@ -98,8 +98,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 def _array(data_set: dict[str, Any]) -> StoredArray:
     x, step = np.asarray(data_set["data"]), float(data_set.get("abscissa_inc") or 0.0)
     unit = _UNITS.get(int(data_set["ordinate_spec_data_type"]), "")
-    stated = str(data_set.get("ordinate_axis_units_lab", "")).strip()
-    is_stated = stated not in ("", "NONE")
+    label = str(data_set.get("ordinate_axis_units_lab", "")).strip()
+    has_label = label not in ("", "NONE")
     # The text of the file has six digits of the step.
     rate_hz = float(f"{1 / step:.5g}") if step > 0 else None
-    return StoredArray(x.shape, x.dtype, partial(np.asarray, x), stated if is_stated else unit, rate_hz)
+    return StoredArray(x.shape, x.dtype, partial(np.asarray, x), label if has_label else unit, rate_hz)

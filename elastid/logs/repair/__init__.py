@@ -87,8 +87,8 @@ def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
 
 def bridged(x: FloatArray) -> FloatArray:
     """Signal (n,) with straight lines where samples are missing, 0 without any sample."""
-    known = np.flatnonzero(np.isfinite(x))
-    return np.interp(np.arange(len(x)), known, x[known]) if known.size else np.zeros(len(x))
+    finite = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), finite, x[finite]) if finite.size else np.zeros(len(x))
 
 
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:

@@ -81,10 +81,10 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         changes = np.diff(x)
         least = max(LEAP * float(np.nanquantile(np.abs(changes), 0.99)), MIN_STEPS * step(x))
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
-        lost = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
+        gaps = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
         others = np.delete(signals, c, axis=1) / np.delete(size, c)
-        lost = [(a, b) for a, b in lost if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
-        _mask_constant(result, c, lost, "channels", log)
+        gaps = [(a, b) for a, b in gaps if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
+        _mask_constant(result, c, gaps, "channels", log)
     return result
 
 
@@ -104,8 +104,8 @@ def samples_before_motion(torques: FloatArray) -> int:
         return 0
     scatter = np.stack([_scatter(folded(x, width)) for x in torques.T])
     # The largest may be a spike.
-    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > MAX_STATIONARY_FRACTION * usual) & (usual > 0), axis=0)
+    scale = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
+    moves = np.any((scatter > MAX_STATIONARY_FRACTION * scale) & (scale > 0), axis=0)
     return int(np.argmax(moves)) * width
 
 
@@ -121,15 +121,15 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
     hold = np.diff(signals, axis=0) == 0
     alike = hold.all(axis=1)
     for c, x in enumerate(signals.T):
-        lost = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
-        least = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
-        lost = [(a, b) for a, b in lost if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
-        lost = [(a, b) for a, b in lost if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
-        stuck = runs(hold[:, c] & ~alike, MIN_RUN - 1).tolist()
-        moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stuck else 0.0
+        gaps = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
+        least = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if gaps else 0.0
+        gaps = [(a, b) for a, b in gaps if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
+        gaps = [(a, b) for a, b in gaps if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
+        stops = runs(hold[:, c] & ~alike, MIN_RUN - 1).tolist()
+        moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stops else 0.0
         # The first value may be a measured one.
-        lost += [(a + 1, b + 1) for a, b in stuck if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
-        _mask_constant(result, c, lost, "periods", log)
+        gaps += [(a + 1, b + 1) for a, b in stops if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
+        _mask_constant(result, c, gaps, "periods", log)
     return result
 
 
@@ -148,9 +148,9 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
     scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
     # The largest may be that of the start, or hold a spike.
-    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
-    moving = usual > MIN_MOVING_FRACTION * np.median(usual)
-    bad = (scatter < MAX_STATIONARY_FRACTION * usual)[:, moving].sum(axis=1) > MAX_STATIONARY_FRACTION * moving.sum()
+    scale = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
+    moving = scale > MIN_MOVING_FRACTION * np.median(scale)
+    bad = (scatter < MAX_STATIONARY_FRACTION * scale)[:, moving].sum(axis=1) > MAX_STATIONARY_FRACTION * moving.sum()
     bad[:1] = False
     if not bad.any():
         return signals
@@ -212,15 +212,15 @@ def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
         at_limit = _at_limit(x)
         if not at_limit.any():
             continue
-        clipped = np.zeros(len(x), dtype=np.bool_)
+        is_clipped = np.zeros(len(x), dtype=np.bool_)
         for start, end in runs(at_limit, MIN_EQUAL):
-            clipped[start:end] = True
-        share, n_clipped = float(clipped.mean()), int(clipped.sum())
-        if share < MIN_CLIPPED_FRACTION or _visits(x, clipped) < MIN_PLACES * max(1, len(x) // L):
+            is_clipped[start:end] = True
+        fraction, n_clipped = float(is_clipped.mean()), int(is_clipped.sum())
+        if fraction < MIN_CLIPPED_FRACTION or _visits(x, is_clipped) < MIN_PLACES * max(1, len(x) // L):
             continue
-        text = f"{name}: {n_clipped} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
+        text = f"{name}: {n_clipped} of {len(x)} samples ({100 * fraction:.2g} %) are at its limits of "
         text += f"{np.min(x):.4g} and {np.max(x):.4g}"
-        if share > MAX_CLIPPED_FRACTION:
+        if fraction > MAX_CLIPPED_FRACTION:
             text += "; it is clipped. Measure again with less torque or a wider range"
             raise log.error("records/clipped", text)
         log.report(CLIPPED, n_clipped, f"{text}; clipped there. Measure with less torque")

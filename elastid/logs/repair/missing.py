@@ -47,33 +47,33 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     good = np.isfinite(periodic)
     if good.all():
         return periodic
-    result, poor = np.copy(periodic), set[int]()
+    result, noisy = np.copy(periodic), set[int]()
     for c in np.flatnonzero(~good.all(axis=0)):
         count, text = _missing(good[:, c], log, int(c))
         if count > MAX_MISSING_FRACTION * len(good):
             raise log.error("records/missing-samples", f"{text}. Measure again, or exclude them with samples")
-        result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
-        poor |= of_channel
+        result[:, c], of_gaps = _interpolated(periodic[:, c], L, sign, log, text)
+        noisy |= of_gaps
         outliers = outliers_of(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = sorted(poor | set(np.flatnonzero(lacking > MAX_STATIONARY_FRACTION).tolist()))
-    if not left_out:
+    discarded = sorted(noisy | set(np.flatnonzero(lacking > MAX_STATIONARY_FRACTION).tolist()))
+    if not discarded:
         return result
-    numbers = ", ".join(str(p + 1) for p in left_out)
+    numbers = ", ".join(str(p + 1) for p in discarded)
     text = f"repetitions {numbers} of {P} lack a tenth of a channel, or samples that the others do not predict"
-    if P - len(left_out) < 2:
+    if P - len(discarded) < 2:
         text += ", and two complete repetitions are needed. Measure again, or exclude the faulty part with samples"
         raise log.error("records/missing-samples", text)
-    log.report("repetitions left out", len(left_out), f"{text}, and are left out")
-    log.findings.discarded_periods += left_out
+    log.report("repetitions left out", len(discarded), f"{text}, and are left out")
+    log.findings.discarded_periods += discarded
     return result
 
 
 def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
     """Signal (P L,) without NaN, and the repetitions with a long gap that nothing predicts to within the noise."""
-    result, poor = np.copy(x), set[int]()
+    result, noisy = np.copy(x), set[int]()
     limit = MAX_ERROR_OVER_NOISE * np.hypot(period_noise(x, L, sign), step(x) / np.sqrt(12))
     for at, gap in interpolations(x, L, sign):
         n = at.stop - at.start
@@ -82,8 +82,8 @@ def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tupl
             raise log.error("records/missing-samples", f"{text}. Measure again, or exclude them with samples")
         result[at] = gap.values
         if n > MAX_BRIDGED and gap.error > limit:
-            poor |= set(range(at.start // L, (at.stop - 1) // L + 1))
-    return result, poor
+            noisy |= set(range(at.start // L, (at.stop - 1) // L + 1))
+    return result, noisy
 
 
 def _missing(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
@@ -135,15 +135,15 @@ def repair(
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
-    going = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
-    moving = without_standstill(going, L, log)
-    both = _and_missing(moving)
-    clock = resampled(both, both[:, drivers], N, log)
-    of_log = moving if clock is both else _with_missing(clock, signals.shape[1])
-    check(of_log[:, drivers])
+    whole = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
+    masked = without_standstill(whole, L, log)
+    stack = _with_flags(masked)
+    clock = resampled(stack, stack[:, drivers], N, log)
+    on_clock = masked if clock is stack else _with_missing(clock, signals.shape[1])
+    check(on_clock[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
-    full = filled(without_spikes(of_log, L, sign, repeating), L, sign, log)
-    as_logged = full if clock is both else _bridged(going)
+    full = filled(without_spikes(on_clock, L, sign, repeating), L, sign, log)
+    as_logged = full if clock is stack else _bridged(whole)
     report_clipping(as_logged, L, repeating)
     report_steps(as_logged, L, sign, repeating)
     return full
@@ -163,8 +163,8 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)
-        both = at_times(_and_missing(signals), times, period, min(1.0, N / period))
-        result = _with_missing(both, signals.shape[1])
+        stack = at_times(_with_flags(signals), times, period, min(1.0, N / period))
+        result = _with_missing(stack, signals.shape[1])
         log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
     n, lacking = len(result), 2 * L - len(result)
     if n < MIN_PERIODS * L or lacking <= 0:
@@ -178,15 +178,15 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     return np.concatenate([result, end])
 
 
-def _and_missing(signals: FloatArray) -> FloatArray:
+def _with_flags(signals: FloatArray) -> FloatArray:
     """Signals (n, c) -> (n, 2 c): straight lines where samples are missing, and 1 where they are; whole ones alone."""
-    known = np.isfinite(signals)
-    return signals if known.all() else np.concatenate([_bridged(signals), ~known], axis=1)
+    valid = np.isfinite(signals)
+    return signals if valid.all() else np.concatenate([_bridged(signals), ~valid], axis=1)
 
 
-def _with_missing(both: FloatArray, c: int) -> FloatArray:
+def _with_missing(stack: FloatArray, c: int) -> FloatArray:
     """The inverse after interpolation: a sample is missing where missing ones have 2 % in it."""
-    return both if both.shape[1] == c else np.where(np.abs(both[:, c:]) > 0.02, np.nan, both[:, :c])
+    return stack if stack.shape[1] == c else np.where(np.abs(stack[:, c:]) > 0.02, np.nan, stack[:, :c])
 
 
 def _bridged(signals: FloatArray) -> FloatArray:

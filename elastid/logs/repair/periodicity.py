@@ -69,37 +69,37 @@ def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
     compared with the next and, to detect a period that is off by a fraction of a sample, with many later ones.  Means
     and ramps of each lag are removed first: a position that drifts still repeats.
     """
-    results = [_repetition(x, lag, sign) for x in signals.T if _moves(x)]
+    results = [_repetition(x, lag, sign) for x in signals.T if _varies(x)]
     return max(results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NONE)
 
 
 def find_period(signals: FloatArray) -> Repetition:
     """The shortest lag after which one of the signals (n, c) repeats, least drift; best_samples 0 where none does."""
-    return max((_best(x) for x in signals.T if _moves(x)), key=lambda result: result.rank, default=_NONE)
+    return max((_best(x) for x in signals.T if _varies(x)), key=lambda result: result.rank, default=_NONE)
 
 
-def _moves(x: FloatArray) -> bool:
+def _varies(x: FloatArray) -> bool:
     return bool(np.isfinite(x).any() and np.nanmax(x) > np.nanmin(x))
 
 
 def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
     """The verdict on one signal (n,); starts: its first repetition may hold the start from rest."""
     # Repetitions at the end that are missing altogether show nothing.
-    known = np.flatnonzero(np.isfinite(x))
-    x = x[: max(int(known.max(initial=-1)) + 1, 2 * lag)]
+    finite = np.flatnonzero(np.isfinite(x))
+    x = x[: max(int(finite.max(initial=-1)) + 1, 2 * lag)]
     n = len(x)
-    if n < MIN_PERIODS * lag or lag < 1 or known.size == 0:
+    if n < MIN_PERIODS * lag or lag < 1 or finite.size == 0:
         return _NONE
-    level = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
-    rho = autocorrelation(level)
-    P = len(level) // lag
-    stated = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
+    residual = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
+    rho = autocorrelation(residual)
+    P = len(residual) // lag
+    result = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
     for repeats in sorted({1, max(1, P // 2)}):
         middle = repeats * lag
         near = sign**repeats * rho[max(1, middle - lag // 2) : middle + lag // 2 + 1]
         correlation = sign**repeats * float(rho[middle]) if middle < len(rho) else 0.0
-        stated = replace(stated, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
-        if not stated.matches_stated_period:
+        result = replace(result, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
+        if not result.matches_stated_period:
             # Estimators leave the first repetition out where it differs.
             if (
                 starts
@@ -107,9 +107,9 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
                 and (later := _repetition(x[lag:], lag, sign, starts=False)).matches_stated_period
             ):
                 return later
-            period = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
+            period = max((_anywhere(residual), _best(x)), key=lambda result: result.rank)
             return replace(period, correlation=correlation)
-    return stated
+    return result
 
 
 def _best(x: FloatArray) -> Repetition:
@@ -123,8 +123,8 @@ def _levelled(x: FloatArray, lag: int) -> FloatArray:
     """A signal (n,) without its mean and its drift, the mean difference of its repetitions."""
     change = x[lag:] - x[:-lag]
     drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
-    level = x - drift * np.arange(len(x))
-    return np.asarray(level - np.nanmean(level))
+    residual = x - drift * np.arange(len(x))
+    return np.asarray(residual - np.nanmean(residual))
 
 
 def _is_as_good(correlation: float, best: float) -> bool:
@@ -202,14 +202,14 @@ def autocorrelation(x: FloatArray) -> FloatArray:
     """rho (n - n // 8,) of x (n,) after 0, 1, ... samples; missing ones (NaN) and their partners do not count."""
     n = len(x)
     n_fft = 1 << (2 * n - 1).bit_length()
-    known = np.isfinite(x)
-    X = np.fft.rfft(np.where(known, x, 0.0), n_fft)
+    valid = np.isfinite(x)
+    X = np.fft.rfft(np.where(valid, x, 0.0), n_fft)
     product = np.fft.irfft(np.abs(X) ** 2, n_fft)[:n]
-    if known.all():
+    if valid.all():
         power = np.cumsum(x**2)
         first, last = power[::-1], power[-1] - np.concatenate([[0.0], power[:-1]])
     else:
-        squares, counts = np.fft.rfft(np.where(known, x, 0.0) ** 2, n_fft), np.fft.rfft(known.astype(float), n_fft)
+        squares, counts = np.fft.rfft(np.where(valid, x, 0.0) ** 2, n_fft), np.fft.rfft(valid.astype(float), n_fft)
         first, last = (np.fft.irfft(c, n_fft)[:n] for c in (squares.conj() * counts, counts.conj() * squares))
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.sqrt(np.maximum(first, 0.0) * np.maximum(last, 0.0))
@@ -229,11 +229,11 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
 
     drivers (n, d): torques at that rate, NaN where missing, to be searched if the study says so; DataError without one.
     """
-    stated = recorded.period_of(file)
-    if stated is None:
+    period = recorded.period_of(file)
+    if period is None:
         return None
-    if stated != "find":
-        return rounded_samples(stated * rate_hz / recorded.known_rate_hz)
+    if period != "find":
+        return rounded_samples(period * rate_hz / recorded.known_rate_hz)
     best = find_period(drivers)
     if not best.best_samples:
         raise DataError(
@@ -285,18 +285,18 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}"
         raise log.error("records/period-mismatch", text)
     result = repetition(excitation, repeat, sign)
-    lost = _lost_samples(excitation, repeat, sign)
-    if result.matches_stated_period and lost is None:
+    shift = _sample_shift(excitation, repeat, sign)
+    if result.matches_stated_period and shift is None:
         return
-    stated = "second half minus first" if half_wave else "one period to the next"
+    pairs = "second half minus first" if half_wave else "one period to the next"
     problem = (
         f"the excitation does not repeat with the stated period of {_span(N, log)} (correlation "
-        f"{result.correlation:.3f}, {stated})"
+        f"{result.correlation:.3f}, {pairs})"
     )
-    if lost is not None:
-        what = f"{abs(lost[0])} samples are {'missing' if lost[0] < 0 else 'duplicated'} near {log.time_of(lost[1])}"
+    if shift is not None:
+        loss = f"{abs(shift[0])} samples are {'missing' if shift[0] < 0 else 'duplicated'} near {log.time_of(shift[1])}"
         text = (
-            f"{what}; before and after, the excitation repeats. Measure again, or exclude the shorter part by samples"
+            f"{loss}; before and after, the excitation repeats. Measure again, or exclude the shorter part by samples"
         )
     elif result.best_samples:
         lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
@@ -313,13 +313,13 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     raise log.error("records/period-mismatch", f"{problem}; {text}")
 
 
-def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
+def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
     """Change and place of a shift by whole samples between parts that repeat after N samples; None without one.
 
     Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
     """
     L, reach = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_LOST))
-    x = excitation[:, [c for c in range(excitation.shape[1]) if _moves(excitation[:, c])]]
+    x = excitation[:, [c for c in range(excitation.shape[1]) if _varies(excitation[:, c])]]
     if not np.isfinite(x).all():
         return None
     power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
@@ -328,17 +328,17 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         return None
     lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
     for start in starts:
-        part = x[start : start + L] - x[start : start + L].mean(axis=0)
+        window = x[start : start + L] - x[start : start + L].mean(axis=0)
         others = np.stack([x[start + N + k : start + N + k + L] for k in range(-reach, reach + 1)])
         others = sign * (others - others.mean(axis=1, keepdims=True))
-        inner = np.einsum("nc,knc->k", part, others)
-        rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
+        inner = np.einsum("nc,knc->k", window, others)
+        rho = inner / np.maximum(np.linalg.norm(window) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
         is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[reach])
         lag = int(np.argmax(rho)) - reach if is_nearer else 0
         lags.append(lag if rho.max() > MIN_CORRELATION else reach + 1)
-    known = [lag for lag in lags if lag <= reach]
-    shifts, changes = set(known) - {0}, np.count_nonzero(np.diff(known))
-    if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(known) - 1 and len(lags) - len(known) <= 3):
+    valid = [lag for lag in lags if lag <= reach]
+    shifts, changes = set(valid) - {0}, np.count_nonzero(np.diff(valid))
+    if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(valid) - 1 and len(lags) - len(valid) <= 3):
         return None
     shift = shifts.pop()
     across = lags.index(shift) * L

@@ -76,7 +76,7 @@ def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, 
 
 
 def delay_by_torque(
-    torques: FloatArray, motions: FloatArray, orders: IntArray, N: int | None, stated: float
+    torques: FloatArray, motions: FloatArray, orders: IntArray, N: int | None, shift: float
 ) -> tuple[float, float, float]:
     r"""Delay of motions (n, c) of some motors against their torques (n, c), agreement there and at the stated delay.
 
@@ -89,7 +89,7 @@ def delay_by_torque(
     A = Y * (1j * np.arange(len(Y))[:, None]) ** orders
     C = np.sum(A * U.conj(), axis=1) * np.linalg.norm(U, axis=1) / np.maximum(np.linalg.norm(A, axis=1), 1e-300)
     size, tau = max(float(np.linalg.norm(U[1:]) ** 2), 1e-300), _peak(C, N)
-    return tau, correlation(C, N, tau) / size, correlation(C, N, stated) / size
+    return tau, correlation(C, N, tau) / size, correlation(C, N, shift) / size
 
 
 def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[ComplexArray], int]:
@@ -159,9 +159,9 @@ def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
 def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
     n = len(x)
     # Each end and its continuation, taken one period further inside.
-    left = _values_at(x, np.arange(-before, 1.0) + period, period)
-    right = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
-    return np.concatenate([left[:-1] + x[0] - left[-1], x, right[1:] + x[-1] - right[0]])
+    first = _values_at(x, np.arange(-before, 1.0) + period, period)
+    last = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
+    return np.concatenate([first[:-1] + x[0] - first[-1], x, last[1:] + x[-1] - last[0]])
 
 
 def _values_at(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
@@ -314,9 +314,9 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     if grid is not None:
         rows, grid_hz = grid
         if abs(grid_hz / rate_hz - 1) <= MAX_CLOCK_ERROR:
-            lost, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
+            count, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
             result[rows] = signals
-            _report_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log)
+            _report_gaps(count, np.flatnonzero(np.diff(rows) > 1), log)
             return result
         time_s = rows / grid_hz
     return _at_instants(time_s, signals, rate_hz, log)
@@ -379,19 +379,19 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
     return (jitter_s, 1 / float(step)) if ratio > SMOOTHER else None
 
 
-def _report_gaps(lost: int, gaps: IntArray, log: Log) -> None:
-    if lost:
-        text = f"{lost} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
-        log.report(GAPS, lost, text)
+def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
+    if count:
+        text = f"{count} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
+        log.report(GAPS, count, text)
 
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
     """Resampled from instants (n,) in s, the first of which is 0."""
     steps_s, steps = np.diff(time_s), describe_steps(time_s)
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
-    of_knots = np.delete(steps_s, gaps)
-    row = min(8, len(of_knots))  # steps, whose mean no knots are closer than
-    knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
+    knot_steps = np.delete(steps_s, gaps)
+    row = min(8, len(knot_steps))  # steps, whose mean no knots are closer than
+    knot_hz = 1 / float(np.convolve(knot_steps, np.full(row, 1 / row), mode="valid").max())
     if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
@@ -402,12 +402,12 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
         )
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
-    result, share = _fitted(time_s, signals, grid_s, knot_hz)
+    result, ratio = _fitted(time_s, signals, grid_s, knot_hz)
     missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[missing] = np.nan
     text = (
         f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
-        f"{share.max(initial=0.0):.2g} of its rms, which is noise or faster"
+        f"{ratio.max(initial=0.0):.2g} of its rms, which is noise or faster"
     )
     log.report(RESAMPLED, len(result), text)
     _report_gaps(int(missing.sum()), gaps, log)
@@ -421,28 +421,28 @@ def _fitted(
 
     NaN in blocks of knots without samples, as in a long pause.
     """
-    instants, wanted = time_s * knot_hz, grid_s * knot_hz
+    instants, grid = time_s * knot_hz, grid_s * knot_hz
     result = np.full((len(grid_s), signals.shape[1]), np.nan)
     squares = np.zeros(signals.shape[1])
-    for first in range(0, int(wanted[-1]) + 1, _KNOTS):
+    for first in range(0, int(grid[-1]) + 1, _KNOTS):
         low, high = first - _OVERLAP, first + _KNOTS + _OVERLAP
-        used = slice(*np.searchsorted(instants, [low, high]))
-        asked = slice(*np.searchsorted(wanted, [first, first + _KNOTS]))
-        inside = slice(*np.searchsorted(instants[used], [first, first + _KNOTS]))
+        near = slice(*np.searchsorted(instants, [low, high]))
+        rows = slice(*np.searchsorted(grid, [first, first + _KNOTS]))
+        inside = slice(*np.searchsorted(instants[near], [first, first + _KNOTS]))
         for i in range(signals.shape[1]):
-            t, s = instants[used], signals[used, i]
-            known = np.isfinite(s)
-            if not known.any():
+            t, s = instants[near], signals[near, i]
+            valid = np.isfinite(s)
+            if not valid.any():
                 continue
-            knots = _knots(t[known], s[known], low, high)
-            result[asked, i] = at_times(knots[:, None], wanted[asked] - low, len(knots))[:, 0]
-            left = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
-            squares[i] += float(np.nansum(left**2))
+            knots = _knots(t[valid], s[valid], low, high)
+            result[rows, i] = at_times(knots[:, None], grid[rows] - low, len(knots))[:, 0]
+            residual = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
+            squares[i] += float(np.nansum(residual**2))
     logged = np.isfinite(signals).any(axis=0)
     size = np.maximum(np.nanstd(signals[:, logged], axis=0), 1e-300)
-    share = np.zeros(signals.shape[1])
-    share[logged] = np.sqrt(squares[logged] / len(signals)) / size
-    return result, share
+    ratio = np.zeros(signals.shape[1])
+    ratio[logged] = np.sqrt(squares[logged] / len(signals)) / size
+    return result, ratio
 
 
 def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:
@@ -453,8 +453,8 @@ def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:
     start = np.interp(np.arange(low, high + 1.0), t, s)
     nearest, weights = kernel(t - low)
     columns = np.clip(nearest[:, None] + np.arange(-HALF_WIDTH, HALF_WIDTH + 1), 0, high - low)
-    of_rows = np.arange(0, columns.size + 1, columns.shape[1])
-    K = csr_array((weights.ravel(), columns.ravel(), of_rows), shape=(len(t), high - low + 1))
+    row_starts = np.arange(0, columns.size + 1, columns.shape[1])
+    K = csr_array((weights.ravel(), columns.ravel(), row_starts), shape=(len(t), high - low + 1))
     w = np.sqrt(np.clip(np.gradient(t), 1e-3, 1.0))
     correction = lsmr(K * w[:, None], w * (s - K @ start), _DAMPING, _TOLERANCE, _TOLERANCE, maxiter=60)[0]
     return np.asarray(start + correction)

@@ -81,11 +81,11 @@ class ResponseTable:
     def freq_hz(self, unit: str) -> FloatArray:
         """The frequencies (F,) in Hz; `auto` is the file's own unit.  DataError for an unknown or missing unit."""
         name = self.frequency_unit if unit == "auto" else unit
-        known = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
-        if known not in _IN_HZ:
+        unit_name = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
+        if unit_name not in _IN_HZ:
             problem = f"its unit of frequency is '{name}'" if name else "the unit of its frequencies is unknown"
             raise table_error(self.path, f"{problem}. Set frequency_unit to Hz, rad/s, kHz or rpm")
-        return self.freq * _IN_HZ[known]
+        return self.freq * _IN_HZ[unit_name]
 
     def index(self, channel: ChannelSpec) -> int:
         """Row of an output or column of an input; raise DataError with the existing names."""
@@ -97,8 +97,8 @@ class ResponseTable:
             return names.index(name)
         if not channel.channel and channel.column is not None and channel.column <= n:
             return channel.column - 1
-        listed = ", ".join(names) or f"{n}, named by column: 1 to {n}"
-        raise table_error(self.path, f"no {kind} is '{name}'; there are {listed}")
+        existing = ", ".join(names) or f"{n}, named by column: 1 to {n}"
+        raise table_error(self.path, f"no {kind} is '{name}'; there are {existing}")
 
 
 def label(channel: ChannelSpec) -> str:
@@ -129,9 +129,9 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
 def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     missing = [name for name in names if name not in log.headings]
     if missing:
-        listed = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
+        headings = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
         text = f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels"
-        raise table_error(path, f"{text}. There are {listed}")
+        raise table_error(path, f"{text}. There are {headings}")
     return log.columns([log.headings.index(name) for name in names])
 
 
@@ -153,8 +153,8 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     if not name and len(structs) == 1:
         name = structs[0]
     if name not in structs:
-        listed = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
-        raise table_error(path, f"no response '{name}' in it (name it with response); responses in it: {listed}")
+        names = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
+        raise table_error(path, f"no response '{name}' in it (name it with response); responses in it: {names}")
     prefix = f"{name}." if name else ""
     if f"{prefix}Frequency" not in leaves:
         raise table_error(path, f"{prefix}{_DATA} has no {prefix}Frequency. Save the frequencies, too")
@@ -162,8 +162,8 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
     keys = (prefix + key for key in ("FrequencyUnit", "Units", "TimeUnit"))
-    stated, other, time = (leaves[key].text if key in leaves else "" for key in keys)
-    unit = stated or other
+    unit, other, time = (leaves[key].text if key in leaves else "" for key in keys)
+    unit = unit or other
     if "timeunit" in unit.lower() and time.lower() not in ("", "seconds", "s"):
         raise table_error(path, f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s")
     freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
@@ -178,8 +178,8 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     G = complex_array(leaves, columns.response)
     if G is None or columns.frequency not in leaves:
         lacking = columns.response if G is None else columns.frequency
-        listed = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
-        raise table_error(path, f"no {lacking} in it. Name response and frequency under columns. There are {listed}")
+        datasets = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
+        raise table_error(path, f"no {lacking} in it. Name response and frequency under columns. There are {datasets}")
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
@@ -275,10 +275,10 @@ def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec 
     spec = experiment.responses or experiment.recorded
     if spec is None:
         return None
-    moved = {at for file in getattr(spec, "files", ()) for at in getattr(file, "at", {}).values()}
+    places = {at for file in getattr(spec, "files", ()) for at in getattr(file, "at", {}).values()}
     paths = [path for file in spec.files if (path := folder / file.path).is_file() and is_universal_file(path)]
-    read = (uff_geometry(path, spec.channels, sorted(moved)) for path in paths)
-    return next((geometry for geometry in read if geometry is not None), None)
+    geometries = (uff_geometry(path, spec.channels, sorted(places)) for path in paths)
+    return next((geometry for geometry in geometries if geometry is not None), None)
 
 
 def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[str] = ()) -> GeometrySpec | None:
@@ -320,17 +320,17 @@ def _in_si(
 ) -> tuple[FloatArray, tuple[Note, ...]]:
     """Factors (n_y, n_u) of a file that states its units (data set 164), 1 where a channel states one; and a note."""
     metre, newton = _length_and_force(path)
-    stated = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
+    in_unit = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
     turns = re.compile(r"\d+r[xyz]")
-    of_outputs = np.array([1.0 if name in stated or turns.fullmatch(name) else metre for name in outputs])
-    of_inputs = np.array([1.0 if n in stated else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
-    if np.all(of_outputs == 1) and np.all(of_inputs == 1):
+    f_y = np.array([1.0 if name in in_unit or turns.fullmatch(name) else metre for name in outputs])
+    f_u = np.array([1.0 if n in in_unit else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
+    if np.all(f_y == 1) and np.all(f_u == 1):
         return np.ones((len(outputs), len(inputs))), ()
     text = (
         f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a "
         "channel with another unit, or with scale, overrides it"
     )
-    return of_outputs[:, None] / of_inputs, (Note("responses/units", text, path.name, severity="information"),)
+    return f_y[:, None] / f_u, (Note("responses/units", text, path.name, severity="information"),)
 
 
 def _responses(path: Path) -> list[dict[str, Any]]:
@@ -338,10 +338,10 @@ def _responses(path: Path) -> list[dict[str, Any]]:
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         counts = Counter(int(data_set["func_type"]) for data_set in sets)
-        named = (
+        types = (
             ", ".join(f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items()) or "none"
         )
-        text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {named}"
+        text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {types}"
         raise table_error(path, f"{text}. Export frequency responses or time histories")
     return responses
 

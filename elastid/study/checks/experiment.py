@@ -19,14 +19,14 @@ _SIMULATED: KeyPath = ("experiment", "simulated")
 def check_count(study: Study) -> Iterator[Problem]:
     """Problems unless a realisation has at most as many experiments as motors, and enough for the estimator."""
     experiment, estimator = study.experiment, study.estimator
-    given, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
-    if given is None or experiment.simulated is None:
+    count, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
+    if count is None or experiment.simulated is None:
         return
     needed = estimator.experiments_needed(n_u, experiment.realisations)
-    if not needed <= given <= n_u:
+    if not needed <= count <= n_u:
         yield Problem(
             path,
-            f"{given} experiments in each of {experiment.realisations} realisations; estimator.method "
+            f"{count} experiments in each of {experiment.realisations} realisations; estimator.method "
             f"{estimator.method} needs {needed} to {n_u} for {n_u} motors",
         )
 

@@ -35,27 +35,27 @@ def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem
 
 def list_configurations(study: Study) -> list[str]:
     """Names of configurations, given ones first, then those that a design may choose."""
-    given = list(study.experiment.configurations)
+    names = list(study.experiment.configurations)
     if study.design is None:
-        return given
+        return names
     # A design that fits as many as it can into a robot_time may use 99 names.
     numbered = (f"c{i + 1}" for i in range(study.design.count or 99))
-    return [*given, *study.design.candidates.given, *numbered]
+    return [*names, *study.design.candidates.given, *numbered]
 
 
 def _locations(study: Study, role: str) -> list[str]:
     """Locations of the channels of a role, in all files."""
     recorded, channels = study.experiment.recorded, study.experiment.channels
-    moved = (
+    places = (
         [] if recorded is None else [at for name in list_configurations(study) for at in recorded.places_of(name, role)]
     )
-    return list(dict.fromkeys(moved)) or [channel.at for channel in channels if channel.role == role]
+    return list(dict.fromkeys(places)) or [channel.at for channel in channels if channel.role == role]
 
 
 def list_inputs(study: Study) -> list[str]:
     """Locations of the inputs."""
-    given = _locations(study, "u")
-    return given or list(study.as_robot().motor_locations)
+    inputs = _locations(study, "u")
+    return inputs or list(study.as_robot().motor_locations)
 
 
 def list_outputs(study: Study) -> list[str]:
