@@ -45,7 +45,7 @@ class Doubt:
 
 
 def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """One signal as torque and motion, torques and motions that are exchanged, joints that are, units unlike all."""
+    """Find contradictions of names: one signal in two roles, exchanged torques and motions or joints, odd units."""
     guesses = [guess_by_name(c.channel, c.column) for c in channels]
     torques = [g.name for g, c in zip(guesses, channels, strict=True) if c.role == "y" and g.quantity in DRIVES]
     families: dict[tuple[str, str, str], list[int]] = {}
@@ -77,7 +77,7 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
 
 
 def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """Warnings on signals whose names differ by a number: one with a different unit, two exchanged ones."""
+    """Yield warnings on signals whose names differ by a number: one with a different unit, two exchanged ones."""
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [dimension_and_size(unit) for unit in units]
     majority, count = Counter(sizes).most_common(1)[0]
@@ -117,15 +117,15 @@ class JointSignals:
     signals: FloatArray
 
     def order(self, i: int) -> int:
-        """The derivative of the position that a motion is, as stated."""
+        """Return the derivative of the position that a motion is, as stated."""
         return MOTIONS.index(self.channels[i].quantity)
 
     def named(self, i: int) -> str:
-        """Quantity and name of a motion."""
+        """Return quantity and name of a motion."""
         return f"{self.channels[i].quantity} {self.channels[i].name_in_file}"
 
     def factors(self, i: int) -> list[tuple[float, str]]:
-        """Factors by which the signal is too large where its unit or side is another one, with the keys to give."""
+        """Return factors by which the signal is too large for other units or sides, with the keys to give."""
         channel, unit = self.channels[i], QUANTITY_UNIT[self.channels[i].quantity]
         dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
         size = dimension_and_size(channel.unit or dimension)[1]
@@ -142,7 +142,7 @@ class JointSignals:
 def channel_doubts(
     channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
 ) -> Iterator[Doubt]:
-    """Warnings about channels of one rate from the raw values (n, c) of a log."""
+    """Yield warnings about channels of one rate from the raw values (n, c) of a log."""
     constant = dict(value_refusals(channels, list(values.T)))
     yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
     name_doubts = list(doubts_by_names(channels))
@@ -162,7 +162,7 @@ def channel_doubts(
 
 
 def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
-    """Positions that no joint has: far beyond its limits, or so many turns behind a gear."""
+    """Yield positions that no joint has: far beyond its limits, or so many turns behind a gear."""
     limits = joint.joint.limits.angle
     for i in [i for i in joint.motions if joint.order(i) == 0]:
         extent, limit = travel(joint.signals[:, i]), limits[1] - limits[0]
@@ -178,7 +178,7 @@ def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
 
 
 def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
-    """Motions of one joint that contradict each other in quantity, unit or sign; else its torque and its motion."""
+    """Yield contradictions of the motions of a joint in quantity, unit or sign, else of its torque and motion."""
     is_consistent = False
     for a, b in combinations(sorted(joint.motions, key=joint.order), 2):
         relations = motion_relations(joint.signals[:, a], joint.signals[:, b], joint.rate_hz)
@@ -215,7 +215,7 @@ def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
 
 
 def _sensor_doubts(joint: JointSignals) -> Iterator[Doubt]:
-    """Sign or unit of a torque sensor behind the gear that its joint's torque contradicts: u = J_m a + friction + s."""
+    """Yield contradictions of torque and torque sensor in sign or unit by u = J_m a + friction + s."""
     if joint.sensor is None or joint.torque is None or not joint.motions:
         return
     i, u, s = joint.sensor, joint.signals[:, joint.torque], -joint.signals[:, joint.sensor]
@@ -251,7 +251,7 @@ def _torque_relation(joint: JointSignals, i: int) -> TorqueRelation:
 
 
 def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:
-    """Another unit or side of one of two motions; another gear, or another rate."""
+    """Suspect unit or side of one of two motions, on the gear, or on the rate."""
     text = f"{joint.named(b)} is {gain:.4g} times the value computed from {joint.named(a)}"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_FACTOR]

@@ -138,7 +138,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
 
 
 def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
-    """The guess with a question if it has no unit and its values (n,) are whole numbers, as counts are."""
+    """Return the guess with a question if it has no unit and its values (n,) are whole numbers, as counts are."""
     is_whole = bool(np.all(x == np.round(x))) and float(np.ptp(x)) > _MIN_COUNTS
     if guess.unit or guess.quantity not in (*MOTIONS, *DRIVES) or not is_whole or guess.why.startswith("?"):
         return guess
@@ -147,7 +147,7 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
 
 
 def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
-    """Message on the first cell of a text without a number: first among the signals, then in other columns."""
+    """Return message on the first cell of a text without a number: first among the signals, then in other columns."""
     if not isinstance(log, TextLog) or log.sample_ms:
         return []
     columns = enumerate(name for name, _ in log.named_columns())
@@ -157,7 +157,7 @@ def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Three axes of an accelerometer without a unit, whose mean is gravity, in g or mm/s^2 by its size."""
+    """Set the unit, g or mm/s^2, of three axes of an accelerometer without one, whose mean is gravity."""
     axes = [
         (g, float(np.mean(x)))
         for g, x in signals
@@ -177,7 +177,7 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
 def _resample_to_slowest(
     log: Log, channels: Sequence[tuple[str, str, float]], most: int
 ) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Signals that have a quantity, interpolated at the times of the slowest one; DataError if these begin later."""
+    """Interpolate the signals that have a quantity at the times of the slowest one; DataError if these begin later."""
     slowest, result = slowest_ms(channels), []
     for name, unit, ms in channels:
         guess = guess_by_name(name, None, unit)
@@ -254,7 +254,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 def _with_sensors(
     guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess], values: Values, rate_hz: float
 ) -> list[JointGuess]:
-    """Joints with torque sensors behind their gears, by the numbers in their names; none unless each joint has one."""
+    """Add torque sensors behind the gears to joints by numbers in their names; none unless each joint has one."""
     sensors = _best_family([g for g in guesses if g.is_torque_sensor and g.rank >= 0], ("torque",))
     by_number = {tuple(re.findall(r"\d+", g.parts[1])): g for g in sensors}
     pairs = [(by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))), joint) for joint in joints]
@@ -265,7 +265,7 @@ def _with_sensors(
 
 
 def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
-    """Joint with its sensor; its sign turns it into the torque of the links on the motor."""
+    """Add the sensor of a joint; its sign turns it into the torque of the links on the motor."""
     s, u = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
     y = joint.motion.sign * _in_si(joint.motion, values)
     gain, std = sensor_gain(u, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
@@ -276,14 +276,14 @@ def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_h
 
 
 def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
-    """Motion (n,) in SI without its sign, an angle unwrapped."""
+    """Return motion (n,) in SI without its sign, an angle unwrapped."""
     size, turns = abs(motion.to_si), motion.quantity == "position" and dimension_and_size(motion.unit)[0] == "rad"
     x = values[motion.key]
     return size * (unwrapped(x, 2 * np.pi / size)[0] if turns else x)
 
 
 def _sorted(items: Sequence[T], labels: Sequence[str]) -> list[T]:
-    """Joints in the order of the numbers in their labels, if these differ; else in the order of the log."""
+    """Sort joints by the numbers in their labels, if these differ; else in the order of the log."""
     numbers = [tuple(map(int, re.findall(r"\d+", label))) for label in labels]
     is_numbered = all(numbers) and len(set(numbers)) == len(numbers)
     order = sorted(range(len(items)), key=numbers.__getitem__) if is_numbered else range(len(items))
@@ -293,7 +293,7 @@ def _sorted(items: Sequence[T], labels: Sequence[str]) -> list[T]:
 def guess_commands(
     signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 ) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
-    """Measured and commanded position of each joint, by their names; empty unless every measured one has a command."""
+    """Pair measured and commanded positions of joints by names; none unless every measured one has a command."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     measured = _best_family([g for g in guesses if g.rank >= 0], ("position",))
     measured = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
@@ -314,7 +314,7 @@ def _commanded_positions(guesses: Sequence[ChannelGuess]) -> dict[str, ChannelGu
 
 
 def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
-    """Commanded positions by their names, one for each joint whose position is known; else none."""
+    """Return commanded positions by their names, one for each joint whose position is known; else none."""
     commanded = _commanded_positions(guesses)
     members = [commanded.get(joint.motion.parts[1]) for joint in joints if joint.motion.quantity == "position"]
     if len(members) < len(joints) or None in members:
@@ -359,7 +359,7 @@ def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[
 def _with_unit(
     motion: ChannelGuess, speed: ChannelGuess | None, values: Values, rate_hz: float, slides: bool
 ) -> ChannelGuess:
-    """Motion channel with its unit from its velocity or range, SI by default. slides: its drive is a force."""
+    """Set the unit of a motion channel by its velocity or range, SI by default. slides: its drive is a force."""
     if motion.unit:
         return motion
     x, is_counted = values[motion.key], motion.why.startswith("?")
@@ -378,7 +378,7 @@ def _with_unit(
 def _joint(
     drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
 ) -> JointGuess:
-    """The joint of a torque and a motion, among the motions of all joints."""
+    """Make the joint of a torque and a motion, among the motions of all joints."""
     others = {g.key: (_in_si(g, values), MOTIONS.index(g.quantity)) for g in (*motions, motion)}
     y, order = others.pop(motion.key)
     best = torque_relation(drive.to_si * values[drive.key], y, order, rate_hz, others=[*others.values()])

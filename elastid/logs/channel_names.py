@@ -93,7 +93,7 @@ def _split(name: str) -> str:
 
 
 def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess:
-    """The guess of a channel by its name and the unit that its file states."""
+    """Return the guess of a channel by its name and the unit that its file states."""
     words = [w for w in re.split(r"[^a-z°]+", _split(name).lower()) if w]
     rank = sum(bool(re.fullmatch(_MEASURED, w)) - bool(re.fullmatch(_NOT_MEASURED, w)) for w in words)
     parsed = unit_of_heading(name, unit)

@@ -78,12 +78,12 @@ class _Experiment:
     findings: Findings = field(default_factory=Findings)
 
     def log(self, number: int, names: Sequence[str] = (), rate_hz: float | None = None) -> Log:
-        """Names of a file, counted from 1, in messages."""
+        """Return names of a file, counted from 1, in messages."""
         first = 0 if self.file.samples is None or number > 1 else self.file.samples[0]
         return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, findings=self.findings)
 
     def key(self, channel: ChannelSpec) -> tuple[int, float]:
-        """File and rate of a channel."""
+        """Return file and rate of a channel."""
         return channel.file, float(channel.rate_hz or self.recorded.known_rate_hz)
 
 
@@ -158,7 +158,7 @@ def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
 
 
 def period_samples_of_channel(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
-    """Samples of a period at a channel's own rate; raise StudyError if only the study's rate gives a whole number."""
+    """Return samples of a period at a channel's rate; StudyError if only the study's rate gives a whole number."""
     samples, nominal = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and nominal.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
@@ -170,7 +170,7 @@ def period_samples_of_channel(period_s: float, rate_hz: float, recorded: Recorde
 
 
 def _period_s(groups: Sequence[_Group], experiment: _Experiment) -> float | None:
-    """The period in s (in samples where the rate is unknown), stated or found in the torques; None without one."""
+    """Return the period in s (samples if the rate is unknown), stated or detected in torques; None without one."""
     for role in ("r", "u", "reference"):
         for group in groups:
             drivers = [j for j, i in enumerate(group.members) if experiment.recorded.channels[i].role == role]
@@ -218,7 +218,7 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Group:
 
 
 def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:
-    """Stamps (n,) in s, wrong ones interpolated."""
+    """Return stamps (n,) in s, wrong ones interpolated."""
     stamps, wrong = corrected_stamps(t) if len(t) > 2 else (t, np.zeros(0, np.int64))
     if len(wrong):
         text = f"wrong values of {name}: {len(wrong)}, the first at {log.time_of(wrong[0])}; interpolated"
@@ -301,7 +301,7 @@ def _clock_ratio(base: Signals, file: Signals, N: int) -> float:
 
 
 def _periodic(signals: Signals, N: int) -> FloatArray | None:
-    """Whole periods (n, c) of the least noisy role that has two; None without."""
+    """Return whole periods (n, c) of the least noisy role that has two; None without."""
     for role in ("r", "reference", "u", "y"):
         if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
             return _stacked(x)[: min(map(len, x)) // N * N]
@@ -309,14 +309,14 @@ def _periodic(signals: Signals, N: int) -> FloatArray | None:
 
 
 def _stacked(signals: Sequence[FloatArray]) -> FloatArray:
-    """Signals (n, c) of one file, some of which may be a sample longer."""
+    """Return signals (n, c) of one file, some of which may be a sample longer."""
     return np.stack([x[: min(map(len, signals))] for x in signals], axis=1)
 
 
 def _file_delay(
     first: _Group, second: _Group, x_1: Signals, x_2: Signals, N: int | None, path: Path
 ) -> tuple[float, str]:
-    """Samples by which a file lags the first one, and the evidence in words.
+    """Return samples by which a file lags the first one, and the evidence in words.
 
     A signal in both files shows the lag. So do r and u, to whole samples, since the phase of the loop is part of it.
     Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
@@ -355,7 +355,7 @@ def _file_delay(
 
 
 def _clock_shift(first: _Group, second: _Group, has_excitation: bool) -> float | None:
-    """Samples by which a log without an excitation lags the first one by the clock that stamps both, or by their rows.
+    """Return the lag in samples of a log without excitation, by the clock that stamps both logs, or by their rows.
 
     None where their times do not overlap, or there are none and not as many samples, or where the first one has an
     excitation: what two loggers record of it has its own start in each, and every sample between them is phase.

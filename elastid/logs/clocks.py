@@ -43,12 +43,12 @@ class Clock:
 
 
 def is_time(name: str) -> bool:
-    """True for the name of a channel that is a time by its name, or by a unit in brackets."""
+    """Return True for the name of a channel that is a time by its name, or by a unit in brackets."""
     return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
 
 
 def is_clock(x: FloatArray) -> bool:
-    """True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
+    """Return True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
     steps = np.diff(x)
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
@@ -57,7 +57,7 @@ def is_clock(x: FloatArray) -> bool:
 
 
 def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
-    """The stamps (n,) of a time channel, wrong ones interpolated, empty for another channel; the wrong samples.
+    """Read stamps (n,) of a time channel, wrong ones interpolated, empty for another channel; the wrong samples.
 
     Wrong stamps are missing, or off the median of their neighbours.
     """
@@ -72,7 +72,7 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
 
 
 def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
-    """The stamps (n,) with wrong ones interpolated, and the numbers of these; no stamps if too many are wrong."""
+    """Interpolate wrong stamps (n,), and return their numbers, too; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 
     if np.isnan(t).mean() > MAX_WRONG_FRACTION:
@@ -112,13 +112,13 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
 
 
 def slowest_ms(channels: Sequence[tuple[str, str, float]]) -> float:
-    """Longest sample time of the channels whose names or units show a quantity, temperatures aside."""
+    """Return longest sample time of the channels whose names or units show a quantity, temperatures aside."""
     times = [ms for name, unit, ms in channels if guess_by_name(name, None, unit).quantity not in ("", "temperature")]
     return max(times, default=max(ms for *_, ms in channels))
 
 
 def clock_of(log: Log) -> Clock:
-    """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name.
+    """Find the clock of a log by a time channel, a rate that its format states, or a number with a typical name.
 
     Raises DataError for a time that runs backwards.
     """

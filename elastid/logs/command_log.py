@@ -53,7 +53,7 @@ class _Signals:
     members: Sequence[tuple[ChannelGuess, FloatArray]]
 
     def of(self, quantity: str, is_command: bool, joints: Sequence[str]) -> FloatArray | None:
-        """Signals (n, n_u) of a quantity in SI, in the order of the joints; None if the log has another number."""
+        """Find signals (n, n_u) of a quantity in SI, in the order of joints; None if the log has another number."""
         families: dict[str, dict[str, FloatArray]] = {}
         for guess, x in self.members:
             # A command without a quantity in its name is a position.
@@ -122,7 +122,7 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
 
 
 def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
-    """The channel of a command, or of the position nearest to the motor of a joint."""
+    """Return the channel of a command, or of the position nearest to the motor of a joint."""
     for place in (f"motor {joint}", f"joint {joint}"):
         for channel in recorded.channels:
             if (channel.role, channel.at, channel.quantity) == (role, place, "position"):

@@ -39,7 +39,7 @@ class Drives:
 
     @classmethod
     def of(cls, controller: CascadeSpec, robot: Robot, torques: Sequence[ChannelSpec], rate_hz: float) -> "Drives":
-        """Drives of a study; without a path each reference acts from its sample to the next."""
+        """Return drives of a study; without a path each reference acts from its sample to the next."""
         path = controller.reference or ReferencePathSpec(1 / rate_hz, "hold")
         ticks = controller.ticks if controller.reference is not None else 1
         alpha = controller.velocity_feedforward or path.velocity_feedforward
@@ -47,7 +47,7 @@ class Drives:
         return drives.with_feedforward(alpha)
 
     def with_feedforward(self, alpha: float) -> "Drives":
-        """Drives with another velocity feedforward."""
+        """Return drives with another velocity feedforward."""
         assert self.controller.reference is not None
         reference = replace(self.controller.reference, velocity_feedforward=alpha)
         return replace(self, controller=replace(self.controller, reference=reference))
@@ -63,7 +63,7 @@ class Drives:
         return C_fb * lag, C_ff * lag
 
     def low_passes(self, f: FloatArray) -> ComplexArray:
-        """Filters (F, n_u) of the channels."""
+        """Return filters (F, n_u) of the channels."""
         s = (2j * np.pi * f).astype(np.complex128)
         times = [sum(error.low_pass for error in channel.errors) for channel in self.torques]
         return np.stack([low_pass_response(s, T) for T in times], axis=1)
@@ -97,7 +97,7 @@ class Drives:
 
 
 def positive(freq_hz: FloatArray) -> FloatArray:
-    """Frequencies with half a line in place of 0, where an inertia has no response."""
+    """Return frequencies with half a line in place of 0, where an inertia has no response."""
     return np.where(freq_hz > 0, freq_hz, freq_hz[:2].max() / 2)
 
 
@@ -119,7 +119,7 @@ class Match:
     explained: float
 
     def gains(self, motor: int) -> tuple[FloatArray, float]:
-        """Factors (2,) of the parts by position and velocity gain of a motor; the part of its power they explain."""
+        """Fit factors (2,) of the terms of position and velocity gain of a motor; also explained power."""
         parts = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
         *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in parts)
         A = np.stack(columns, axis=1)

@@ -72,7 +72,7 @@ def read_friction_logs(
     payloads: Mapping[str, float],
     progress: Progress = silent,
 ) -> FrictionRecords:
-    """The records of all logs, whose paths are relative to base.
+    """Read the records of all logs, whose paths are relative to base.
 
     joints: whose friction is asked for; others that move are recorded too.  payloads: kg of each load, added to the
     robot's own.  StudyError where channels, files and robot do not fit, DataError for a log that cannot be used.
@@ -120,7 +120,7 @@ class _LogReader:
         return str(self.base / self.file.path)
 
     def records(self) -> tuple[FrictionRecord, ...]:
-        """One record of each joint that moves; StudyError or DataError without one."""
+        """Read one record of each joint that moves; StudyError or DataError without one."""
         recorded = replace(self.recorded, channels=tuple(c for c in self._channels() if c.role != "t"))
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
@@ -166,7 +166,7 @@ class _LogReader:
         return self._of_joints(signals, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
 
     def _repaired(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
-        """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
+        """Repair gaps and spikes; return signals, samples of their period (None without one), and their rate."""
         if self.file.purpose == "presliding_test":
             return repaired_signals(gathered, self.recorded)
         log = gathered.log
@@ -179,7 +179,7 @@ class _LogReader:
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
-        """Readings (n,) in degC at times from the first sample; between them by straight lines, at whatever rate."""
+        """Interpolate readings of a thermometer of any rate, (n,) in degC, at times from the first sample, linearly."""
         path = self.base / (self.file.path, *self.file.also)[channel.file - 1]
         log = Log(str(path), ())
         rate_hz = float(channel.rate_hz or self.recorded.known_rate_hz)
@@ -269,7 +269,7 @@ class _LogReader:
         return "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
 
     def _commanded(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
-        """Command and gains of a joint without a torque, by the name of the record's field; empty with a torque."""
+        """Return command and gains of a joint without a torque, by fields of the record; empty with a torque."""
         controller, reference = self.recorded.controller, _signal(signals, "reference", joint.name)
         if controller is None or reference is None or ("u", f"motor {joint.name}", "") in signals:
             return {}
@@ -339,13 +339,13 @@ def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
 
 
 def _joint_of(channel: ChannelSpec) -> str:
-    """The joint that a channel is of; empty where its place is a body or a frame."""
+    """Return the joint that a channel is of; empty where its place is a body or a frame."""
     kind, _, name = channel.at.partition(" ")
     return name if kind in ("motor", "joint") else ""
 
 
 def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> FloatArray | None:
-    """The signal at the motor of a joint, which its friction acts on, or else at the joint."""
+    """Return the signal at the motor of a joint, which its friction acts on, or else at the joint."""
     at_motor, at_joint = ((role, f"{kind} {joint}", quantity) for kind in ("motor", "joint"))
     return signals.get(at_motor, signals.get(at_joint))
 
@@ -361,7 +361,7 @@ class Heat:
 
 
 def heat_of(record: FrictionRecord) -> Heat:
-    """The log in steps; DataError where the joint never returns, or its torque does no work on it."""
+    """Compute the heat of a log in steps; DataError where the joint never returns, or its torque does no work on it."""
     q, u, rate_hz = record.position, record.torque, record.rate_hz
     where = f"{record.place}: warm-up of joint {record.joint}"
     n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
@@ -388,14 +388,14 @@ def heat_of(record: FrictionRecord) -> Heat:
 
 
 def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
-    """Means (n + 1,) of the samples within half a step of each edge."""
+    """Compute means (n + 1,) of the samples within half a step of each edge."""
     sums, middles = np.append(0.0, np.cumsum(x - x[0])), (edges[:-1] + edges[1:]) // 2 + 1
     low, high = np.append(0, middles), np.append(middles, len(x))
     return np.asarray(x[0] + (sums[high] - sums[low]) / (high - low))
 
 
 def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """Constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
+    """Find constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
     least = 1 if record.speed is not None else MIN_GROUPS
     passes = detect_passes(record, has_gravity)
     speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
@@ -408,7 +408,7 @@ def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord,
 
 
 def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
-    """All logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
+    """Join all logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
 
     DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
     """

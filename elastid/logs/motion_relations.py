@@ -55,13 +55,13 @@ class TorqueRelation:
     is_shared: bool = False
 
     def is_before_gear(self, joint: Joint, ratio: float, scale: float = 1.0) -> bool:
-        """True if J / scale is below half the rotor's inertia as a link-side number, but not as a motor-side one."""
+        """Return True if J / scale is below half the rotor's inertia as a link-side number, not as a motor-side one."""
         rotor = 0.0 if joint.motor is None else joint.motor.inertia * ratio**2 * scale
         return 2 * self.largest_inertia < rotor < 2 * self.inertia * ratio**2
 
 
 def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> FloatArray:
-    """The derivative (n - 12 width,) of a signal (n,), smoothed by a Gaussian of a width in samples; -1: integral."""
+    """Differentiate a signal (n,) to (n - 12 width,), smoothed by a Gaussian, width in samples; -1: integrate."""
     omega = 2 * np.pi * np.fft.rfftfreq(len(x))
     gain = (1j * np.append(1.0, omega[1:])) ** order * np.exp(-((width * omega) ** 2) / 2)
     gain[0] = order == 0  # an integral has no mean
@@ -70,7 +70,7 @@ def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> Float
 
 
 def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> dict[int, MotionRelation]:
-    """The relations of two motions (n,) by order, -2 to 2, each at the width where both sides agree best."""
+    """Compute the relations of two motions (n,) by order, -2 to 2, each at the width where both sides agree best."""
     relations = {}
     for order in range(-2, 3):
         # Positions drift and keep offsets, so that velocities are compared.
@@ -85,7 +85,7 @@ def _widths(x: FloatArray) -> list[float]:
 
 
 def _relation(x: FloatArray, y: FloatArray) -> MotionRelation:
-    """Ratio of the deviations of two signals (n,), with the sign of their correlation, 0 if one is still."""
+    """Compute the ratio of the deviations of two signals (n,), with the sign of their correlation, 0 if one rests."""
     sizes = float(np.std(x)), float(np.std(y))
     rho = float(np.mean((x - x.mean()) * (y - y.mean()))) / (sizes[0] * sizes[1]) if min(sizes) > 0 else 0.0
     return MotionRelation(float(np.sign(rho)) * sizes[1] / max(sizes[0], 1e-300), rho)
@@ -116,7 +116,7 @@ def torque_relation(
 
 
 def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, rate_hz: float) -> tuple[float, float]:
-    r"""Gain :math:`\beta` of a torque sensor behind the gear of a joint, and its standard error.
+    r"""Estimate the gain :math:`\beta` of a torque sensor behind the gear of a joint, and its standard error.
 
     .. math:: u = J_m a + f v + F_c\,\mathrm{sgn}(v) + o + \beta s
 
@@ -134,7 +134,7 @@ def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, ra
 
 
 def _fitted(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Coefficients of the columns of A (n, c), residual (n,), one column without the others, and its coefficient's std.
+    """Fit x (n,) by columns of A (n, c): coefficients, residual, a column without the others, its coefficient's std.
 
     The sandwich estimate has a window of ten samples: neighbouring residuals are correlated.
     """
@@ -151,7 +151,7 @@ def _relation_at(
     u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool,
     others: Sequence[tuple[FloatArray, int]]
 ) -> TorqueRelation:  # fmt: skip
-    """The relation in a band."""
+    """Fit the relation in a band."""
     torque = derivative(u, 0, rate_hz, width)
     v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
     columns = [a, v, np.sign(v), np.ones_like(a)]

@@ -74,7 +74,7 @@ class RecordedRig:
         return tuple(Experiment(replace(posture, name=name), *numbers) for (name, *numbers), posture in runs.items())
 
     def measure(self, experiment: Experiment) -> Record:
-        """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
+        """Read one experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
         files, records = self._files(experiment), []
         for file in files:
             path = self.base / file.path
@@ -84,7 +84,7 @@ class RecordedRig:
         return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
 
     def is_large(self, experiment: Experiment) -> bool:
-        """True if the log of an experiment is read in pieces, with the required channels remaining in it."""
+        """Return True if the log of an experiment is read in pieces, with the required channels remaining in it."""
         files = self._files(experiment)
         return len(files) == 1 and self._pieces(files[0]) is not None
 
@@ -93,7 +93,7 @@ class RecordedRig:
         return [file for file in self._recorded.files if file.run == run]
 
     def _pieces(self, file: FileSpec) -> _Pieces | None:
-        """Pieces of a log; None if it is read as a whole."""
+        """Return pieces of a log; None if it is read as a whole."""
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
         is_mixed = any(c.rate_hz is not None or c.role == "d" or c.errors for c in recorded.channels)
         needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or is_mixed
@@ -108,7 +108,7 @@ class RecordedRig:
         return _Pieces(start, end - start, bounds, dtype) if bounds else None
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
-        """Record of a log that exceeds the memory; None if it fits, or must be read as a whole."""
+        """Read the record of a log that exceeds the memory; None if it fits, or must be read as a whole."""
         log = self._pieces(file)
         if log is None:
             return None
@@ -184,7 +184,7 @@ class RecordedRig:
 
 
 def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
-    """The columns of r, u and y; r in the order of the inputs that it acts on, or references in place of it."""
+    """Return the columns of r, u and y; r in the order of the inputs that it acts on, or references in place of it."""
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y", "reference")}
     inputs, references = [channels[j].at for j in roles["u"]], roles.pop("reference")
     if not inputs:
@@ -198,7 +198,7 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 def repaired_signals(
     gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
 ) -> tuple[FloatArray, int | None, float]:
-    """The repaired signals, the samples of their period (None without one), and their rate."""
+    """Return the repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
     if log.findings.repairs[SET_BACK]:
         text = "the time runs backwards, and the length of the gap there is unknown. Select one part by samples"
@@ -219,7 +219,7 @@ _MIN_PERIODS = 8  # a median over fewer cannot distinguish a spike from a signal
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
-    """First and last sample of pieces of whole periods N (None: any length); empty if the log fits into memory."""
+    """Divide a log into pieces of whole periods N (None: any length), first to last sample; empty for a small log."""
     if n * n_channels < MIN_VALUES:
         return ()
     if N is None:
@@ -232,7 +232,7 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
 
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
-    """True if the lag between two mean periods (N,) exceeds MAX_LAG and its noise."""
+    """Return True if the lag between two mean periods (N,) exceeds MAX_LAG and its noise."""
     slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
     along, steepness = float(difference @ slope), float(slope @ slope)
     is_long = abs(along) > MAX_LAG * steepness
@@ -242,7 +242,7 @@ def _lags(difference: FloatArray, mean: FloatArray) -> bool:
 def joined(
     measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, int]], dtype: np.dtype[Any]
 ) -> Record | None:
-    """Record of all pieces with signals in files; None if they are not synchronous.
+    """Join the record of all pieces with signals in files; None if they are not synchronous.
 
     measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
     """
@@ -286,7 +286,7 @@ def _driver(record: Record) -> FloatArray:
 
 
 def _is_in_step(piece: Record, first: FloatArray | None) -> bool:
-    """True if a piece joins the first one, whose mean period is `first` (None without a period)."""
+    """Return True if a piece joins the first one, whose mean period is `first` (None without a period)."""
     if first is None:
         # An angle whose turns were taken out of one piece does not continue in the next.
         return all(note.code != UNWRAPPED for note in piece.notes)
@@ -313,7 +313,7 @@ _ADVICE = "Give each log its own experiment (same phases) or realisation (other 
 
 
 def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
-    """The record of all periods of some records, each of one log, in step with the first.
+    """Join all periods of some records, each of one log, in step with the first.
 
     Raises DataError that names two logs where they do not hold the same excitation at the same rate.
     """
@@ -341,7 +341,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
 
 
 def _align_record(first: Record, record: Record, claim: str) -> Record:
-    """A record that begins at the phase of the first, and has its means; DataError for another excitation."""
+    """Align a record with the phase and the means of the first; DataError for another excitation."""
     N = first.period_samples
     if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > MAX_CLOCK_ERROR:
         raise DataError(
@@ -381,7 +381,7 @@ def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
 
 
 def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
-    """Mean period (N, c) of signals, without the mean of it, and its variance (c,), NaN where there is one period."""
+    """Compute the mean period (N, c) of signals without its mean, and its variance (c,), NaN for one period."""
     X = folded(signals, N)
     X = X[1:] if len(X) > 2 else X  # the first holds the transient
     P, mean = len(X), X.mean(axis=0)
@@ -390,7 +390,7 @@ def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatA
 
 
 def _shift_periods(record: Record, lag: float) -> Record:
-    """Whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
+    """Cut whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
     N, L = record.period_samples, record.repeat_samples
     is_whole = abs(lag - round(lag)) <= MAX_LAG
     start = float(round(lag) % N) if is_whole else lag % N

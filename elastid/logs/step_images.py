@@ -129,7 +129,7 @@ def _subtracted(signals: FloatArray, u: Sequence[int], images: ComplexArray, tex
 
 
 def _size(drives: Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
-    """The change of the response by images at the upper edge of the torques' band, in words."""
+    """Describe the change of the response by images at the upper edge of the torques' band, in words."""
     images, line = drives.per_reference(freq_hz)
     power = np.cumsum(np.sum(np.abs(U[1:]) ** 2, axis=1))
     edge = 1 + int(np.argmax(power >= 0.99 * power[-1]))
@@ -140,7 +140,7 @@ def _size(drives: Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
 
 
 def _images_by_torques(drives: Drives, freq_hz: FloatArray, U: ComplexArray, Q: ComplexArray) -> ComplexArray:
-    """Images (F, n_u) of references that are not logged."""
+    """Compute images (F, n_u) of references that are not logged."""
     C_fb, C_ff = drives.controlled(positive(freq_hz))
     images, _ = drives.per_reference(freq_hz)
     total = C_ff + images
@@ -149,6 +149,6 @@ def _images_by_torques(drives: Drives, freq_hz: FloatArray, U: ComplexArray, Q: 
 
 
 def _images_by_references(match: Match, freq_hz: FloatArray, R: ComplexArray) -> ComplexArray:
-    """Images (F, n_u) of logged references, with the delay and the scale of the torques."""
+    """Compute images (F, n_u) of logged references, with the delay and the scale of the torques."""
     images, _ = match.drives.per_reference(freq_hz, match.delay_s)
     return np.asarray(images * R * match.scale)

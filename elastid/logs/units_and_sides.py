@@ -29,7 +29,7 @@ MAX_DIFFERENCE = 1e-5
 
 
 def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
-    """Place, key and reason of each channel that is not on the robot, in no unit of its quantity, or given twice."""
+    """Yield place, key and reason of each channel that is off the robot, in a wrong unit, or given twice."""
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
         if channel.role == "d" and channel.at not in motors:
@@ -69,12 +69,12 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
-    """Factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
+    """Compute the factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
     return _side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log) -> FloatArray:
-    """The signal (n,) in SI on the link side, an angle unwrapped."""
+    """Convert a signal (n,) to SI on the link side, an angle unwrapped."""
     factor, turns = _side_factor(channel, robot), 0
     if channel.quantity == "position":
         values, turns = unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
@@ -84,7 +84,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log)
 
 
 def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
-    """Values (n,) without their jumps by nearly a turn, or by the 2^k of a counter of whole numbers, and the number."""
+    """Remove jumps of values (n,) by nearly a turn, or by the 2^k of an integer counter; return also their number."""
     is_finite = np.isfinite(values)
     x = values[is_finite]
     span = float(np.ptp(x)) if x.size else 0.0
@@ -111,7 +111,7 @@ def to_shafts(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
 
 
 def _through_couplings(channels: Sequence[ChannelSpec], robot: Places, side: str, angle: FloatArray) -> FloatArray:
-    """T (n_c, n_c) for channels on one side; angle (n_u, n_u): to the angles on the other side."""
+    """Compute T (n_c, n_c) for channels on one side; angle (n_u, n_u): to the angles on the other side."""
     T, motors = np.eye(len(channels)), list(robot.motor_locations)
     if np.array_equal(angle, np.eye(len(angle))):
         return T
@@ -135,7 +135,7 @@ def without_placeholders(signals: FloatArray) -> FloatArray:
 def check_values(
     channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], log: Log, may_rest: Collection[str] = ()
 ) -> None:
-    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move.
+    """Raise DataError for a constant column (n,), some samples NaN; note an input that rests while others move.
 
     may_rest: further roles of channels that may be constant.
     """
@@ -251,7 +251,7 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
 
 
 def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signals (n, c) by T of `to_joints` or `to_shafts`, with known disturbances added to the torques; and these."""
+    """Transform signals (n, c) by T of `to_joints` or `to_shafts`, add disturbances to torques; return also these."""
     torques = [i for i, channel in enumerate(channels) if channel.role == "u"]
     signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
     motors, disturbances = [channels[i].at for i in torques], np.zeros((len(signals), len(torques)))
@@ -265,7 +265,7 @@ def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatAr
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:
-    """Samples at rate_hz for which each u among the channels is held, in their order; 0 where band-limited.
+    """Return samples at rate_hz for which each u among the channels is held, in their order; 0 where band-limited.
 
     A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
     """

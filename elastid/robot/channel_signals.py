@@ -47,5 +47,5 @@ def _filtered(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power:
 
 
 def _response(s: ComplexArray, channel: Channel) -> ComplexArray:
-    """Response (F,) of delay and low pass of a channel."""
+    """Return response (F,) of delay and low pass of a channel."""
     return np.exp(-s * channel.delay) * low_pass_response(s, channel.low_pass)

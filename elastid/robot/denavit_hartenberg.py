@@ -98,7 +98,7 @@ class DenavitHartenberg:
         self.robot()
 
     def robot(self) -> Robot:
-        """Robot as bodies and joints."""
+        """Return robot as bodies and joints."""
         bodies, parent, last = [], BASE, self.base
         for link in self.links:
             bodies.append(self._body(link, parent, last))
@@ -108,7 +108,7 @@ class DenavitHartenberg:
         return Robot(*described, gears=self.gears, tolerances=self.tolerances)
 
     def _body(self, link: Link, parent: str, before: Placement) -> Body:
-        """The link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""
+        """Return the link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""
         turn = Placement(rpy=(0.0, 0.0, link.offset))
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))

@@ -228,7 +228,7 @@ class Friction:
         return by_load or (temperature is not None and temperature.stiction != 0)
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
-        """ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
+        """Raise ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
 
         Viscous friction must be more than what it differs by between directions.
 

@@ -137,7 +137,7 @@ class Chain:
         return numbers
 
     def channel_numbers(self, motors: Sequence[str], places: Sequence[str]) -> dict[str, tuple[Channel, str]]:
-        """Channel and kind of each number of torques at motors and motions at places, by name, as far as listed."""
+        """Return channel and kind of each number of torques at motors and motions at places, by name, if listed."""
         channels = {(channel.role, channel.at): channel for channel in self.channels}
         places_of_role = {"u": motors, "y": places, "r": motors, "kp": motors, "kd": motors}
         keys = [(role, place) for role, at in places_of_role.items() for place in ("", *at) if place or role in "uyr"]

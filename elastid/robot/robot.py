@@ -22,7 +22,7 @@ from elastid.robot.tolerances import FileTolerances, Tolerances
 
 
 def check_unique_names(robot: "Robot") -> None:
-    """ValueError for names of one kind that are the same, and for a body that has the name of the base."""
+    """Raise ValueError for names of one kind that are the same, and for a body that has the name of the base."""
     bodies = [body.name for body in robot.all_bodies]
     for name in bodies:
         if name.casefold() == BASE:
@@ -47,7 +47,7 @@ def check_body_exists(owner: str, name: str, robot: "Robot") -> None:
 
 
 def check_loops(robot: "Robot") -> None:
-    """ValueError unless loops join bodies that exist and share no name with anything that has parameters of its own."""
+    """Raise ValueError unless loops join existing bodies and share no name with a body, joint or loop."""
     names = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
     for loop in robot.loops:
         for end in loop.ends:
@@ -60,7 +60,7 @@ def check_loops(robot: "Robot") -> None:
 
 
 def check_carrier(joint: Joint, robot: "Robot") -> None:
-    """ValueError unless the motor rides on a body between the base and its joint, or on one that its joint moves."""
+    """Raise ValueError unless the motor rides on a body between base and joint, or on one that its joint moves."""
     carrier = joint.motor.on if joint.motor is not None else ""
     if carrier in ("", BASE):
         return
@@ -80,7 +80,7 @@ def check_carrier(joint: Joint, robot: "Robot") -> None:
 
 
 def check_tolerances(robot: "Robot") -> None:
-    """ValueError for tolerances of a body, loop or payload that the robot does not have."""
+    """Raise ValueError for tolerances of a body, loop or payload that the robot does not have."""
     names = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
     for entry in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
         if entry.name not in names:
@@ -92,7 +92,7 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def split_place(place: str) -> tuple[str, str, str]:
-    """Kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
+    """Return kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
     kind, _, rest = place.partition(" ")
     name, _, axis = rest.rpartition(" ")
     return kind, name, axis
@@ -208,7 +208,7 @@ class Robot:
         return (*self.bodies, self.payload.body(*seats[place]))
 
     def carrying(self, carries: bool) -> "Robot":
-        """The robot with its payload, or without it."""
+        """Return the robot with its payload, or without it."""
         return self if carries or self.payload is None else replace(self, payload=None)
 
     @cached_property
@@ -232,7 +232,7 @@ class Robot:
         return tuple(i for i, joint in enumerate(self.joints) if joint.motor is not None)
 
     def opened(self, angles: FloatArray) -> FloatArray:
-        """The joints (..., n_l) at the driven joints' angles (..., n_u), all others at 0."""
+        """Return the joints (..., n_l) at the driven joints' angles (..., n_u), all others at 0."""
         q = np.zeros((*angles.shape[:-1], len(self.joints)))
         q[..., list(self.driven_indices)] = angles
         return q
@@ -271,20 +271,20 @@ class Robot:
         return frozen(np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing)
 
     def ratio(self, joint: str) -> float:
-        """Gear ratio of the motor of a joint; raise UnknownNameError for an undriven joint."""
+        """Return gear ratio of the motor of a joint; raise UnknownNameError for an undriven joint."""
         ratios = {driven.name: driven.motor.ratio for driven in self.driven if driven.motor is not None}
         if joint in ratios:
             return ratios[joint]
         raise UnknownNameError(f"joint {joint} has no motor; driven joints: {', '.join(self.driven_names)}")
 
     def count_refusal(self, count: int, noun: str = "angles") -> str:
-        """Why so many numbers cannot be one for each driven joint; empty where they can."""
+        """Return why so many numbers cannot be one for each driven joint; empty where they can."""
         n_u, joints = len(self.driven), ", ".join(self.driven_names)
         refused = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
         return "" if count == n_u else refused
 
     def check_location(self, location: str) -> None:
-        """StudyError for a place that the robot does not have; it lists those it has."""
+        """Raise StudyError for a place that the robot does not have; it lists those it has."""
         if location not in self.locations:
             raise StudyError(
                 "robot/unknown-name",
@@ -310,14 +310,14 @@ class Robot:
         )
 
     def slides(self, location: str) -> bool:
-        """True if a place translates, measured in m: a sliding joint, its motor, the origin of a frame; a force."""
+        """Tell if a place translates, measured in m: a sliding joint, its motor, the origin of a frame; a force."""
         kind, _, rest = location.partition(" ")
         if kind in ("motor", "joint"):
             return any(joint.slides for joint in self.joints if joint.name == rest)
         return kind in ("accelerometer", "force") or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
-        """The places among `locations` that translate."""
+        """Return the places among `locations` that translate."""
         return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
 
     @cached_property
@@ -380,7 +380,7 @@ class Robot:
         yield from ((("compensators", i), compensator) for i, compensator in enumerate(self.compensators))
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
-        """Every number with a name: its value and SI unit; of geometry and channels those that are named, last."""
+        """Return value and SI unit of every named number; of geometry and channels only the stated names, last."""
         geometric = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
         table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | geometric).items()}
         channels = self.channel_numbers.items() if geometry else ()
@@ -391,7 +391,7 @@ class Robot:
         }
 
     def with_parameters(self, values: Mapping[str, float]) -> "Robot":
-        """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
+        """Return robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         numbers = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         channel_table = self.channel_numbers
         channel_names = {name: channel_table[name] for name in values if name in channel_table and name not in numbers}

@@ -53,7 +53,7 @@ _log = logging.getLogger(__name__)
 
 
 def compiled(function: ca.Function, calls: int) -> ca.Function:
-    """The function as machine code if at least MIN_CALLS calls are announced, otherwise itself."""
+    """Return the function as machine code if at least MIN_CALLS calls are announced, otherwise itself."""
     if calls < MIN_CALLS:
         return function
     try:
@@ -69,7 +69,7 @@ def compiled(function: ca.Function, calls: int) -> ca.Function:
 
 
 def compiler() -> list[str]:
-    """Command of the C compiler: $CC, otherwise cc, gcc or clang; raise OSError without one."""
+    """Return command of the C compiler: $CC, otherwise cc, gcc or clang; raise OSError without one."""
     try:
         command = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
     except ValueError as error:
@@ -82,7 +82,7 @@ def compiler() -> list[str]:
 
 
 def _loaded(function: ca.Function) -> ca.Function:
-    """The function from a library whose file is gone; OSError, RuntimeError or SubprocessError where that fails."""
+    """Load the function from a library, then remove it; OSError, RuntimeError or SubprocessError where that fails."""
     generator = ca.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
     # Windows removes no library that is loaded.
@@ -101,7 +101,7 @@ def _loaded(function: ca.Function) -> ca.Function:
 def evaluated(
     function: ca.Function, arguments: Sequence[FloatArray], shapes: Sequence[tuple[int, ...]]
 ) -> list[FloatArray]:
-    """Results as arrays of given shapes, CasADi's columns as rows; without matrices of its own, which take long."""
+    """Evaluate a function to arrays of some shapes, columns as rows, without CasADi's slow matrices."""
     results = [np.empty(shape) for shape in shapes]
     buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
     buffer, evaluate = function.buffer()
@@ -118,7 +118,7 @@ def sampled_step(
     model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives, has_theta: bool = False,
     filters: Filters | None = None,
 ) -> ca.Function:  # fmt: skip
-    """The states, references, noise, gains and the friction's numbers -> the states one sample later, and u.
+    """Build (states, references, noise, gains, friction's numbers) -> the states one sample later, and u.
 
     substeps: Runge-Kutta steps in a sample.  The loops of a linkage are closed by projection after each sample.
     has_theta: theta (n_theta,) of the model is a last argument; otherwise its own numbers are inside.
@@ -152,13 +152,13 @@ def sampled_step(
 
 
 def shafts(model: ElasticModel) -> tuple[ca.DM, ca.DM]:
-    """E and its inverse: from the link side to the shafts, where encoders count and drives clip (robot.mixing)."""
+    """Return E and its inverse: link side to shafts, where encoders count and drives clip (robot.mixing)."""
     E = model.robot.mixing
     return ca.sparsify(ca.DM(E)), ca.sparsify(ca.DM(np.linalg.inv(E)))
 
 
 def _control(model: ElasticModel, drives: Drives, rate_hz: float, filters: Filters | None) -> ca.Function:
-    """Encoders and controller: the reading, the command u as the drives clip it, integral and filters' states after."""
+    """Build encoders and controller: reading, command u as the drives clip it, integral and filters' states after."""
     names = ("q", "x", "integral", "last", "position", "velocity", "torque", "noise", "kp", "kd", "ki")
     A, B, C, D = (np.zeros((0, 0)),) * 4 if filters is None else filters.matrices
     sizes = {"q": model.n_q, "x": len(A)}
@@ -181,14 +181,14 @@ def _control(model: ElasticModel, drives: Drives, rate_hz: float, filters: Filte
 
 
 def _drive(drives: Drives, step: float) -> ca.Function:
-    """(w, u) -> torque at each stage of a step, and w after it."""
+    """Build (w, u) -> torque at each stage of a step, and w after it."""
     w, u = ca.SX.sym("w", drives.n_states), ca.SX.sym("u", len(drives.torque))
     torques, states = zip(*(drives.lagged(w, u, part * step) for part in FIFTH_ORDER.nodes), strict=True)
     return ca.Function("drive", [w, u], [*torques, states[-1]])
 
 
 def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, theta: ca.SX | None) -> ca.Function:
-    """Function (q, v, z, torque, disturbance, curves) -> q'' with the drives' torque (n_u,), link side. theta:
+    """Build (q, v, z, torque, disturbance, curves) -> q'' with the drives' torque (n_u,), link side. theta:
     symbols, as a further argument.
     """
     (q, v), z = model.symbols("q", "v"), ca.SX.sym("z", contacts.n_states)
@@ -203,7 +203,7 @@ def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, theta
 
 
 def _advance(model: ElasticModel, contacts: Contacts) -> ca.Function:
-    """(z, v, curves, step) -> the states of friction after `step` s at constant v."""
+    """Build (z, v, curves, step) -> the states of friction after `step` s at constant v."""
     z, v = ca.SX.sym("z", contacts.n_states), ca.SX.sym("v", model.n_q)
     curves, step = ca.SX.sym("curves", len(contacts.curves)), ca.SX.sym("step")
     return ca.Function("advance", [z, v, curves, step], [ca.densify(contacts.advanced(v, z, curves, step))])

@@ -46,25 +46,25 @@ class Contacts:
         return np.concatenate([np.zeros(0), *(placed.curve() for placed in self.laws)])
 
     def torque(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> ca.SX:
-        """P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
+        """Return P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
         if not self.laws:
             return ca.SX(self.P.shape[0], 1)
         torques = (law.torque(slip, state, curve) for law, slip, state, curve in self._sliding(v, z, curves))
         return ca.DM(self.P) @ ca.vertcat(*torques)
 
     def advanced(self, v: ca.SX, z: ca.SX, curves: ca.SX, step: Expression) -> ca.SX:
-        """States after `step` s at constant v (n_q,)."""
+        """Return states after `step` s at constant v (n_q,)."""
         laws = self._sliding(v, z, curves)
         return ca.vertcat(ca.SX(0, 1), *(law.advanced(slip, state, curve, step) for law, slip, state, curve in laws))
 
     def steady(self, v: FloatArray, curves: FloatArray) -> FloatArray:
-        """States (n_states,) of friction that has slid at v (n_q,) for long; unbent where it is at rest."""
+        """Return states (n_states,) of friction that has slid at v (n_q,) for long; unbent where it is at rest."""
         steady_s = 1e3  # long compared with the time in which bristles bend
         states = self.advanced(ca.SX(v), ca.SX(self.n_states, 1), ca.SX(curves), steady_s)
         return np.asarray(ca.evalf(states).full()[:, 0])
 
     def at_rest(self) -> tuple[FloatArray, FloatArray]:
-        """Stiffness and damping (n_q, n_q) of all contacts at rest."""
+        """Return stiffness and damping (n_q, n_q) of all contacts at rest."""
         at_rest = np.array([placed.at_rest() for placed in self.laws]).reshape(-1, 2)
         stiffness, damping = ((self.P * column) @ self.P.T for column in at_rest.T)
         return stiffness, damping
@@ -79,7 +79,7 @@ class Contacts:
 
 
 def contacts(model: ElasticModel, laws: Sequence[PlacedLaw]) -> Contacts:
-    """The laws at the coordinates of a model; a motor slides with its shaft, which gears may couple (robot.mixing)."""
+    """Place laws at coordinates of a model; a motor slides with its shaft, which gears may couple (robot.mixing)."""
     coordinates = np.eye(model.n_q)
     slides = dict(zip(model.inputs, model.robot.mixing @ model.B.T, strict=True))
     slides |= {f"gear {name[2:]}": row for name, row in spring_deflections(model.robot).items()}
@@ -108,7 +108,7 @@ class Tableau:
         return tuple(sum(row) for row in self.rows)
 
     def amplification(self, z: ComplexArray) -> ComplexArray:
-        """R(z): stability function, by which a step h multiplies a solution exp(lambda t), at z = h lambda."""
+        """Evaluate R(z): stability function, by which a step h multiplies a solution exp(lambda t), at z = h lambda."""
         stages = list[ComplexArray]()
         for row in self.rows:
             stages.append(1 + z * sum((a * k for a, k in zip(row, stages, strict=True)), np.zeros_like(z)))
@@ -132,7 +132,7 @@ FIFTH_ORDER = Tableau(
 
 
 def free_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
+    """Build (q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
 
     theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
 
@@ -158,7 +158,7 @@ def runge_kutta_step(
     step: float,
     method: Tableau = CLASSICAL,
 ) -> tuple[Symbol, Symbol, Symbol]:
-    """(q, v, z) after one Runge-Kutta step, u the torque at each stage of the method.
+    """Build (q, v, z) after one Runge-Kutta step, u the torque at each stage of the method.
 
     The error of the classical one is of order step^4: an oscillation at omega comes out with a relative frequency error
     of (omega step)^4 / 120 and an added damping ratio of (omega step)^5 / 144.
@@ -186,7 +186,7 @@ def _weighted(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
 
 
 def least_steps(poles: ComplexArray, duration: float) -> int:
-    """Steps of FIFTH_ORDER in `duration` that let no mode grow of its own: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
+    """Find the steps of FIFTH_ORDER in `duration` that let no mode grow: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
     n = max(1, math.ceil(np.abs(poles).max() * duration / MAX_STEP_RATE))
     while True:
         z = poles * (duration / n)
@@ -196,7 +196,7 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
 
 
 def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[ComplexArray, str]:
-    """lambda (2 n,) in 1/s at rest in q (n_q,), n coordinates that the loops leave; of friction about zero velocity.
+    """Compute poles (2 n,) in 1/s at rest in q (n_q,), n free coordinates; friction is linear about zero velocity.
 
     And the coordinate that moves most at the fastest.
     Gears with backlash count with the stiffness of their flanks.
@@ -213,7 +213,7 @@ def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[Compl
 
 
 def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates of a model with loops.
+    """Build (q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates of a model with loops.
 
     theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
     """
@@ -229,7 +229,7 @@ def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) ->
 
 
 def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """(q, v) -> (q, v) on the closed loops: the dependent coordinates by a Newton step, their rates by Z.
+    """Build (q, v) -> (q, v) on the closed loops: the dependent coordinates by a Newton step, their rates by Z.
 
     theta (n_theta,): symbols, which become a third argument; the model's own numbers by default.
     """
@@ -244,7 +244,7 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
 
 
 def pivots(model: ElasticModel) -> Partition:
-    """Dependent coordinates and the rows that determine them, chosen in the start posture and kept."""
+    """Return dependent coordinates and the rows that determine them, chosen in the start posture and kept."""
     start = np.array([joint.start for joint in model.robot.driven])
     q = np.zeros(model.n_q)
     q[: len(model.robot.joints)] = assembled(model.robot, start)
@@ -252,7 +252,7 @@ def pivots(model: ElasticModel) -> Partition:
 
 
 def _solved(Phi: ca.SX, right: ca.SX, parts: Partition) -> tuple[ca.SX, ca.SX]:
-    """Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
+    """Return Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
 
     Gauss and Jordan with the pivots given; zeros stay zeros.
     """

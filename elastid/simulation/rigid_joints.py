@@ -46,13 +46,13 @@ class CommandedJoints:
     is_zoh: bool = True
 
     def steps(self, inertia: FloatArray) -> int:
-        """Integration steps in a sample that resolve the loops of joints with this inertia (..., S)."""
+        """Return integration steps in a sample that resolve the loops of joints with this inertia (..., S)."""
         J = np.maximum(inertia, 1e-9)
         fastest = float(np.max(np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))))
         return min(max(2, math.ceil(fastest / self.rate_hz / STEP_RAD)), MAX_STEPS)
 
     def simulate(self, numbers: FloatArray, delay_s: FloatArray, window: int = 1) -> FloatArray:
-        """Positions (n // window, K, S) of K candidates, means over windows of samples.
+        """Simulate positions (n // window, K, S) of K candidates, means over windows of samples.
 
         numbers (K, S, 6): as NUMBERS.  delay_s (K,): T_d, from 0.
         """
@@ -95,7 +95,7 @@ class CommandedJoints:
         return np.vstack([start, np.cumsum(c * T + growth, axis=0)]), growth
 
     def _acted(self, integral: FloatArray, growth: FloatArray, time_s: FloatArray) -> FloatArray:
-        """Integral of the command (K, S) up to times (K,) from the first sample on; before it the first holds."""
+        """Integrate the command (K, S) up to times (K,) from the first sample on; before it the first holds."""
         sample = time_s * self.rate_hz
         k = np.clip(np.floor(sample).astype(int), 0, len(growth) - 1)
         part = (sample - k)[:, None]

@@ -46,7 +46,7 @@ class Fleet:
 
 
 def load_fleet(path: Path) -> Fleet:
-    """A fleet of a YAML file; StudyError with a line for each error, and where a robot has one date twice."""
+    """Read a fleet of a YAML file; StudyError with a line for each error, and where a robot has one date twice."""
     source = read_source(path, str(path))
     if not isinstance(source.data, dict):
         raise StudyError(

@@ -19,7 +19,7 @@ _SINGLE = ("mass", "deflection", "std")  # deflections and their std also of dia
 
 
 def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
-    """The study with the tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
+    """Read the study with tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
     loads = source.data["loads"]
     place, path = source.place(("loads", "file"), of_value=True), folder / loads["file"]
     if not path.is_file():
@@ -80,7 +80,7 @@ def _test(cells: Mapping[str, str], joints: Sequence[str]) -> dict[str, Any]:
 
 
 def _value(text: str) -> float | str:
-    """A number of a cell without a unit; else the text, which the section reads or refuses."""
+    """Return a number of a cell without a unit; else the text, which the section reads or refuses."""
     try:
         return float(text)
     except ValueError:

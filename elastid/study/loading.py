@@ -34,7 +34,7 @@ _TRUTH: KeyPath = ("experiment", "simulated", "truth")
 
 
 def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
-    """Study with every quantity as float in SI, and problems: unknown names, wrong units, errors of `choose`."""
+    """Convert every quantity of a study to float in SI; return also problems: names, units, `choose`."""
     if study.robot is None:
         return study, []
     problems: list[Problem] = []
@@ -59,7 +59,7 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
 def _convert_parameter(
     spec: ParameterSpec, pattern: str, table: Table, all_numbers: Table, problems: list[Problem]
 ) -> ParameterSpec:
-    """Specification in SI. table: the parameters. all_numbers: including geometry and gains that no key names."""
+    """Convert a specification to SI. table: parameters. all_numbers: including geometry and gains that no key names."""
     path = (*_FIT, pattern)
     names = list(matching(pattern, table))
 
@@ -82,7 +82,7 @@ def _convert_parameter(
 
 
 def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, problems: list[Problem]) -> float:
-    """A number of parameters of one unit in SI; 0 where there is a problem."""
+    """Convert a number of parameters of one unit to SI; 0 where there is a problem."""
     units = sorted({table[name][1] for name in names})
     if not units:
         message = f"the robot has no parameter '{path[-1]}'; {did_you_mean(str(path[-1]), table)}"
@@ -99,7 +99,7 @@ def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, pro
 
 
 def with_usual_tolerances(study: Study) -> Study:
-    """The study whose robot has the tolerances of its fit, where its file leaves them to the study.
+    """Return the study whose robot has the tolerances of its fit, where its file leaves them to the study.
 
     Common ones where responses are measured, of torque constants where they turn currents into torques.  A simulated
     rig is as exact as its file, unless its truth has another value of a number that the fit holds.
@@ -135,7 +135,7 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
 
 
 def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str] | None:
-    """The error of a robot with these numbers, and the first of their names; None for a robot that can be."""
+    """Return the error of a robot with these numbers, and the first of their names; None for a robot that can be."""
     try:
         with_numbers(robot, values)
     except ValueError as error:
@@ -144,7 +144,7 @@ def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str
 
 
 def _check_choice(study: Study) -> list[Problem]:
-    """The refusal by `choose` of all parameters together, at the key that its message names."""
+    """Return the refusal by `choose` of all parameters together, at the key that its message names."""
     try:
         choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError as error:
@@ -179,7 +179,7 @@ class LoadedStudy:
 
 
 def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
-    """The study of a YAML file, `overrides`, each as 'key.path=value', taking the place of its keys.
+    """Load the study of a YAML file, `overrides`, each as 'key.path=value', taking the place of its keys.
 
     Raises StudyError with a line `file:line:col: key.path: message (got value)` for each error.
     """
@@ -187,12 +187,12 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
 
 
 def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """The keys of a study as its file and overrides have them, for a study that is made of another."""
+    """Return the keys of a study as its file and overrides have them, for a study that is made of another."""
     return dict(_read(Path(path), tuple(overrides))[0].data)
 
 
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
-    """Study with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
+    """Load a study and open its logs; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))
     from elastid.study.checks.logs import check_logs  # brings the reader of logs
 
@@ -216,7 +216,7 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
 
 
 def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
-    """Problems, the first missing log with its origin from the first comment of the study, `The record: ...`."""
+    """Return problems, the first missing log with its origin from the first comment of the study, `The record: ...`."""
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     comment = " ".join(line.removeprefix("#").strip() for line in lines)
     origin_match = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
@@ -226,7 +226,7 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:
-    """The study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
+    """Return the study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
     recorded, postures = study.experiment.recorded, study.validation.configurations
     if study.friction is not None or not postures:
         return study
@@ -239,7 +239,7 @@ def _exclude_all_amplitudes(study: Study) -> Study:
 
 
 def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
-    """Study, robot and overrides as one source; and the errors of the robot's file."""
+    """Return study, robot and overrides as one source; and the errors of the robot's file."""
     source, robot_errors = read_source(path, str(path)), ""
     if not isinstance(source.data, dict):
         text = "a study is a mapping with the keys name, robot, experiment ...; `elastid new DIR` writes one"

@@ -56,7 +56,7 @@ class StudyKey:
 
 
 def keys_of(section: type, path: str = "") -> Iterator[StudyKey]:
-    """The keys of one section.  path: before their names."""
+    """Yield the keys of one section.  path: before their names."""
     hints = _hints(section)
     for f in fields(section):
         key = next(mark for mark in hints[f.name].__metadata__ if isinstance(mark, Key))
@@ -70,7 +70,7 @@ def _hints(section: type) -> dict[str, Any]:
 
 
 def keys_below(annotation: Any, path: str) -> Iterator[StudyKey]:
-    """Every key of the sections that an annotation allows, and of those below them; path: before their names."""
+    """Yield every key of the sections that an annotation allows, and of those below them; path: before their names."""
     for option in _options(annotation):
         arguments, origin = get_args(option), get_origin(option)
         if origin is tuple:
@@ -84,42 +84,42 @@ def keys_below(annotation: Any, path: str) -> Iterator[StudyKey]:
 
 
 def list_keys() -> Iterator[StudyKey]:
-    """Every key of a study and of a robot's file in each of its forms, in the order of the sections."""
+    """Yield every key of a study and of a robot's file in each of its forms, in the order of the sections."""
     yield from keys_below(Study, "")
     for form in ROBOT_FORMS[1:]:
         yield from keys_below(form, "robot.")
 
 
 def list_sections() -> Mapping[str, type]:
-    """Every class that a study is made of, by its name."""
+    """Return every class that a study is made of, by its name."""
     return {section.__name__: section for section in (Study, *ROBOT_FORMS, *(key.section for key in list_keys()))}
 
 
 def text_of(section: type) -> str:
-    """The text of a section, in one line."""
+    """Return the text of a section, in one line."""
     return " ".join((inspect.getdoc(section) or "").split())
 
 
 def type_at(root: Any, path: KeyPath) -> Any:
-    """The type of the value at a path below a section; Any where no section has such a key."""
+    """Return the type of the value at a path below a section; Any where no section has such a key."""
     for step in path:
         root = _child(root, step)
     return root
 
 
 def names_in(annotation: Any) -> list[str]:
-    """The keys of the sections that an annotation allows."""
+    """Return the keys of the sections that an annotation allows."""
     sections = [option for option in _options(annotation) if is_dataclass(option) and isinstance(option, type)]
     return [f.name for section in sections for f in fields(section)]
 
 
 def literal_choices(annotation: Any) -> list[str]:
-    """The fixed words that an annotation allows."""
+    """Return the fixed words that an annotation allows."""
     return [str(w) for option in _options(annotation) if get_origin(option) is Literal for w in get_args(option)]
 
 
 def describe(annotation: Any) -> str:
-    """A type in words.
+    """Return a type in words.
 
     >>> describe(tuple[float, float] | None)
     'a list of 2, each a number'
@@ -147,7 +147,7 @@ def _describe(option: Any, with_example: bool = True) -> str:
 
 
 def _options(annotation: Any) -> list[Any]:
-    """The members of a union, None and texts of keys left out; one option where it is no union."""
+    """Return the members of a union, None and texts of keys left out; one option where it is no union."""
     if get_origin(annotation) is Annotated and not any(isinstance(m, InUnit) for m in annotation.__metadata__):
         return _options(annotation.__origin__)
     if get_origin(annotation) in (Union, UnionType):
@@ -170,7 +170,7 @@ def _child(annotation: Any, step: str | int) -> Any:
 
 @cache
 def make_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a study file for editors: every key with its text, unit and default."""
+    """Return JSON Schema (draft 2020-12) of a study file for editors: every key with its text, unit and default."""
     document = TypeAdapter(Study).json_schema()
     definitions = document.pop("$defs")
     for form in ROBOT_FORMS:
@@ -207,7 +207,7 @@ def _for_editors(node: Any) -> Any:
 
 
 def explain(query: str) -> str:
-    """The explanation of a key by its path, or of all keys that end so; StudyError for one that does not exist.
+    """Return the explanation of a key by its path, or of all keys that end so; StudyError for one that does not exist.
 
     Names that a study chooses and numbers of entries may be given or left out: experiment.recorded.files[0].samples.
     """
@@ -234,7 +234,7 @@ def explain(query: str) -> str:
 
 
 def overview() -> str:
-    """The sections of a study in its order, a line each, and the commands that explain more."""
+    """Return the sections of a study in its order, a line each, and the commands that explain more."""
     keys = list(keys_of(Study))
     width = max(len(key.name) for key in keys)
     lines = [
@@ -263,7 +263,7 @@ def _explanation(key: StudyKey) -> str:
 
 
 def _default(value: Any) -> str:
-    """A default as a study would write it.
+    """Return a default as a study would write it.
 
     >>> _default((1.0, 2.0)), _default(None), _default(MISSING), _default(True)
     ('[1, 2]', 'none', 'none, it must be given', 'true')
@@ -282,7 +282,7 @@ def _default(value: Any) -> str:
 
 
 def all_keys() -> Iterator[StudyKey]:
-    """Every key of a study, of a robot's file and of a fleet's."""
+    """Yield every key of a study, of a robot's file and of a fleet's."""
     yield from list_keys()
     yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
     yield from keys_below(FleetSpec, "fleet.")
@@ -310,7 +310,7 @@ _FAMILIES = dict(
 
 
 def explain_parameter(name: str, robot: Robot | None = None) -> str:
-    """Meaning, side, joint and nominal value of a parameter, or meaning of its family; empty for any other name."""
+    """Explain a parameter: meaning, side, joint and nominal value, or its family; empty for any other name."""
     unit, steps = ({} if robot is None else robot.numbers | robot.geometry).get(name, ("", ()))
     meaning = channel_meaning(name)
     if meaning and not steps:

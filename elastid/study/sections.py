@@ -105,7 +105,7 @@ class Study:
         return Display(f"Study '{self.name}' (kind: {self.kind}), seed {self.seed}", ("section", "content"), rows)
 
     def as_robot(self) -> Robot:
-        """The robot; StudyError for a study without one."""
+        """Return the robot; StudyError for a study without one."""
         if self.robot is None:
             stages = "estimate" if self.experiment.responses is not None else "measure, estimate"
             raise StudyError(
@@ -117,7 +117,7 @@ class Study:
         return self.robot
 
     def as_friction(self) -> FrictionSpec:
-        """The section `friction`; StudyError for a study of the other kind."""
+        """Return the section `friction`; StudyError for a study of the other kind."""
         if self.friction is None:
             raise StudyError("study/stage", f"study {self.name} has no section friction: it identifies elasticity")
         return self.friction
@@ -145,7 +145,7 @@ class Study:
         return "frf-responses" if self.experiment.responses is not None else "frf"
 
     def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
-        """Responses for the fit, without validation configurations."""
+        """Return responses for the fit, without validation configurations."""
         return tuple(
             response for response in responses if response.configuration.name not in self.validation.configurations
         )
@@ -202,7 +202,7 @@ class FleetSpec:
 
 
 def joint_called(name: str, driven: Sequence[str]) -> str | None:
-    """Driven joint by name or by number from 1; None if it does not exist."""
+    """Return driven joint by name or by number from 1; None if it does not exist."""
     if name in driven:
         return name
     return driven[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(driven) else None

@@ -39,7 +39,7 @@ class ClosedLoopResponse:
     reference: ComplexArray
 
     def stacked(self, signals: tuple[Signal, ...]) -> ComplexArray:
-        """The responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
+        """Return the responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
         return np.concatenate([getattr(self, signal) for signal in signals], axis=1)
 
 
@@ -56,7 +56,7 @@ def torque_spectra(
     spectrum: FloatArray | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> ComplexArray:
-    """R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
+    """Compute R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
     spectrum, closed_loop: as `make_plan` takes them.  Flat in torque until `flat: information` has its spectrum; with
     torque_rms: limits every motor has a share of its torque limit, to be scaled.  Raises StudyError where fewer lines
@@ -92,7 +92,7 @@ def torque_spectra(
 
 
 def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
-    """RMS (n_u,) of the injected torques in Nm; with `limits` shares of the torque limits, in the right proportion.
+    """Compute RMS (n_u,) of injected torques in Nm; with `limits` shares of the torque limits, in the right proportion.
 
     The first of several amplitudes.
     """
@@ -205,11 +205,11 @@ class Plan:
         return tuple(np.any(self.R != 0, axis=(2, 3, 4)).sum(axis=1).tolist())
 
     def torque(self, experiment: Experiment) -> FloatArray:
-        """One period of the planned torque (period_samples, n_u), link-side Nm."""
+        """Return one period of the planned torque (period_samples, n_u), link-side Nm."""
         return synthesise(self.lines, self._spectrum(experiment)[1], self.period_samples)
 
     def reference(self, experiment: Experiment) -> FloatArray:
-        """One period of the reference by which this torque acts (period_samples, n_u), link-side rad or rad/s."""
+        """Compute one period of the reference of this torque (period_samples, n_u), link-side rad or rad/s."""
         q, R = self._spectrum(experiment)
         return synthesise(self.lines, (self.S_inverse[q] @ R[:, :, None])[:, :, 0], self.period_samples)
 
@@ -258,7 +258,7 @@ def make_plan(
     spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
-    """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
+    """Make the plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine.
 
     With several amplitudes each configuration is measured at every one, under a name of its own (`at_amplitude`).
 

@@ -23,7 +23,7 @@ HOLDING_ERROR = 0.12  # relative error of a holding torque; masses of files are 
 
 
 def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: FloatArray, has_carrier: bool) -> str:
-    """Contradiction between a record and its plan as a sentence; an empty text without one.
+    """Return contradiction between a record and its plan as a sentence; an empty text without one.
 
     coulomb (n_u,): friction of the motors, as known.  The record has the positions of all motors.
     """
@@ -54,7 +54,7 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
 def _first_inconsistent_motor(
     plan: Plan, noun: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
 ) -> str:
-    """The first motor whose mean period does not follow the expected one, has another size, or a mean off by more."""
+    """Find the first motor whose mean period does not follow the expected one, or has another size or mean."""
     X, planned = (np.fft.rfft(x, axis=0)[plan.lines] for x in (signal, expected))
     norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(planned, axis=0)
     rho, gain = np.real(np.sum(X.conj() * planned, axis=0)) / np.maximum(norms * sizes, 1e-300), norms / sizes
@@ -70,5 +70,5 @@ def _first_inconsistent_motor(
 
 
 def mean_period(signals: FloatArray, N: int) -> FloatArray:
-    """The mean (N, c) of the whole periods of signals (n, c)."""
+    """Return the mean (N, c) of the whole periods of signals (n, c)."""
     return np.asarray(folded(signals, N).mean(axis=0))

@@ -54,7 +54,7 @@ class Plant:
 
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
-    """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
+    """Return the robot with the true parameters; StudyError for a name that it does not have."""
     if not truth:
         return robot
     numbers = robot.parameters(robot.on_demand) | friction_numbers(robot)
@@ -69,7 +69,7 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
 
 
 def model_of(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
-    """The equations of a robot, built once in a process."""
+    """Return the equations of a robot, built once in a process."""
     return _model_of(robot, spec)  # a cache takes a default and the same value for two keys
 
 
@@ -92,7 +92,7 @@ def _loop_of(
     is_free: bool,
     has_theta: bool,
 ) -> ClosedLoop:
-    """The closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
+    """Return the closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
     limits = np.array([(-np.inf, np.inf) if is_free else joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, torque_ripple, saturation)
@@ -105,7 +105,7 @@ def true_plant(
     robot: Robot, spec: SimulatedSpec, rate_hz: float, start: Configuration, highest_hz: float = 0.0, samples: int = 0,
     is_free: bool = False, has_theta: bool = False
 ) -> Plant:  # fmt: skip
-    """The plant of a section `simulated`, with its truth, at rest in `start`.
+    """Return the plant of a section `simulated`, with its truth, at rest in `start`.
 
     highest_hz: the end of the band, if any.  samples: about how many the whole plan has, for which steps are compiled
     where the section asks for it.  is_free: without limits of the motors' angles.  has_theta: each run has numbers of
@@ -133,7 +133,7 @@ def true_plant(
 
 
 def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
-    """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
+    """Return u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
     offset = np.zeros((len(position), model.n_u))
     offset[:, index] = position - point.configuration.angles[index]
     still = np.zeros_like(offset)
@@ -141,7 +141,7 @@ def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, posit
 
 
 def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) -> Iterator[Note]:
-    """A note for each of some motors whose torque u (n, n_u) was clipped, or went beyond its limit.
+    """Yield a note for each of some motors whose torque u (n, n_u) was clipped, or went beyond its limit.
 
     DataError where most of it was clipped.
     """
@@ -163,7 +163,7 @@ def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) ->
 
 
 def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
-    """A note on a motor that went beyond a limit which its drive does not keep."""
+    """Return a note on a motor that went beyond a limit which its drive does not keep."""
     return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", place)
 
 
@@ -173,7 +173,7 @@ _LOWER = "lower excitation.torque_rms, or the highest speed of passes"
 def closed_loop_of(
     robot: Robot, controller: ControllerSpec, rate_hz: float, inject: Injected = "torque"
 ) -> PredictClosedLoop:
-    """The closed-loop response of the nominal robot under a controller sampled at rate_hz, as `make_plan` takes it.
+    """Return the closed-loop response of the nominal robot and a controller at rate_hz, as `make_plan` takes it.
 
     It raises StudyError where a configuration has no equilibrium, or references are injected without their path.
     """
@@ -206,7 +206,7 @@ def _closed_loop_response(
 
 
 def feed_forward_of(model: ElasticModel) -> FeedForward:
-    """The feed-forward torque of a rigid robot, as `reference` takes it."""
+    """Return the feed-forward torque of a rigid robot, as `reference` takes it."""
 
     def torque(configuration: Configuration, path: Movement) -> FloatArray:
         q0 = equilibrium(model, model.theta, configuration).q
@@ -218,7 +218,7 @@ def feed_forward_of(model: ElasticModel) -> FeedForward:
 
 @lru_cache(maxsize=16)
 def _feed_forward(model: ElasticModel, q0: tuple[float, ...], shape: tuple[int, ...], path: bytes) -> FloatArray:
-    """The torque (n, n_u) along a path (3, n, n_u), kept since all runs of a configuration follow the same one."""
+    """Compute the torque (n, n_u) along a path (3, n, n_u), cached: all runs of a configuration follow the same."""
     return frozen(feed_forward(model, np.array(q0), *np.frombuffer(path).reshape(shape)))
 
 
@@ -232,7 +232,7 @@ BAND = (0.01, 0.4)
 
 
 def true_modes() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Natural frequencies in rad/s, damping ratios, and mode shapes (3, 3) of unit modal mass, column by column."""
+    """Compute natural frequencies in rad/s, damping ratios, and mode shapes (3, 3) of unit modal mass by column."""
     root = np.diag(1 / np.sqrt(MASSES))
     k = np.array([*STIFFNESSES, 0.0])
     K = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
@@ -241,7 +241,7 @@ def true_modes() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def true_response(freq_hz: FloatArray) -> ComplexArray:
-    """G (F, 3, 2): acceleration of each mass per force of each shaker, m/s^2 per N."""
+    """Return G (F, 3, 2): acceleration of each mass per force of each shaker, m/s^2 per N."""
     natural, damping, shapes = true_modes()
     omega = 2 * np.pi * freq_hz[:, None]
     modal = -(omega**2) / (natural**2 - omega**2 + 2j * damping * natural * omega)
@@ -249,7 +249,7 @@ def true_response(freq_hz: FloatArray) -> ComplexArray:
 
 
 def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[FloatArray]:
-    """Forces in N and accelerations in m/s^2 (n, 2 + 3) in both experiments of one realisation of a multisine.
+    """Simulate forces in N and accelerations in m/s^2 (n, 2 + 3) in both experiments of one realisation of a multisine.
 
     In steady state, with sensor noise.  In the second the second shaker pushes with the other sign, so that the two
     separate the shakers at every line.

@@ -113,13 +113,13 @@ class SimulatedRig:
         return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
 
     def log(self, experiment: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Injected torque and the sensors' torques (n, n_u) and outputs (n, n_y) of a whole run, ramps included."""
+        """Simulate the injected torque and the sensors' torques (n, n_u) and outputs (n, n_y) of a whole run."""
         run = self._prepare(experiment)
         injected = run.reference.injected(self.plan.torque(experiment))
         return injected, *self._sense(run, self._trajectory(run, 1.0, self.plan.run_samples))
 
     def _sense(self, run: _Run, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """u (n, n_u) and y (n, n_y) of the n samples of a trajectory, with noise, filters and gains of the sensors."""
+        """Compute u (n, n_u) and y (n, n_y) of a trajectory, with noise, filters and gains of the sensors."""
         plan, end, experiment = self.plan, len(trajectory.u), run.experiment
         noise, reference, robot = run.noise, run.reference, run.plant.model.robot
         setup = (run.plant.model, run.plant.point.q, self.outputs, plan.rate_hz, plan.period_samples)
@@ -147,7 +147,7 @@ class SimulatedRig:
         )  # fmt: skip
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
-        """A whole run without the errors of its sensors, ramps and holds included, the multisine times `factor`.
+        """Simulate a run without the errors of its sensors, ramps and holds included, the multisine times `factor`.
 
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
@@ -158,7 +158,7 @@ class SimulatedRig:
         return Rehearsal(experiment, plan.rate_hz, plan.first_sample, position, trajectory.u, rows)
 
     def with_gains(self, position: float, velocity: float) -> "SimulatedRig":
-        """Rig whose controller has K_p times `position` and K_v times `velocity`."""
+        """Return rig whose controller has K_p times `position` and K_v times `velocity`."""
         simulated = replace(self.simulated, controller=self.simulated.controller.scaled(position, velocity))
         return replace(self, spec=replace(self.spec, simulated=simulated))
 
@@ -174,7 +174,7 @@ class SimulatedRig:
         return _Run(experiment, plant, path, gains, noise)
 
     def _commands(self, run: _Run, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position, velocity and torque (n, n_u) that enter the loop, the multisine times `factor`.
+        """Return position, velocity and torque (n, n_u) that enter the loop, the multisine times `factor`.
 
         A controller that follows references has no other feed-forward than the torque that holds its start.
         """
@@ -193,7 +193,7 @@ class SimulatedRig:
         return x, spec.velocity_feedforward * velocity, holding
 
     def _trajectory(self, run: _Run, factor: float, n: int) -> Trajectory:
-        """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
+        """Simulate n samples of a run, the multisine times `factor`, from rest where the reference begins."""
         plant, noise, experiment = run.plant, run.noise, run.experiment
         curves = friction_coefficients(plant.loop.contacts, plant.model.robot, plant.point)
         position, velocity, torque = self._commands(run, factor)

@@ -135,7 +135,7 @@ class ChannelSpec:
         return ""
 
     def unit_factor(self, slides: bool) -> float:
-        """SI units of the channel's unit; slides: its place translates (m, N). ValueError for a wrong unit."""
+        """Return SI units of the channel's unit; slides: its place translates (m, N). ValueError for a wrong unit."""
         if self.quantity == "temperature":
             return self._temperature[0]
         unit = QUANTITY_UNIT[self.quantity]
@@ -172,7 +172,7 @@ class Structure:
 
     @classmethod
     def from_channels(cls, channels: Sequence[ChannelSpec]) -> "Structure":
-        """The structure that the channels of a study name."""
+        """Return the structure that the channels of a study name."""
         inputs = dict.fromkeys(channel.at for channel in channels if channel.role == "u")
         return cls(tuple(inputs), tuple(dict.fromkeys(channel.at for channel in channels if _translates(channel))))
 
@@ -187,22 +187,22 @@ class Structure:
         return np.eye(len(self.motor_locations))
 
     def ratio(self, joint: str) -> float:
-        """KeyError: it has no gears."""
+        """Raise KeyError, since it has no gears."""
         raise KeyError(f"a structure has no joint {joint}")
 
     def count_refusal(self, count: int) -> str:
-        """Why a configuration cannot have so many angles; empty where it can."""
+        """Return why a configuration cannot have so many angles; empty where it can."""
         return "without a robot, a configuration has no angles. Write [], or give a robot" if count else ""
 
     def check_location(self, location: str) -> None:
-        """Every name is a place."""
+        """Accept every name as a place."""
 
     def slides(self, location: str) -> bool:
-        """True if a place translates, so that it is measured in m and N."""
+        """Return True if a place translates, so that it is measured in m and N."""
         return location in self.translating
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
-        """The places among `locations` that translate."""
+        """Return the places among `locations` that translate."""
         return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
 
 
@@ -211,14 +211,14 @@ Places: TypeAlias = Robot | Structure
 
 
 def input_units(channels: Iterable[ChannelSpec], places: Places) -> tuple[str, ...]:
-    """The unit of each input, where one is a voltage or a current; empty where all are torques and forces."""
+    """Return the unit of each input, where one is a voltage or a current; empty where all are torques and forces."""
     inputs = [channel for channel in channels if channel.role == "u"]
     units = tuple(channel.drive or drive_unit(places.slides(channel.at)) for channel in inputs)
     return units if any(channel.drive for channel in inputs) else ()
 
 
 def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], places: Places) -> tuple[str, str]:
-    """Key of a channel that contradicts the robot model, and the reason; empty texts without one."""
+    """Return key of a channel that contradicts the robot model, and the reason; empty texts without one."""
     if isinstance(places, Robot):
         if channel.quantity == "voltage":
             return "quantity", (

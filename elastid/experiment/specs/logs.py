@@ -196,7 +196,7 @@ class RecordedSpec:
         return "u" not in roles and "reference" in roles and self.controller is not None
 
     def places_of(self, configuration: str, role: str) -> tuple[str, ...]:
-        """Locations of the channels of a role (u, y) in all files of a configuration."""
+        """Return locations of the channels of a role (u, y) in all files of a configuration."""
         files = [file for file in self.files if file.configuration == configuration]
         channels = [channel.at for channel in self.channels if channel.role == role]
         return tuple(dict.fromkeys(file.at.get(at, at) for file in files for at in channels))
@@ -213,7 +213,7 @@ class RecordedSpec:
         return 1.0 if isinstance(self.rate_hz, str) else float(self.rate_hz)
 
     def period_of(self, file: FileSpec) -> float | Literal["find"] | None:
-        """Samples of the period of a file at the study's rate, whole or not; `find` as stated, None without one."""
+        """Return samples of a file's period at the study's rate, whole or not; `find` as stated, None without one."""
         place = self if file.period is None and file.period_samples is None else file
         if place.period_samples is not None:
             return float(place.period_samples)
@@ -222,7 +222,7 @@ class RecordedSpec:
         return "find" if place.period == "find" else float(place.period) * self.known_rate_hz
 
     def repeat_refusal(self, number: int) -> str:
-        """Why a file may not have the numbers of an earlier one; empty where it has further periods, or none has."""
+        """Return why a file may not have the numbers of an earlier one; empty if it has further periods, or no one."""
         file = self.files[number]
         earlier = [before for before in self.files[:number] if before.run == file.run]
         periods = {self.period_of(entry) for entry in (*earlier[:1], file)}

@@ -17,7 +17,7 @@ from elastid.logs.files.log import ArrayLog, StoredArray, seconds
 
 @contextmanager
 def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """MATLAB up to version 7, by SciPy: all variables, members of structs behind a dot, elements of cells in braces.
+    """Open MATLAB up to version 7 by SciPy: variables, members of structs behind a dot, cells in braces.
 
     Objects of classes are left out.
     """
@@ -35,7 +35,7 @@ def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:
 
 @contextmanager
 def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
+    """Open NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
 
     Pickled objects are left out; dates and times are s from the first.
     """
@@ -69,7 +69,7 @@ def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]
 
 @contextmanager
 def opened_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
+    """Open Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
 
     A column of lists of one length is a matrix.  Missing values are NaN, time stamps s from the first.
     """
@@ -124,7 +124,7 @@ def _values(table: Any, name: str) -> NDArray[Any]:
 
 @contextmanager
 def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
+    """Open LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
 
     Waveforms whose start times differ are cut to the time that all of them have.
     """
@@ -138,7 +138,7 @@ def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 
 def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[slice]:
-    """Samples of each waveform, by its properties and length, from the latest start to the first end of all.
+    """Return samples of each waveform, by its properties and length, from the latest start to the first end of all.
 
     All samples of waveforms without a time, and if those with a time have no time in common.
     """
@@ -186,7 +186,7 @@ def _read_channel(channel: Any, whole: slice, part: slice = slice(None)) -> NDAr
 
 @contextmanager
 def opened_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> Iterator[ArrayLog]:
-    """All datasets of another program's file, read when they are used; it holds its own data.
+    """Open all datasets of another program's file, read when they are used; it holds its own data.
 
     MATLAB stores column-major, so that axes arrive reversed; members of structs are behind a dot.
     """

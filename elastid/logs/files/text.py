@@ -53,30 +53,30 @@ class TextLog(Log):
     sample_ms: tuple[float, ...] = ()
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Every column with its length, by heading or else by number."""
+        """Return every column with its length, by heading or else by number."""
         return dict(self.named_columns())
 
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
-        """Columns by heading, which may occur twice."""
+        """Return columns by heading, which may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
         return [(name, (self._length(i),)) for i, name in enumerate(names)]
 
     def numbers_of(self, heading: str) -> list[int]:
-        """Numbers from 1 of the columns with a heading."""
+        """Return numbers from 1 of the columns with a heading."""
         return [i for i, (name, _) in enumerate(self.named_columns(), start=1) if name == heading]
 
     def _length(self, column: int) -> int:
-        """Samples of a column, all columns starting at the same time."""
+        """Return samples of a column, all columns starting at the same time."""
         n = len(self.number_lines) - self.first
         return int((n - 1) * min(self.sample_ms) / self.sample_ms[column] + 1e-6) + 1 if self.sample_ms and n else n
 
     def _start_ms(self, column: int) -> float:
-        """First stamp of the times that belong to a column."""
+        """Return first stamp of the times that belong to a column."""
         times = [i for i in range(column + 1) if _TIMES.fullmatch(self.headings[i])]
         return float(_fields(self.number_lines[self.first], self.format)[times[-1]]) if times else 0.0
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
-        """Values (n_samples, n_c) of the channels; DataError for one that is not in the file, or of another rate."""
+        """Return values (n_samples, n_c) of channels; DataError for one that is missing, or of another rate."""
         columns = [self._column(channel) for channel in channels]
         if len({self._length(column) for column in columns}) > 1:
             sample_times = ", ".join(f"{self.headings[i]} {self.sample_ms[i]:g} ms" for i in columns)
@@ -94,7 +94,7 @@ class TextLog(Log):
         return isinstance(self.number_lines, FileLines)
 
     def columns(self, columns: Sequence[int], part: slice = slice(None)) -> FloatArray:
-        """Columns (n_samples, len(wanted)), counted from 0.
+        """Return columns (n_samples, len(wanted)), counted from 0.
 
         A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
         such cells.
@@ -109,7 +109,7 @@ class TextLog(Log):
         return data[:, [needed.index(column) for column in columns]]
 
     def _read(self, needed: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
-        """Columns (n_samples, len(needed)) of some lines, at most so many samples."""
+        """Return columns (n_samples, len(needed)) of some lines, at most so many samples."""
         lines = self.number_lines[first:end]
         if not lines:
             return np.zeros((0, len(needed)))
@@ -126,7 +126,7 @@ class TextLog(Log):
     def _numbers(
         self, needed: Sequence[int], lines: Sequence[str], most: int | None = None
     ) -> tuple[FloatArray | None, str]:
-        """Columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
+        """Return columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
         delimiter = _delimiter(self.format)
         load = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
@@ -141,7 +141,7 @@ class TextLog(Log):
                 return None, str(error)
 
     def _with_missing_cells(self, needed: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
-        """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows that lack numbers.
+        """Return columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows that lack numbers.
 
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
@@ -152,7 +152,7 @@ class TextLog(Log):
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
 
     def wrong_cell(self, columns: Sequence[int], part: slice) -> str:
-        """Message on the first cell without a number in a range of rows; empty without such a cell."""
+        """Return message on the first cell without a number in a range of rows; empty without such a cell."""
         rows = range(self.first, len(self.number_lines))[part]
         lines = self.number_lines[rows.start : rows.stop]
         if not lines or not columns or self._numbers(columns, lines)[0] is not None:
@@ -211,7 +211,7 @@ class TextLog(Log):
 
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
-    """A text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
+    """Open a text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
     delimiter = _delimiter(text)
     if delimiter == text.decimal:
         raise StudyError(
@@ -246,7 +246,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
 
 
 def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
-    """Lines up to the last one with a number: EOF or a remark may follow it."""
+    """Return lines up to the last one with a number: EOF or a remark may follow it."""
     last = numbers[-_HEAD_LINES:]
     filled = [i for i, line in enumerate(last, start=1) if any(map(_is_number, _fields(line, text)))]
     n = len(numbers) - len(last) + filled[-1] if filled else len(numbers)
@@ -257,7 +257,7 @@ _ARCHIVES = {b"PK\3\4": "a zip archive", b"\x28\xb5\x2f\xfd": "a file compressed
 
 
 def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[str]]:
-    """Lines of a text, and these with points as decimals, of a large one those that are asked for.
+    """Return lines of a text, and these with points as decimals, of a large one those that are asked for.
 
     DataError for a file that is no text.
     """
@@ -309,7 +309,7 @@ def _digits(number: re.Match[str]) -> str:
 
 
 def guess_format(path: Path) -> TextFormatSpec:
-    """The format of a text log: the delimiter and decimal with which most of its fields are numbers."""
+    """Guess the format of a text log: the delimiter and decimal with which most of its fields are numbers."""
     return TextFormatSpec() if path.is_dir() else _best_format(path)[1]
 
 
@@ -328,7 +328,7 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:
-    """The end of a message about a log that cannot be read as stated: the format that it seems to have, if another."""
+    """Return the end of a message on an unreadable log: the format that it seems to have, if another."""
     surplus, seems = _best_format(path)
     if surplus <= 0 or (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
         return ""
@@ -336,12 +336,12 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
 
 
 def described_format(text: TextFormatSpec) -> str:
-    """A format as a study states it."""
+    """Return a format as a study states it."""
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
 
 
 def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int:
-    """The first line from `first` on with a number, after rows of properties such as `SampleTime[ms]  1`, if any.
+    """Find the first line from `first` on with a number, after any rows of properties such as `SampleTime[ms]  1`.
 
     These begin with a word, where the rows of data begin with a number.
     """
@@ -361,7 +361,7 @@ def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int
 
 
 def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:
-    """The first line without numbers after header_lines; else the last header line; else the last comment."""
+    """Return the first line without numbers after header_lines; else the last header line; else the last comment."""
     after = head[text.header_lines :]
     plain = [_fields(_MARK.sub("", line), text) for line in [*after, *reversed(head[: text.header_lines])]]
     comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
@@ -378,7 +378,7 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
 
 
 def _sample_times(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[float, ...]:
-    """Sample times in ms of the columns of a TwinCAT Scope export, a column of times before its channels; else none."""
+    """Return sample times in ms of the columns of a TwinCAT Scope export, times before their channels; else none."""
     rows = (fields for line in head if (fields := _fields(line, text)) and fields[0] == _SAMPLE_TIME)
     fields = next((fields for fields in rows if len(fields) == n_columns), [])
     following = [fields[i + 1] if field == _SAMPLE_TIME else field for i, field in enumerate(fields)]
@@ -387,7 +387,7 @@ def _sample_times(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> 
 
 
 def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -> tuple[str, ...]:
-    """Header row other than the headings with units of the columns, in brackets or not; None without such a row."""
+    """Find the header row other than the headings with units of columns, in brackets or not; None without one."""
     rows = [fields for line in head if len(fields := _fields(line, text)) == len(headings)]
     if is_scope := any(fields[0] == _SAMPLE_TIME for fields in rows):
         rows = [fields for fields in rows if fields[0] == "Unit"]
@@ -412,7 +412,7 @@ def _with_nan(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:
 
 
 def _fields(line: str, text: TextFormatSpec) -> list[str]:
-    """The fields of a line, quoted ones whole; none of a comment or an empty line."""
+    """Split a line into fields, quoted ones whole; none of a comment or an empty line."""
     # The sign of an inch is a lone quotation mark, and quotes nothing.
     is_quoted = line.count('"') > 0 and line.count('"') % 2 == 0
     content = _without_comment(line, text.comment, is_quoted)
@@ -426,7 +426,7 @@ def _fields(line: str, text: TextFormatSpec) -> list[str]:
 
 
 def _quoted(content: str, delimiter: str | None) -> list[str]:
-    """The fields of a line with quotes, within which a delimiter has no meaning; None: any white space."""
+    """Split a line with quotes into fields, within which a delimiter has no meaning; None: any white space."""
     if delimiter is None:
         content, delimiter = re.sub(r"\s", " ", content).strip(), " "
     return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
@@ -444,7 +444,7 @@ _GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})(?= )")
 
 
 def _values(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
-    """Numbers (n,) of cells, NaN for texts, and where these are; dates and times in s since 1970 or midnight."""
+    """Convert cells to numbers (n,), NaN for texts, and flag these; dates and times in s since 1970 or midnight."""
     first = next(filter(None, cells), "")
     if _is_number(first) or not _STAMP.fullmatch(_GERMAN_DATE.sub(r"\3-\2-\1", first)):
         x = np.array([float(cell) if _is_number(cell) else np.nan for cell in cells])

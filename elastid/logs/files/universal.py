@@ -33,7 +33,7 @@ FUNCTIONS = {
 
 
 def is_universal_file(path: Path, head: bytes = b"") -> bool:
-    """True by the first lines, or by the suffix."""
+    """Recognise the first lines, or the suffix."""
     if path.suffix.lower() in (".uff", ".unv"):
         return True
     if head or path.is_dir():
@@ -43,7 +43,7 @@ def is_universal_file(path: Path, head: bytes = b"") -> bool:
 
 
 def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
-    """The data sets of some types; StudyError without pyuff, DataError for a damaged file."""
+    """Read the data sets of some types; StudyError without pyuff, DataError for a damaged file."""
     pyuff = installed("pyuff", "uff", path)
     try:
         with _readable(path) as name:
@@ -56,7 +56,7 @@ def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[str]:
-    """Path of the file, or of a copy whose exponents are written with E in place of Fortran's D."""
+    """Give the path of the file, or of a copy whose exponents are written with E in place of Fortran's D."""
     content = path.read_bytes()
     if _START_OF_BINARY.search(content) or not _EXPONENT.search(content):
         yield str(path)
@@ -75,7 +75,7 @@ def place_of(data_set: dict[str, Any], side: str) -> str:
 
 
 def time_histories(path: Path) -> dict[str, dict[str, Any]]:
-    """Data sets of time histories, by node, direction and, where one has several, number."""
+    """Return data sets of time histories, by node, direction and, where one has several, number."""
     histories: dict[str, dict[str, Any]] = {}
     for data_set in sets_of(path, 58):
         if int(data_set["func_type"]) == TIME_HISTORY:

@@ -65,7 +65,7 @@ def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_s
 
 
 def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) -> Iterator[FloatArray]:
-    """Means (m,) of other periods at rows (m,), finite in the gap; last, for a short gap, zero.
+    """Yield means (m,) of other periods at rows (m,), finite in the gap; last, for a short gap, zero.
 
     The first period, whose transient adds up over a long gap, is in the reference of one only if no other has the gap.
     """
@@ -86,7 +86,7 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
 
 
 def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation | None:
-    """Polynomial (g,) through the finite samples e (m,) on both sides of a gap, if they are enough."""
+    """Fit a polynomial (g,) through the finite samples e (m,) on both sides of a gap, if they are enough."""
     g = gap.stop - gap.start
     offsets = np.r_[-width:0, g : g + width]
     at = gap.start + offsets
@@ -106,7 +106,7 @@ def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation
 
 
 def _weights(offsets: IntArray, g: int, degree: int) -> FloatArray:
-    """Weights (g, k) of the least-squares polynomial through samples at offsets (k,) from the start of a gap of g."""
+    """Return weights (g, k) of the least-squares polynomial by samples at offsets (k,) from the start of a gap of g."""
     return _cached_weights(tuple(offsets.tolist()), g, degree)
 
 
@@ -118,7 +118,7 @@ def _cached_weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray
 
 
 def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float:
-    """Error of weights (g, k) on gaps that begin at any other sample of e (m,).
+    """Estimate the error of weights (g, k) on gaps that begin at any other sample of e (m,).
 
     From the quantile of 75 %: a few damaged samples nearby do not count, a transient on one side does.
     """
@@ -133,12 +133,12 @@ def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float
 
 
 def _is_continuous(values: FloatArray, max_step: float) -> bool:
-    """True if consecutive values, NaN where unknown, change by no more than twice max_step."""
+    """Return True if consecutive values, NaN where unknown, change by no more than twice max_step."""
     return not np.any(np.abs(np.diff(values)) > _MAX_STEP * max_step)
 
 
 def period_noise(x: FloatArray, L: int, sign: int) -> float:
-    """Noise of a signal (P L,), NaN where missing: robust change between two consecutive periods over root two.
+    """Estimate the noise of a signal (P L,), NaN if missing: robust change between consecutive periods over root two.
 
     The smallest of all pairs: a transient adds to the first ones.
     """

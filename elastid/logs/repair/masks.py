@@ -98,7 +98,7 @@ def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]
 
 
 def samples_before_motion(torques: FloatArray) -> int:
-    """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
+    """Count samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
     width = max(MIN_WINDOW, len(torques) // START_WINDOWS)
     if len(torques) < 3 * width:
         return 0
@@ -110,13 +110,13 @@ def samples_before_motion(torques: FloatArray) -> int:
 
 
 def _scatter(windows: FloatArray) -> FloatArray:
-    """Rms (...) of windows (..., width) without mean and slope; infinite where a sample is missing."""
+    """Compute the rms (...) of windows (..., width) without mean and slope; infinite where a sample is missing."""
     away = without_line(windows)
     return np.where(np.isfinite(away).all(axis=-1), np.sqrt(np.mean(away**2, axis=-1)), np.inf)
 
 
 def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
-    """Signals (n, c), some samples NaN, with NaN where a channel hangs, or drops to 0, and other repetitions do not."""
+    """Mask (NaN) samples of signals (n, c) where a channel hangs, or drops to 0, and other repetitions do not."""
     result = np.copy(signals)
     hold = np.diff(signals, axis=0) == 0
     alike = hold.all(axis=1)
@@ -138,7 +138,7 @@ def _elsewhere(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
 
 
 def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log) -> FloatArray:
-    """Signals (n, c), NaN in each repetition of L samples whose torques stand still for a part.
+    """Mask (NaN) each repetition of L samples of signals (n, c) whose torques are partly constant.
 
     torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
     """
@@ -227,7 +227,7 @@ def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
 
 
 def _at_limit(x: FloatArray) -> BoolArray:
-    """Flags (n,) of the samples at a limit, none set where they are too few to be reported or the steps too coarse."""
+    """Flag (n,) samples at a limit, none if they are too few to be reported or the steps too coarse."""
     low, high = np.min(x), np.max(x)
     near = EQUAL_TOLERANCE * (high - low)
     # Exactly 0 is rest, not a limit: of the force of a hammer under a force window.

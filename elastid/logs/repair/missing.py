@@ -72,7 +72,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
 
 
 def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
-    """Signal (P L,) without NaN, and the repetitions with a long gap that nothing predicts to within the noise."""
+    """Interpolate a signal (P L,); return also repetitions with a long gap that is not predictable within noise."""
     result, noisy = np.copy(x), set[int]()
     limit = MAX_ERROR_OVER_NOISE * np.hypot(period_noise(x, L, sign), step(x) / np.sqrt(12))
     for at, gap in interpolations(x, L, sign):
@@ -128,7 +128,7 @@ def repair(
     log: Log,
     check: Callable[[FloatArray], None],
 ) -> FloatArray:
-    """Signals (n, c), some samples NaN, repaired: whole repetitions of a period, or of half of one where half_wave.
+    """Repair signals (n, c), some samples NaN, to whole repetitions of a period, of half of one if half_wave.
 
     roles: the columns of r, u and y, before all others, which need not repeat.  check: refuses drivers (n, d) that are
     not periodic.  DataError without a repair.
@@ -150,7 +150,7 @@ def repair(
 
 
 def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
-    """Signals (n, c), some samples NaN, with single gaps interpolated; DataError where gaps are longer."""
+    """Interpolate single gaps of signals (n, c), some samples NaN; DataError where gaps are longer."""
     full, n = bridged_gaps(signals, log), len(signals)
     report_clipping(full, n, log)
     report_steps(full, n, 1, log)
@@ -158,7 +158,7 @@ def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
 
 
 def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log: Log) -> FloatArray:
-    """Signals with N samples in a period, and two whole repetitions of L where the second one lacks its end only."""
+    """Resample to N samples in a period; complete a second repetition of L that lacks its end only."""
     result = signals
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
@@ -179,13 +179,13 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
 
 
 def _with_flags(signals: FloatArray) -> FloatArray:
-    """Signals (n, c) -> (n, 2 c): straight lines where samples are missing, and 1 where they are; whole ones alone."""
+    """Bridge missing samples of signals (n, c), and append flags (n, c) of them; whole signals remain alone."""
     valid = np.isfinite(signals)
     return signals if valid.all() else np.concatenate([_bridged(signals), ~valid], axis=1)
 
 
 def _with_missing(stack: FloatArray, c: int) -> FloatArray:
-    """The inverse after interpolation: a sample is missing where missing ones have 2 % in it."""
+    """Invert `_with_flags` after interpolation: a sample is missing where missing ones have 2 % in it."""
     return stack if stack.shape[1] == c else np.where(np.abs(stack[:, c:]) > 0.02, np.nan, stack[:, :c])
 
 

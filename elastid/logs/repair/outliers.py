@@ -90,7 +90,7 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
 
 
 def _is_outlier(x: FloatArray) -> BoolArray:
-    """Runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
+    """Flag runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
     low, middle, high = np.quantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
     result = np.zeros(len(x), dtype=np.bool_)
     for start, end in runs(np.abs(x - middle) > MIN_RANGES * (high - low)).tolist():
@@ -106,7 +106,7 @@ def outliers_of(name: str, count: int, n: int) -> str:
 def _masked(
     signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
 ) -> FloatArray:
-    """outvoted (c,): number of spikes of each channel that only two periods against one show."""
+    """Mask and report spikes. outvoted (c,): number of spikes that only two periods against one show."""
     result = np.copy(signals)
     for c, at in enumerate(spikes):
         if at.size == 0:
@@ -128,7 +128,7 @@ def _masked(
 
 
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
-    """Samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
+    """Find samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
     judged, full, q = np.isfinite(x), _interpolated(x, L, sign), step(x)
     repeats, may_repeat = _lost_messages(x, q)
     is_spike = np.zeros(len(x), dtype=np.bool_)
@@ -160,7 +160,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
 def _replaced(
     x: FloatArray, suspects: BoolArray, L: int, sign: int, to_nearest: FloatArray, are_lost: bool = False
 ) -> tuple[FloatArray, BoolArray]:
-    """Signal (P L,) with interpolations of the suspects (P L,) that are far from them, and flags of these samples.
+    """Interpolate suspects (P L,) of a signal (P L,) that are far from their interpolation; return their flags, too.
 
     to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
     the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
@@ -193,7 +193,7 @@ def _with_second_period(judged: BoolArray, L: int) -> BoolArray:
 
 
 def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
-    """Differences (P L,) of each period to the next two, and, of more than three, to the median of all.
+    """Compute differences (P L,) of each period to the next two, and, of more than three, to the median of all.
 
     A spike differs from each of them; a sample whose reference has a spike does not.
     """
@@ -205,7 +205,7 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
 
 
 def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
-    """Size of the pulses that a transient in the first period of a signal (P L,) can have; 0 without a transient.
+    """Estimate the size of pulses of a transient in the first period of a signal (P L,); 0 without a transient.
 
     The largest step that all later periods show: there a transient has friction of the other direction for a moment.
     """
@@ -240,7 +240,7 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
 
 
 def _roughness(x: FloatArray) -> FloatArray:
-    """Distance (n,) of each sample of a signal from the cubic through its neighbours."""
+    """Compute the distance (n,) of each sample of a signal from the cubic through its neighbours."""
     return np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
 
 
@@ -249,20 +249,20 @@ def _scale_of_roughness(roughness: FloatArray) -> float:
 
 
 def _is_rough(x: FloatArray) -> BoolArray:
-    """True where a signal (n,) is rougher than usual."""
+    """Return True where a signal (n,) is rougher than usual."""
     roughness = _roughness(x)
     return roughness > _scale_of_roughness(roughness)
 
 
 def _lone_distance(e: FloatArray) -> FloatArray:
-    """Distance (n,) of each sample of a signal from its running median."""
+    """Compute the distance (n,) of each sample of a signal from its running median."""
     from scipy.ndimage import median_filter
 
     return np.asarray(np.abs(e - median_filter(e, MEDIAN_WINDOW, mode="mirror")))
 
 
 def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
-    """Signal (P L,) without NaN, on straight lines where no period has a sample."""
+    """Interpolate a signal (P L,), on straight lines where no period has a sample."""
     result = np.copy(x)
     for at, gap in interpolations(x, L, sign):
         result[at] = np.nan if gap is None else gap.values
@@ -279,7 +279,7 @@ def _spikes(
     q: float,
     quantile: float = QUIET_FRACTION,
 ) -> BoolArray:
-    """Flags (n,) of the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
+    """Flag (n,) the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
 
     e (n,): its difference to a reference, finite, with a noise of its own in each period of L.  smallest: least d of
     a spike.  q: step of the converter.
@@ -322,7 +322,7 @@ def _spikes(
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
-    """Flags (n,) of repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
+    """Flag (n,) repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
     change = np.abs(np.diff(x, prepend=np.nan))
     scale, repeats, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
@@ -336,13 +336,13 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
 
 
 def _scale(d: FloatArray) -> float:
-    """Distance that a spike exceeds, by the distances (n,) that are usual in parts of a log."""
+    """Compute the distance that a spike exceeds, from typical distances (n,) in sections of a log."""
     parts = d[: len(d) // PARTS * PARTS].reshape(PARTS, -1)
     return MIN_OVER_USUAL * float(np.median(np.quantile(parts, USUAL_FRACTION, axis=1)))
 
 
 def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:
-    """Largest distance of a run of e (n,) from a parabola through its neighbours, and quantile of their distances."""
+    """Compute the largest distance of a run of e (n,) from its neighbours' parabola, and a quantile of theirs."""
     n = NEIGHBOURS
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
     away = np.abs(np.r_[beside[sides], e[first:end]] - _PARABOLAS[end - first] @ beside[sides])
@@ -350,7 +350,7 @@ def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quan
 
 
 def _parabola(length: int) -> FloatArray:
-    """Weights (2 n + length, 2 n) of the parabola through n neighbours on each side of a run, at these and in it."""
+    """Compute weights (2 n + length, 2 n) of the parabola by n neighbours on each side of a run, at these and in it."""
     n = NEIGHBOURS
     sides = np.r_[-1 - n : -1, length + 1 : length + 1 + n]
     powers = np.vander((np.r_[sides, 0:length] - (length - 1) / 2) / n, 3)

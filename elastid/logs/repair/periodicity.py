@@ -63,7 +63,7 @@ _NONE = Repetition(0.0, 0.0, 0.0)
 
 
 def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
-    """How signals (n, c), NaN where missing, repeat after lag samples, with sign -1 as x(t + lag) = -x(t).
+    """Test if signals (n, c), NaN where missing, repeat after lag samples, with sign -1 as x(t + lag) = -x(t).
 
     The signal that repeats best stands for all: not every input is excited in every experiment.  One repetition is
     compared with the next and, to detect a period that is off by a fraction of a sample, with many later ones.  Means
@@ -74,7 +74,7 @@ def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
 
 
 def find_period(signals: FloatArray) -> Repetition:
-    """The shortest lag after which one of the signals (n, c) repeats, least drift; best_samples 0 where none does."""
+    """Find the shortest lag after which a signal of (n, c) repeats, least drift; best_samples 0 without one."""
     return max((_best(x) for x in signals.T if _varies(x)), key=lambda result: result.rank, default=_NONE)
 
 
@@ -83,7 +83,7 @@ def _varies(x: FloatArray) -> bool:
 
 
 def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
-    """The verdict on one signal (n,); starts: its first repetition may hold the start from rest."""
+    """Test one signal (n,); starts: its first repetition may hold the start from rest."""
     # Repetitions at the end that are missing altogether show nothing.
     finite = np.flatnonzero(np.isfinite(x))
     x = x[: max(int(finite.max(initial=-1)) + 1, 2 * lag)]
@@ -113,14 +113,14 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
 
 
 def _best(x: FloatArray) -> Repetition:
-    """The lag at which a signal (n,) repeats, with or without a drift."""
+    """Find the lag at which a signal (n,) repeats, with or without a drift."""
     levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
     best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
     return _anywhere(_levelled(x, round(best.best_samples))) if best.best_samples else best
 
 
 def _levelled(x: FloatArray, lag: int) -> FloatArray:
-    """A signal (n,) without its mean and its drift, the mean difference of its repetitions."""
+    """Remove the mean and the drift of a signal (n,), the mean difference of its repetitions."""
     change = x[lag:] - x[:-lag]
     drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
     residual = x - drift * np.arange(len(x))
@@ -132,7 +132,7 @@ def _is_as_good(correlation: float, best: float) -> bool:
 
 
 def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
-    """True if the correlations after one, two, ... repetitions, over half of the log at least, are the same.
+    """Test if the correlations after one, two, ... repetitions, over half of the log at least, are the same.
 
     And if d(t) = x(t + T) - x(t) is noise: its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l) of x(t)^2.
     """
@@ -153,7 +153,7 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
 
 
 def _anywhere(x: FloatArray) -> Repetition:
-    """The shortest lag, two of which fit, after which a signal (n,) repeats as well as after any other."""
+    """Find the shortest lag, two of which fit, after which a signal (n,) repeats as well as after any other."""
     all_lags = autocorrelation(x)
     rho = all_lags[: int(len(x) / MIN_PERIODS) + 1]
     beyond_first_lobe = np.flatnonzero(rho < 0.5)
@@ -177,7 +177,7 @@ def _anywhere(x: FloatArray) -> Repetition:
 
 
 def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
-    """The place, between samples, of a peak of rho, and its height, on a grid of 0.02 samples and a parabola."""
+    """Interpolate place and height of a peak of rho between samples, on a grid of 0.02 samples and a parabola."""
     step = 0.02
     first, last = max(0, peak - 64), min(len(rho), peak + 65)
     times = np.arange(-1, 1 + step / 2, step) + (peak - first)
@@ -199,7 +199,7 @@ def _from_later(rho: FloatArray, period: float) -> float:
 
 
 def autocorrelation(x: FloatArray) -> FloatArray:
-    """rho (n - n // 8,) of x (n,) after 0, 1, ... samples; missing ones (NaN) and their partners do not count."""
+    """Compute rho (n - n // 8,) of x (n,) at lags 0, 1, ...; missing samples (NaN) and partners do not count."""
     n = len(x)
     n_fft = 1 << (2 * n - 1).bit_length()
     valid = np.isfinite(x)
@@ -225,7 +225,7 @@ NO_LINES = (
 
 
 def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drivers: FloatArray) -> float | None:
-    """Samples of the period at rate_hz, not always whole; None without one.
+    """Return samples of the period at rate_hz, not always whole; None without one.
 
     drivers (n, d): torques at that rate, NaN where missing, to be searched if the study says so; DataError without one.
     """
@@ -261,18 +261,18 @@ def report_unstated_period(drivers: FloatArray, log: Log) -> None:
 
 
 def grid_samples(period: float, half_wave: bool) -> int:
-    """The whole number of samples nearest to a period; an even one where half of it counts."""
+    """Return the whole number of samples nearest to a period; an even one where half of it counts."""
     return 2 * round(period / 2) if half_wave and period != round(period) else round(period)
 
 
 def rounded_samples(samples: float) -> float:
-    """Samples of a period, whole where they are within one millionth of it."""
+    """Return samples of a period, whole where they are within one millionth of it."""
     N = round(samples)
     return float(N) if abs(samples - N) <= 1e-6 * samples else samples
 
 
 def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_one_of_several: bool = False) -> None:
-    """DataError where the excitation (n, n_u), NaN where missing, does not repeat as stated, or not often enough.
+    """Raise DataError where the excitation (n, n_u), NaN where missing, does not repeat as stated, or not often enough.
 
     is_one_of_several: another log shows if one period repeats.
     """
@@ -314,7 +314,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
 
 
 def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
-    """Change and place of a shift by whole samples between parts that repeat after N samples; None without one.
+    """Find change and place of a shift by whole samples between parts that repeat after N samples; None without one.
 
     Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
     """

@@ -63,7 +63,7 @@ MAX_RATE_RATIO = 20.0
 
 
 def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
-    """Delay of the second signal (n,) or signals (n, c), in samples from -N/2 to N/2, and their correlation there.
+    """Estimate the delay of the second signal (n,) or signals (n, c), -N/2 to N/2 samples, and their correlation.
 
     Relative to the first.  Of the mean periods, or of the whole signals without a period (N None); the fraction of a
     sample comes from the phase of their cross-spectrum, summed over the columns.
@@ -78,7 +78,7 @@ def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, 
 def delay_by_torque(
     torques: FloatArray, motions: FloatArray, orders: IntArray, N: int | None, shift: float
 ) -> tuple[float, float, float]:
-    r"""Delay of motions (n, c) of some motors against their torques (n, c), agreement there and at the stated delay.
+    r"""Estimate the delay of motions (n, c) against torques (n, c); return also the agreement there and at shift.
 
     .. math:: \max_\tau\, \mathrm{Re} \sum_k e^{j \omega_k \tau} \frac{|U_k|}{|A_k|} A_k^T U_k^*
 
@@ -93,7 +93,7 @@ def delay_by_torque(
 
 
 def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[ComplexArray], int]:
-    """Spectra (F, c) of the mean periods of signals (n, c), without a period of padded signals; samples of a period."""
+    """Compute spectra (F, c) of mean periods of signals (n, c), padded without a period; and samples of a period."""
     if N is None:
         N = 2 * max(map(len, signals))
         signals = [np.pad(x - x.mean(axis=0), ((0, N - len(x)), (0, 0))) for x in signals]
@@ -101,19 +101,19 @@ def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[Complex
 
 
 def _peak(C: ComplexArray, N: int) -> float:
-    """The shift with the largest correlation of a cross-spectrum (N // 2 + 1,), whose mean is removed."""
+    """Find the shift with the largest correlation of a cross-spectrum (N // 2 + 1,), whose mean is removed."""
     C[0] = 0.0
     peak = int(np.argmax(np.fft.irfft(C, N)))
     return refined_shift(C, N, float(peak - N if peak > N // 2 else peak))
 
 
 def correlation(C: ComplexArray, N: int, shift: float) -> float:
-    """Re sum_k C_k exp(2 pi j k shift / N) of a cross-spectrum (N // 2 + 1,)."""
+    """Compute Re sum_k C_k exp(2 pi j k shift / N) of a cross-spectrum (N // 2 + 1,)."""
     return float(np.sum((C * np.exp(_turns(C, N) * shift)).real))
 
 
 def refined_shift(C: ComplexArray, N: int, shift: float) -> float:
-    """The maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
+    """Find the maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
     turns = _turns(C, N)
     for _ in range(5):
         phasor = C * np.exp(turns * shift)
@@ -129,7 +129,7 @@ def _turns(C: ComplexArray, N: int) -> ComplexArray:
 
 
 def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
-    """Signals (n, c) at times (m,) in samples, periodic beyond their ends; band: b, below 1 for a lower rate."""
+    """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate."""
     reach = int(np.ceil(HALF_WIDTH / band))
     before = reach + max(0, int(np.ceil(-times.min())))
     after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
@@ -146,7 +146,7 @@ def at_times(signals: FloatArray, times: FloatArray, period: float, band: float 
 
 
 def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
-    """The samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
+    """Compute the samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
     reach = int(np.ceil(HALF_WIDTH / band))
     nearest = np.round(t).astype(np.int64)
     apart = band * ((t - nearest)[:, None] - np.arange(-reach, reach + 1))
@@ -184,7 +184,7 @@ class ClockDrift:
 
 
 def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
-    """Excess of the period over N samples, from signals (n, c) that the generator sends."""
+    """Estimate the excess of the period over N samples, from signals (n, c) that the generator sends."""
     Z = np.fft.rfft(scaled(drivers, N), axis=1)
     # The first period may hold a transient.
     Z = Z[1:] if len(Z) > 3 else Z
@@ -228,7 +228,7 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
 
 
 def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
-    """C (F,) of spectra Z (P, F, c), summed over periods and channels, and the power that it cannot exceed."""
+    """Compute C (F,) of spectra Z (P, F, c), summed over periods and channels, and the power that it cannot exceed."""
     a, b = Z[:-lag], Z[lag:]
     C: ComplexArray = np.sum(b * a.conj(), axis=(0, 2))
     return C, float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2)))
@@ -248,14 +248,14 @@ LAST = 20
 
 
 def describe_steps(time_s: FloatArray) -> str:
-    """The shortest, median and longest step from one of some stamps (n,) to the next, and the mean rate, in words."""
+    """Describe shortest, median and longest step between stamps (n,), and the mean rate."""
     shortest, median, longest = (f"{1e3 * f(np.diff(time_s)):.6g}" for f in (np.min, np.median, np.max))
     mean_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
     return f"steps of {shortest} to {longest} ms, median {median} ms, mean rate {mean_hz:.6g} Hz"
 
 
 def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
-    """Row of each stamp and rate in Hz of the uniform grid of stamps (n,); None without such a grid.
+    """Find the row of each stamp and the rate in Hz of the uniform grid of stamps (n,); None without such a grid.
 
     Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
     """
@@ -274,7 +274,7 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
 
 
 def _resolution(time_s: FloatArray) -> float:
-    """The decimal step of the last stamps; 0 where they have more than nine digits.
+    """Find the decimal step of the last stamps; 0 where they have more than nine digits.
 
     It is the coarsest: loggers with a fixed number of significant digits write fewer decimals as time goes on.
     """
@@ -284,7 +284,7 @@ def _resolution(time_s: FloatArray) -> float:
 
 
 def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
-    """Signals (n, c) at rate_hz from the first stamp on, with rows of NaN where the stamps (n,) leave samples out.
+    """Bring signals (n, c) to rate_hz from the first stamp on, with rows of NaN for gaps of the stamps (n,).
 
     Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample.
     Rows in another order than their stamps are sorted.  A clock that was set back leaves a gap of unknown length.
@@ -323,7 +323,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
 
 
 def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:
-    """Stamps (n,) that rise, and their signals (n, c).
+    """Sort stamps (n,) and their signals (n, c).
 
     Raises DataError for missing stamps, and for more falling steps than of single faults.
     """
@@ -386,7 +386,7 @@ def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
 
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
-    """Resampled from instants (n,) in s, the first of which is 0."""
+    """Resample signals from instants (n,) in s, the first of which is 0."""
     steps_s, steps = np.diff(time_s), describe_steps(time_s)
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     knot_steps = np.delete(steps_s, gaps)
@@ -446,7 +446,7 @@ def _fitted(
 
 
 def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:
-    """x (high - low + 1,) at whole t from low to high, of samples s (n,) at instants t (n,)."""
+    """Solve for x (high - low + 1,) at whole t from low to high, of samples s (n,) at instants t (n,)."""
     from scipy.sparse import csr_array
     from scipy.sparse.linalg import lsmr
 

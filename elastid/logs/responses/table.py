@@ -79,7 +79,7 @@ class ResponseTable:
             raise table_error(self.path, shapes)
 
     def freq_hz(self, unit: str) -> FloatArray:
-        """The frequencies (F,) in Hz; `auto` is the file's own unit.  DataError for an unknown or missing unit."""
+        """Convert the frequencies (F,) to Hz; `auto` is the file's unit.  DataError for an unknown or missing unit."""
         name = self.frequency_unit if unit == "auto" else unit
         unit_name = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
         if unit_name not in _IN_HZ:
@@ -88,7 +88,7 @@ class ResponseTable:
         return self.freq * _IN_HZ[unit_name]
 
     def index(self, channel: ChannelSpec) -> int:
-        """Row of an output or column of an input; raise DataError with the existing names."""
+        """Return row of an output or column of an input; raise DataError with the existing names."""
         kind, names, n = "output", self.outputs, self.G.shape[1]
         if channel.role == "u":
             kind, names, n = "input", self.inputs, self.G.shape[2]
@@ -102,12 +102,12 @@ class ResponseTable:
 
 
 def label(channel: ChannelSpec) -> str:
-    """A channel as it is called in a file of responses: by its name, else by its number."""
+    """Return a channel as it is called in a file of responses: by its name, else by its number."""
     return channel.channel or str(channel.column)
 
 
 def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
-    """The elements of all channels of the study; DataError for a missing column, with those that there are."""
+    """Read the elements of all channels of the study; DataError for a missing column, with those that there are."""
     columns = spec.columns
     outputs, inputs = (tuple(label(c) for c in spec.channels if c.role == role) for role in ("y", "u"))
     patterns = (columns.magnitude, columns.phase) if columns.magnitude else (columns.real, columns.imaginary)
@@ -136,19 +136,19 @@ def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
 
 
 def structs_in(leaves: Mapping[str, StoredArray]) -> tuple[str, ...]:
-    """The variables that hold a frequency response; an empty text for one whose fields are variables themselves."""
+    """List variables with a frequency response; an empty text for a struct whose fields are variables themselves."""
     names = (re.fullmatch(rf"(?:(.+)\.)?{_DATA}(?:\.(?:real|imag))?", key) for key in leaves)
     return tuple(dict.fromkeys(match.group(1) or "" for match in names if match))
 
 
 def responses_in(leaves: Mapping[str, StoredArray]) -> list[str]:
-    """Structs and complex arrays that hold a frequency response, by name."""
+    """Return structs and complex arrays that hold a frequency response, by name."""
     arrays = (name for name, array in leaves.items() if array.dtype.kind == "c" and max(array.shape, default=0) > 2)
     return [name or _DATA for name in dict.fromkeys((*structs_in(leaves), *arrays))]
 
 
 def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> ResponseTable:
-    """The response in a struct; DataError where it or one of its fields is missing."""
+    """Read the response in a struct; DataError where it or one of its fields is missing."""
     structs = structs_in(leaves)
     if not name and len(structs) == 1:
         name = structs[0]
@@ -173,7 +173,7 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
 
 
 def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: ResponsesSpec) -> ResponseTable:
-    """The response in plain HDF5 datasets (or MATLAB variables), named under `columns`; DataError for a missing one."""
+    """Read the response in HDF5 datasets (or MATLAB variables) named by `columns`; DataError for a missing one."""
     columns = spec.columns
     G = complex_array(leaves, columns.response)
     if G is None or columns.frequency not in leaves:
@@ -190,7 +190,7 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
 
 
 def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray | None:
-    """Complex array, or struct with real and imag fields as written by MATLAB; None if it is missing."""
+    """Read a complex array, or struct with real and imag fields as written by MATLAB; None if it is missing."""
     if name in leaves:
         return np.asarray(leaves[name]).astype(np.complex128)
     for parts in (("real", "imag"), ("re", "im"), ("r", "i")):
@@ -213,7 +213,7 @@ def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpe
 
 
 def _variance(path: Path, covariance: StoredArray | None, G: ComplexArray) -> FloatArray | None:
-    """E|dG|^2 is the sum of the variances of real and imaginary part."""
+    """Return E|dG|^2, the sum of the variances of real and imaginary part."""
     if covariance is None or 0 in covariance.shape:
         return None
     C = np.asarray(covariance, dtype=np.float64)
@@ -237,7 +237,7 @@ _UNITS = {
 
 
 def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
-    """All responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
+    """Read all responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
     sets = _responses(path)
     outputs, inputs = (tuple(dict.fromkeys(place_of(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
     freq = np.asarray(sets[0]["x"], dtype=np.float64)
@@ -255,7 +255,7 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
 
 
 def uff_contents(path: Path) -> tuple[str, ...]:
-    """One line for each response of a universal file."""
+    """Return one line for each response of a universal file."""
     return tuple(
         f"response of {place_of(data_set, 'rsp')} ({_quantity(data_set) or 'unknown quantity'}) "
         f"to {place_of(data_set, 'ref')}: {len(data_set['x'])} lines, {data_set['x'][0]:g} to {data_set['x'][-1]:g} Hz"
@@ -264,14 +264,14 @@ def uff_contents(path: Path) -> tuple[str, ...]:
 
 
 def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Outputs of a universal file with their quantities (acceleration where it is not stated), and its inputs."""
+    """List outputs of a universal file with quantities (default: acceleration), and its inputs."""
     sets = _responses(path)
     outputs = {place_of(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
     return outputs, tuple(dict.fromkeys(place_of(data_set, "ref") for data_set in sets))
 
 
 def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec | None:
-    """Geometry of the first universal file with nodes at locations of the study; None without one."""
+    """Return geometry of the first universal file with nodes at locations of the study; None without one."""
     spec = experiment.responses or experiment.recorded
     if spec is None:
         return None
@@ -282,7 +282,7 @@ def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec 
 
 
 def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[str] = ()) -> GeometrySpec | None:
-    """Nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of its places.
+    """Read nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of places.
 
     channels: of the study, whose places move in the directions of their nodes.  moved: further places, by these names.
     """
@@ -306,7 +306,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[st
 
 
 def _length_and_force(path: Path) -> tuple[float, float]:
-    """Units of length in m and force in N from data set 164, by default SI."""
+    """Return units of length in m and force in N from data set 164, by default SI."""
     units = sets_of(path, 164)
     if not units:
         return 1.0, 1.0
@@ -318,7 +318,7 @@ def _length_and_force(path: Path) -> tuple[float, float]:
 def _in_si(
     path: Path, outputs: Sequence[str], inputs: Sequence[str], channels: Sequence[ChannelSpec]
 ) -> tuple[FloatArray, tuple[Note, ...]]:
-    """Factors (n_y, n_u) of a file that states its units (data set 164), 1 where a channel states one; and a note."""
+    """Return factors (n_y, n_u) by the units of a file (data set 164), 1 where a channel states one; and a note."""
     metre, newton = _length_and_force(path)
     in_unit = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
     turns = re.compile(r"\d+r[xyz]")

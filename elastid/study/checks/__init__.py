@@ -26,7 +26,7 @@ from elastid.study.source import KeyPath
 
 
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
-    """Every contradiction between the sections of a study whose files are relative to `base`."""
+    """Yield every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
     yield from check_unused(study)
     if study.friction is not None:
@@ -84,7 +84,7 @@ UNUSED = [tuple(map(str.split, row.partition(": ")[::2])) for row in _UNUSED.rep
 
 
 def check_unused(study: Study) -> Iterator[Problem]:
-    """Problems of sections that nothing reads; none of a simulated study without its robot: its kind is unknown."""
+    """Yield keys that no stage uses; none for a simulated study without its robot, whose kind is unknown."""
     if study.robot is None and study.experiment.simulated is not None:
         return
     for key in (key for kinds, keys in UNUSED if study.kind in kinds for key in keys):

@@ -18,7 +18,7 @@ _PARAMETERS: KeyPath = ("fit", "parameters")
 
 
 def check_fit(study: Study) -> Iterator[Problem]:
-    """All of the section that depends on others; the parameters themselves are checked as they get their units."""
+    """Check the keys of the section that depend on others; parameters are checked as they get their units."""
     yield from _check_groups(study)
     names = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
     for i, factor in enumerate(study.fit.weights.factors):
@@ -59,7 +59,7 @@ def _check_groups(study: Study) -> Iterator[Problem]:
 
 
 def check_loads(study: Study) -> Iterator[Problem]:
-    """Problems of tests: posture of the robot, frames that it has, and a reading unless the rig is simulated."""
+    """Yield problems of tests: posture of the robot, frames that it has, and a reading unless the rig is simulated."""
     if study.loads is None:
         return
     if not study.loads.tests:

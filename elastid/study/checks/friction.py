@@ -20,7 +20,7 @@ _RECORDED: KeyPath = ("experiment", "recorded")
 
 
 def check_friction(study: Study, base: Path) -> Iterator[Problem]:
-    """Every contradiction of a study of friction, whose files are relative to `base`."""
+    """Yield every contradiction of a study of friction, whose files are relative to `base`."""
     spec, experiment = study.as_friction(), study.experiment
     if study.robot is None:
         yield Problem(_FRICTION, "a friction study needs a robot. Give the path of its file", at_key=True)
@@ -86,7 +86,7 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
-    """Logs exist and names are known; the stage measure rejects missing rates and channels."""
+    """Check that logs exist and names are known; the stage measure rejects missing rates and channels."""
     yield from check_files(study, recorded.files, _RECORDED, base)
     yield from check_channels(study, recorded.channels, _RECORDED)
     yield from check_controller(study, recorded)

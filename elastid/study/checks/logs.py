@@ -36,7 +36,7 @@ _RECORDED: KeyPath = ("experiment", "recorded")
 
 
 def check_measured(study: Study, base: Path) -> Iterator[Problem]:
-    """Problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
+    """Yield problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
     experiment = study.experiment
     if experiment.recorded is not None:
         yield from _check_recorded(study, experiment.recorded, base)
@@ -82,7 +82,7 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
 
 
 def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """Gains for each driven joint; `elastid loops` reads them."""
+    """Check gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
         joints = study.as_robot().driven_names
         for keys, refused in recorded.controller.refusals(
