@@ -250,12 +250,10 @@ class Record:
             array = getattr(self, name)
             if array is not None and array.shape != shape:
                 raise ValueError(f"record {self.name}: {name} has shape {array.shape}, expected {shape}")
-        if len(self.quantities) != len(self.outputs):
-            raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.quantities)} quantities")
-        if self.hold_samples and len(self.hold_samples) != len(self.inputs):
-            raise ValueError(f"record {self.name}: {len(self.inputs)} inputs but {len(self.hold_samples)} hold_samples")
-        if self.sampled and len(self.sampled) != len(self.outputs):
-            raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.sampled)} of sampled")
+        for side, name in (("outputs", "quantities"), ("inputs", "hold_samples"), ("outputs", "sampled")):
+            count, values = len(getattr(self, side)), getattr(self, name)
+            if len(values) != count and (values or name == "quantities"):
+                raise ValueError(f"record {self.name}: {count} {side} but {len(values)} {name}")
         if not self.rate_hz > 0 or self.period_samples < 2:
             raise ValueError(f"record {self.name}: rate {self.rate_hz:g} Hz, period {self.period_samples} samples")
         if not self.is_periodic and (self.period_samples != n or self.half_wave):

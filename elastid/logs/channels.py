@@ -21,7 +21,7 @@ from elastid.logs.files.formats import contents, read_channels
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.masks import samples_before_motion
 from elastid.logs.repair.missing import bridged_gaps, filled
-from elastid.logs.repair.periodicity import period_samples, rounded_samples
+from elastid.logs.repair.periodicity import check_complete, period_samples, rounded_samples
 from elastid.logs.repair.time_stamps import (
     MAX_CLOCK_ERROR,
     MAX_GRID_DEVIATION,
@@ -176,6 +176,8 @@ def _period_s(groups: Sequence[_Group], experiment: _Experiment) -> float | None
             drivers = [j for j, i in enumerate(group.members) if experiment.recorded.channels[i].role == role]
             if group.file == 1 and drivers:
                 signals = group.signals[:, drivers]
+                if experiment.recorded.period_of(experiment.file) is not None:
+                    check_complete(signals, experiment.paths[0])
                 signals = signals[samples_before_motion(signals) :]
                 samples = period_samples(experiment.recorded, experiment.file, group.rate_hz, signals)
                 return None if samples is None else samples / group.rate_hz

@@ -19,6 +19,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.logs.repair import MAX_WRONG_FRACTION, Log, blocks
+from elastid.logs.repair.masks import CHECK_CELLS
 from elastid.logs.repair.time_stamps import MIN_DELAY_CORRELATION
 
 UNWRAPPED = "records/unwrapped"
@@ -161,7 +162,7 @@ def value_refusals(
     resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
     for i, (channel, values) in enumerate(zip(channels, finite, strict=True)):
         if values.size == 0:
-            yield i, "contains no finite number. Check its name"
+            yield i, f"contains no finite number. Check its name. {CHECK_CELLS}"
         elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
             yield (i, f"reaches {largest:.3g}, which is implausible. Check name and placeholder for missing values")
         elif np.ptp(values) == 0 and channel.role not in resting:

@@ -14,6 +14,8 @@ and Z^T M Z, which is positive definite, is factorised: q'' = a_0 + Z y'', exact
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import reduce
+from operator import add
 from typing import TypeVar
 
 import casadi as ca
@@ -132,20 +134,24 @@ FIFTH_ORDER = Tableau(
 
 
 def free_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """Build (q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
+    """Build (q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates, with closed loops or without.
 
     theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
 
     M = L D L^T is factorised in symbols with its zeros, without pivots, which a positive definite M does not need. It
     costs nothing for motors without coupling, whose rows of M are diagonal.
     """
-    if model.n_c:
-        return constrained_acceleration(model, theta)
     q, v, torque = model.symbols("q", "v", "torque")
     numbers = model.theta if theta is None else theta
-    D, LT, order = ca.ldl(ca.sparsify(model.mass(q, numbers)))
-    a = ca.ldl_solve(torque - model.force(q, v, numbers), D, LT, order)
-    return ca.Function("free_acceleration", [q, v, torque, *([] if theta is None else [theta])], [a], {"cse": True})
+    M, load = ca.sparsify(model.mass(q, numbers)), torque - model.force(q, v, numbers)
+    if model.n_c:
+        Phi = model.constraint_jacobian(q, numbers)
+        Z, a0 = _solved(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
+        M, load = ca.sparsify(Z.T @ M @ Z), Z.T @ (load - M @ a0)
+    D, LT, order = ca.ldl(M)
+    a = ca.ldl_solve(load, D, LT, order)
+    arguments = [q, v, torque, *([] if theta is None else [theta])]
+    return ca.Function("acceleration", arguments, [a0 + Z @ a if model.n_c else a], {"cse": True})
 
 
 def runge_kutta_step(
@@ -178,11 +184,7 @@ def runge_kutta_step(
 
 
 def _weighted(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
-    terms = [weight * value for weight, value in zip(weights, values, strict=True) if weight]
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
+    return reduce(add, (weight * value for weight, value in zip(weights, values, strict=True) if weight))
 
 
 def least_steps(poles: ComplexArray, duration: float) -> int:
@@ -210,22 +212,6 @@ def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[Compl
     values, vectors = np.linalg.eig(A)
     fastest = Z @ vectors[: Z.shape[1], np.argmax(np.abs(values))]
     return values.astype(complex), model.coordinates[int(np.argmax(np.abs(fastest)))]
-
-
-def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """Build (q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates of a model with loops.
-
-    theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
-    """
-    q, v, torque = model.symbols("q", "v", "torque")
-    numbers = model.theta if theta is None else theta
-    Phi = model.constraint_jacobian(q, numbers)
-    Z, a0 = _solved(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
-    M, f = ca.sparsify(model.mass(q, numbers)), model.force(q, v, numbers)
-    D, LT, order = ca.ldl(ca.sparsify(Z.T @ M @ Z))
-    y = ca.ldl_solve(Z.T @ (torque - f - M @ a0), D, LT, order)
-    arguments = [q, v, torque, *([] if theta is None else [theta])]
-    return ca.Function("constrained_acceleration", arguments, [a0 + Z @ y], {"cse": True})
 
 
 def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:

@@ -96,21 +96,12 @@ class SimulatedRig:
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
         run = self._prepare(experiment)
-        plant, trajectory = run.plant, self._trajectory(run, 1.0, self._end)
+        plant, trajectory = run.plant, self._trajectory(run, 1.0, self.plan.measured.stop)
         notes = (
-            *limit_notes(plant, experiment.name, trajectory.u[self.measured], range(plant.model.n_u)),
+            *limit_notes(plant, experiment.name, trajectory.u[self.plan.measured], range(plant.model.n_u)),
             *_too_fast(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
         )
         return self._record(run, trajectory, notes)
-
-    @property
-    def _end(self) -> int:
-        return self.plan.run_samples - self.plan.first_sample
-
-    @property
-    def measured(self) -> slice:
-        """The samples of a run in the measured periods."""
-        return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
 
     def log(self, experiment: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Simulate the injected torque and the sensors' torques (n, n_u) and outputs (n, n_y) of a whole run."""
@@ -134,7 +125,7 @@ class SimulatedRig:
 
     def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
         plan, experiment = self.plan, run.experiment
-        u, y = (signal[self.measured] for signal in self._sense(run, trajectory))
+        u, y = (signal[plan.measured] for signal in self._sense(run, trajectory))
         r = np.tile(plan.torque(experiment), (plan.periods, 1))
         names = experiment.name, experiment.configuration, experiment.realisation, experiment.experiment
         timing, places = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)

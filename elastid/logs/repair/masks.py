@@ -20,6 +20,7 @@ from elastid.base.statistics import runs
 from elastid.logs.repair import Log, flat, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
+CHECK_CELLS = "Check the column for empty cells and error values such as #N/A, or measure again"
 
 
 # Limits that distinguish rest, a channel that hangs, drops out or is clipped, steps and spikes from a signal.

@@ -17,6 +17,7 @@ from elastid.base.statistics import runs
 from elastid.logs.repair import MAX_WRONG_FRACTION, Log, bridged
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
+    CHECK_CELLS,
     MAX_MISSING_FRACTION,
     MAX_STATIONARY_FRACTION,
     report_clipping,
@@ -51,7 +52,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     for c in np.flatnonzero(~good.all(axis=0)):
         count, text = _missing(good[:, c], log, int(c))
         if count > MAX_MISSING_FRACTION * len(good):
-            raise log.error("records/missing-samples", f"{text}. Measure again, or exclude them with samples")
+            raise log.error("records/missing-samples", f"{text}. {CHECK_CELLS}, or exclude them with samples")
         result[:, c], of_gaps = _interpolated(periodic[:, c], L, sign, log, text)
         noisy |= of_gaps
         outliers = outliers_of(log.names[c], count, len(good))

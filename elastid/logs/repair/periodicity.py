@@ -14,6 +14,7 @@ from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.repair import Log, flat
+from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION
 from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION, at_times
 
 # Limits of the judgement that a signal repeats.
@@ -219,9 +220,17 @@ def autocorrelation(x: FloatArray) -> FloatArray:
 
 
 NO_LINES = (
-    "it is not periodic and gives no FRF at DFT lines. With period: none the whole record is one transient; "
-    "estimator.method local_rational, local_polynomial or h1 then estimate a response where the torque has power"
+    "An aperiodic record has no FRF at DFT lines: with period: none it is one transient, of which estimator.method "
+    "local_rational, local_polynomial or h1 estimate a response where the torque has power"
 )
+
+
+def check_complete(excitation: FloatArray, place: object) -> None:
+    """Raise DataError for an excitation (n, d) with so many missing samples (NaN) that no period can be judged."""
+    missing = float(np.mean(~np.isfinite(excitation).all(axis=1)))
+    if missing > MAX_MISSING_FRACTION:
+        text = f"{missing:.1%} of the excitation's samples are missing (limit {MAX_MISSING_FRACTION:.1%})"
+        raise DataError("records/missing-samples", f"{text}. {CHECK_CELLS}", place)
 
 
 def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drivers: FloatArray) -> float | None:
@@ -239,7 +248,7 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
         raise DataError(
             "records/period-mismatch",
             f"no period was detected (best correlation {best.best_correlation:.2f}; at least "
-            f"{MIN_CORRELATION:g} with two periods): {NO_LINES}",
+            f"{MIN_CORRELATION:g} with two periods). {NO_LINES}",
             file.path,
         )
     N = round(best.best_samples)

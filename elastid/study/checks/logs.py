@@ -22,7 +22,7 @@ from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
 from elastid.logs.files.text import WRITTEN_OTHERWISE
 from elastid.logs.repair import Log
-from elastid.logs.repair.periodicity import check_repeat, grid_samples
+from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders
 from elastid.store.files import content_hash
 from elastid.study.checks.names import unknown
@@ -294,6 +294,7 @@ def _check_period(
     known_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
     try:
         N = grid_samples(period, recorded.half_wave)
+        check_complete(values[:, drivers], place)
         check_repeat(values[:, drivers], N, recorded.half_wave, Log(str(place), (), known_hz))
     except ElastidError as error:
         keys = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
