@@ -213,6 +213,8 @@ class _LogReader:
             model = formulate(with_point_mass(self.robot, self.payload))
             load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, np.asarray(model.theta), posture).u))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
+        path = None if self.recorded.controller is None else self.recorded.controller.reference
+        command_hold: Hold = "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
         return tuple(
             FrictionRecord(
                 name=self.name,
@@ -236,7 +238,7 @@ class _LogReader:
                 # A held torque acts half a sample after its instant, on average.
                 torque_delay_s=0.5 / rate_hz if holds.get(joint.name) == "zero-order" else 0.0,
                 period_samples=period,
-                hold=holds.get(joint.name, self._command_hold),
+                hold=holds.get(joint.name, command_hold),
                 **self._commanded(joint, signals, rate_hz),
                 # Of loops that end by sliding values hardly repeat; three times the log they do.
                 resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "presliding_loops" else 1)),
@@ -262,11 +264,6 @@ class _LogReader:
                 self.path,
             )
         return moving
-
-    @property
-    def _command_hold(self) -> Hold:
-        path = None if self.recorded.controller is None else self.recorded.controller.reference
-        return "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
 
     def _commanded(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
         """Return command and gains of a joint without a torque, by fields of the record; empty with a torque."""

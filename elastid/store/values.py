@@ -234,10 +234,6 @@ def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> Non
         group.attrs[name] = kind.type(value)
 
 
-def _write_text(group: Any, name: str, value: Any, *_: Any) -> None:
-    group.create_dataset(name, data=text_of(value), dtype=TEXT)
-
-
 def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
     """Write a dataclass to a group; fields that are dataclasses come last, since their axes may be in this one."""
     group = group.create_group(name)
@@ -312,8 +308,9 @@ def _write_mapping(group: Any, name: str, value: Any, kind: Kind, label: Label, 
 
 
 _WRITERS: dict[str, Callable[..., Any]] = {
-    "scalar": _write_scalar, "text": _write_text, "array": _write_array, "union": _write_union, "fields": _write_fields,
+    "scalar": _write_scalar, "array": _write_array, "union": _write_union, "fields": _write_fields,
     "sequence": _write_sequence, "record": _write_record, "mapping": _write_mapping,
+    "text": lambda group, name, value, *_: group.create_dataset(name, data=text_of(value), dtype=TEXT),
 }  # fmt: skip
 
 

@@ -71,7 +71,7 @@ class _Topic:
 
     @cached_property
     def _columns(self) -> tuple[NDArray[Any], dict[str, tuple[list[int], list[NDArray[Any]]]]]:
-        """Times (n,), and for each column the messages that hold it with its values in them."""
+        """Times (n,) in s from the first message, and for each column the messages that hold it, and its values."""
         stamps: list[int] = []
         columns: dict[str, tuple[list[int], list[NDArray[Any]]]] = {}
         for number, (stamp, message) in enumerate(self._messages()):
@@ -80,7 +80,8 @@ class _Topic:
                 numbers, values = columns.setdefault(column, ([], []))
                 numbers.append(number)
                 values.append(value)
-        return _seconds(stamps), columns
+        # Differences come first, since ns since 1970 exceed float64.
+        return np.array([stamp - stamps[0] for stamp in stamps]) * 1e-9, columns
 
     def _column(self, field: str) -> NDArray[Any]:
         """Return values (n,) or (n, columns); ValueError if a sequence changes its length."""
@@ -124,9 +125,3 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
 
 def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "") -> StoredArray:
     return StoredArray(shape, np.dtype(np.float64), read, units)
-
-
-def _seconds(stamps: list[int]) -> NDArray[Any]:
-    """Convert ns to s from the first stamp; the difference comes first, since ns since 1970 exceed float64."""
-    ns = np.array(stamps, dtype=np.int64)
-    return np.asarray((ns - ns[0]) * 1e-9) if len(ns) else np.zeros(0)

@@ -146,7 +146,7 @@ class TextLog(Log):
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
         nonempty = [fields for line in lines if (fields := _fields(line, self.format))]
-        rows = [fields for fields in nonempty if not all(map(_is_word, fields))]
+        rows = [fields for fields in nonempty if any(_is_number(field) or _STAMP.fullmatch(field) for field in fields)]
         columns = [_values([row[i] if i < len(row) else "" for row in rows]) for i in needed]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
@@ -213,17 +213,13 @@ class TextLog(Log):
 def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     """Open a text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
     delimiter = _delimiter(text)
+    problem = ""
     if delimiter == text.decimal:
-        raise StudyError(
-            "study/recorded",
-            f"delimiter and decimal are both '{text.decimal}'; they must differ. With decimal commas set delimiter to "
-            "';'",
-            "text",
-        )
-    if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
-        raise StudyError(
-            "study/recorded", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
-        )
+        problem = f"delimiter and decimal are both '{text.decimal}'. With decimal commas set delimiter to ';'"
+    elif delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
+        problem = f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace"
+    if problem:
+        raise StudyError("study/recorded", problem, "text")
     lines, numbers = _lines(path, text)
     numbers = _without_end(numbers, text)
     first = _data_start(numbers, text.header_lines, text)
@@ -300,12 +296,8 @@ def plain_numbers(content: str, text: TextFormatSpec) -> str:
     groups = (_DECIMAL_COMMA,) if has_comma else (_APOSTROPHES,) if text.delimiter == "," else (_APOSTROPHES, _COMMAS)
     for separators, pattern in groups:
         if any(separator in content for separator in separators):
-            content = pattern.sub(_digits, content)
+            content = pattern.sub(lambda number: number[1] + re.sub(r"\D", "", number[2]), content)
     return content.replace(",", ".") if has_comma else content
-
-
-def _digits(number: re.Match[str]) -> str:
-    return number[1] + re.sub(r"\D", "", number[2])
 
 
 def guess_format(path: Path) -> TextFormatSpec:
@@ -419,17 +411,13 @@ def _fields(line: str, text: TextFormatSpec) -> list[str]:
     if not content.strip():
         return []
     delimiter = _delimiter(text)
-    row = _quoted(content, delimiter) if is_quoted else [field.strip(' \t"') for field in content.split(delimiter)]
-    fields = [field.strip() for field in row]
+    if is_quoted:
+        content = content if delimiter else re.sub(r"\s", " ", content).strip()
+        fields = [*map(str.strip, next(csv.reader([content], delimiter=delimiter or " ", skipinitialspace=True)))]
+    else:
+        fields = [field.strip(' \t"').strip() for field in content.split(delimiter)]
     # Many loggers end every line of data, but not the headings, with a delimiter.
     return fields if fields[-1] else fields[:-1]
-
-
-def _quoted(content: str, delimiter: str | None) -> list[str]:
-    """Split a line with quotes into fields, within which a delimiter has no meaning; None: any white space."""
-    if delimiter is None:
-        content, delimiter = re.sub(r"\s", " ", content).strip(), " "
-    return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
 
 
 def _without_comment(line: str, comment: str, is_quoted: bool) -> str:
@@ -454,10 +442,6 @@ def _values(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     us = np.array(texts, dtype="datetime64[us]").astype(np.int64)
     is_missing = np.array([stamp is None for stamp in stamps], dtype=np.bool_)
     return np.where(is_missing, np.nan, us * 1e-6), is_missing
-
-
-def _is_word(field: str) -> bool:
-    return not (_is_number(field) or _STAMP.fullmatch(field))
 
 
 def _is_number(field: str) -> bool:
