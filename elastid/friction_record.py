@@ -103,7 +103,7 @@ class FrictionRecord:
         return float(degc.mean()) if len(degc) else float("nan")
 
     def angles(self, n_u: int) -> FloatArray:
-        """Angles (n_u,) of the posture in which the other joints are held; 0 where it is not known."""
+        """Return angles (n_u,) of the posture in which the other joints are held; 0 where it is not known."""
         return np.zeros(n_u) if self.configuration is None else self.configuration.angles
 
     @property
@@ -151,11 +151,11 @@ class FrictionRecords:
     notes: tuple[Note, ...] = ()
 
     def of(self, joint: str, purpose: Purpose) -> tuple[FrictionRecord, ...]:
-        """The records of one joint and purpose."""
+        """Return the records of one joint and purpose."""
         return tuple(r for r in self.records if r.joint == joint and r.purpose == purpose)
 
     def divided(self, left_out: Collection[str]) -> "tuple[FrictionRecords, FrictionRecords]":
-        """Records for identification, and validation logs by name."""
+        """Return records for identification, and validation logs by name."""
         inside, outside = (tuple(r for r in self.records if (r.name in left_out) == out) for out in (False, True))
         return replace(self, records=inside), FrictionRecords(outside)
 

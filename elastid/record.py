@@ -26,7 +26,7 @@ MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
 
 
 def motion_unit(quantity: Motion, slides: bool) -> str:
-    """The SI unit of a motion.
+    """Return the SI unit of a motion.
 
     >>> motion_unit("acceleration", True)
     'm/s^2'
@@ -35,7 +35,7 @@ def motion_unit(quantity: Motion, slides: bool) -> str:
 
 
 def drive_unit(slides: bool) -> str:
-    """The SI unit of the drive of a motion: a force where it translates, else a torque."""
+    """Return the SI unit of the drive of a motion: a force where it translates, else a torque."""
     return of_translation("N*m") if slides else "N*m"
 
 
@@ -63,12 +63,12 @@ class JointLoop:
     ki: FloatArray = field(default_factory=lambda: np.zeros(1))
 
     def gain_derivatives(self, change: Callable[..., Any], *others: "JointLoop") -> "JointLoop":
-        """Derivatives of a joint loop with respect to kp, kd and ki, combined with the other loops."""
+        """Return derivatives of a joint loop with respect to kp, kd and ki, combined with the other loops."""
         parts = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
         return JointLoop(*(change(*values) for values in parts))
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """F (..., n_u), torque over angle of the sampled loop, at freq_hz (...)."""
+        """Return F (..., n_u), torque over angle of the sampled loop, at freq_hz (...)."""
         step = 1 - np.exp(-2j * np.pi * np.asarray(freq_hz)[..., None] / rate_hz)
         return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
 
@@ -140,20 +140,20 @@ class Configuration:
     has_payload: bool = True
 
     def __post_init__(self) -> None:
-        """A single angle is one of one joint; refuse angles that are not finite."""
+        """Take a single angle for one joint; refuse angles that are not finite."""
         object.__setattr__(self, "angles", frozen(np.atleast_1d(self.angles)))
         if not np.all(np.isfinite(self.angles)):
             raise ValueError(f"configuration {self.name}: the angles {self.angles.tolist()} are not all finite")
 
     def with_angle(self, index: int, angle: float) -> "Configuration":
-        """Posture with one joint elsewhere."""
+        """Return posture with one joint elsewhere."""
         angles = self.angles.copy()
         angles[index] = angle
         return replace(self, angles=angles)
 
 
 def zero_order_hold(phase: FloatArray) -> ComplexArray:
-    r"""H of a torque that is held for a time T at phases f T: :math:`e^{-j \pi f T} \sin(\pi f T) / (\pi f T)`."""
+    r"""Compute H of a zero-order hold of T at phases f T: :math:`e^{-j \pi f T} \sin(\pi f T) / (\pi f T)`."""
     return np.asarray(np.exp(-1j * np.pi * phase) * np.sinc(phase), dtype=np.complex128)
 
 
@@ -250,12 +250,10 @@ class Record:
             array = getattr(self, name)
             if array is not None and array.shape != shape:
                 raise ValueError(f"record {self.name}: {name} has shape {array.shape}, expected {shape}")
-        if len(self.quantities) != len(self.outputs):
-            raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.quantities)} quantities")
-        if self.hold_samples and len(self.hold_samples) != len(self.inputs):
-            raise ValueError(f"record {self.name}: {len(self.inputs)} inputs but {len(self.hold_samples)} hold_samples")
-        if self.sampled and len(self.sampled) != len(self.outputs):
-            raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.sampled)} of sampled")
+        for side, name in (("outputs", "quantities"), ("inputs", "hold_samples"), ("outputs", "sampled")):
+            count, values = len(getattr(self, side)), getattr(self, name)
+            if len(values) != count and (values or name == "quantities"):
+                raise ValueError(f"record {self.name}: {count} {side} but {len(values)} {name}")
         if not self.rate_hz > 0 or self.period_samples < 2:
             raise ValueError(f"record {self.name}: rate {self.rate_hz:g} Hz, period {self.period_samples} samples")
         if not self.is_periodic and (self.period_samples != n or self.half_wave):
@@ -324,7 +322,7 @@ class Record:
         return self.n_samples // self.period_samples
 
     def hold_response(self, freq_hz: FloatArray) -> ComplexArray:
-        r"""H (F, n_u), with H_j(f) times the DFT of u_j the spectrum of the torque that acts: Y = G H U.
+        r"""Compute H (F, n_u), with H_j(f) times the DFT of u_j the spectrum of the torque that acts: Y = G H U.
 
         .. math:: H = e^{-j \pi f T} \frac{\sin \pi f T}{\pi f T}, \quad T = 1 / rate\_hz \quad (zero-order)
 

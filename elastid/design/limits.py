@@ -124,7 +124,7 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
     back = np.zeros(len(rig.plan.inputs))
     if carrier is not None and carrier.kind == "offset":
         v = carrier.velocities(len(back))
-        back = np.maximum(0.0, np.abs(v) - (np.sign(v) * signals[2, rig.measured]).min(axis=0))
+        back = np.maximum(0.0, np.abs(v) - (np.sign(v) * signals[2, rig.plan.measured]).min(axis=0))
     played = _reference_peaks(rig, rehearsal.experiment.configuration, rehearsal.references)
     return np.array([*np.abs(signals).max(axis=1), back, *played])
 

@@ -45,7 +45,7 @@ class Doubt:
 
 
 def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """One signal as torque and motion, torques and motions that are exchanged, joints that are, units unlike all."""
+    """Find contradictions of names: one signal in two roles, exchanged torques and motions or joints, odd units."""
     guesses = [guess_by_name(c.channel, c.column) for c in channels]
     torques = [g.name for g, c in zip(guesses, channels, strict=True) if c.role == "y" and g.quantity in DRIVES]
     families: dict[tuple[str, str, str], list[int]] = {}
@@ -73,21 +73,21 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
         if re.search(r"\d", channel.channel) and not re.fullmatch(r"column \d+", channel.channel):
             families.setdefault((guess.parts[0], channel.quantity, channel.role), []).append(i)
     for members in families.values():
-        yield from _of_a_family(members, [guesses[i].parts[1] for i in members], channels)
+        yield from _family_doubts(members, [guesses[i].parts[1] for i in members], channels)
 
 
-def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """Warnings on signals whose names differ by a number: one with a different unit, two exchanged ones."""
+def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+    """Yield warnings on signals whose names differ by a number: one with a different unit, two exchanged ones."""
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [dimension_and_size(unit) for unit in units]
-    usual, count = Counter(sizes).most_common(1)[0]
+    majority, count = Counter(sizes).most_common(1)[0]
     digits = [re.sub(r"\D", "", channels[i].at) for i in members]
     are_numbered = sorted(digits) == sorted(labels) and len({*digits}) == len(digits)
     for i, unit, size, label, number in zip(members, units, sizes, labels, digits, strict=True):
         name = channels[i].name_in_file
-        if size != usual and size[0] == usual[0] and count == len(members) - 1 > 1:
-            text = f"{name} has unit {unit}, {channels[members[sizes.index(usual)]].name_in_file} and the others"
-            yield Doubt(i, "unit", f"{text} {units[sizes.index(usual)]}. Use one unit for all joints of a log")
+        if size != majority and size[0] == majority[0] and count == len(members) - 1 > 1:
+            text = f"{name} has unit {unit}, {channels[members[sizes.index(majority)]].name_in_file} and the others"
+            yield Doubt(i, "unit", f"{text} {units[sizes.index(majority)]}. Use one unit for all joints of a log")
         if are_numbered and label != number:
             text = f"{name} has number {label} in its name and is assigned to {channels[i].at}"
             yield Doubt(i, "at", f"{text}. Check the order of the channels")
@@ -117,21 +117,21 @@ class JointSignals:
     signals: FloatArray
 
     def order(self, i: int) -> int:
-        """The derivative of the position that a motion is, as stated."""
+        """Return the derivative of the position that a motion is, as stated."""
         return MOTIONS.index(self.channels[i].quantity)
 
     def named(self, i: int) -> str:
-        """Quantity and name of a motion."""
+        """Return quantity and name of a motion."""
         return f"{self.channels[i].quantity} {self.channels[i].name_in_file}"
 
     def factors(self, i: int) -> list[tuple[float, str]]:
-        """Factors by which the signal is too large where its unit or side is another one, with the keys to give."""
+        """Return factors by which the signal is too large for other units or sides, with the keys to give."""
         channel, unit = self.channels[i], QUANTITY_UNIT[self.channels[i].quantity]
         dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
-        stated = dimension_and_size(channel.unit or dimension)[1]
-        is_named = channel.unit and usual_spelling(channel.unit) == guess_by_name(channel.channel, channel.column).unit
-        others = () if is_named else (unit for unit in units_of(dimension) if unit not in _UNUSUAL)
-        factors = [(stated / dimension_and_size(unit)[1], f"unit: {unit}") for unit in others]
+        size = dimension_and_size(channel.unit or dimension)[1]
+        is_clear = channel.unit and usual_spelling(channel.unit) == guess_by_name(channel.channel, channel.column).unit
+        others = () if is_clear else (unit for unit in units_of(dimension) if unit not in _UNUSUAL)
+        factors = [(size / dimension_and_size(unit)[1], f"unit: {unit}") for unit in others]
         units = [pair for pair in factors if pair[0] != 1]
         # A motor turns further than its joint, with less torque.
         ratio = abs(self.ratio) ** (1 if (channel.side == "link") == channel.is_motion else -1)
@@ -142,69 +142,69 @@ class JointSignals:
 def channel_doubts(
     channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
 ) -> Iterator[Doubt]:
-    """Warnings about channels of one rate from the raw values (n, c) of a log."""
+    """Yield warnings about channels of one rate from the raw values (n, c) of a log."""
     constant = dict(value_refusals(channels, list(values.T)))
     yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
-    by_names = list(doubts_by_names(channels))
-    yield from by_names
-    if by_names or constant or len(values) < MIN_SAMPLES or not isinstance(robot, Robot):
+    name_doubts = list(doubts_by_names(channels))
+    yield from name_doubts
+    if name_doubts or constant or len(values) < MIN_SAMPLES or not isinstance(robot, Robot):
         return
     si = [bridged(x) * link_side_factor(c, robot) for x, c in zip(values.T, channels, strict=True)]
     signals, joints = np.stack(si, axis=1) @ to_joints(channels, robot).T, []
     for joint in robot.driven:
-        ours = [i for i, c in enumerate(channels) if c.at in (f"motor {joint.name}", f"joint {joint.name}")]
-        torque, sensor = (next((i for i in ours if channels[i].role == role), None) for role in ("u", "d"))
-        motions = tuple(i for i in ours if channels[i].role == "y")
+        indices = [i for i, c in enumerate(channels) if c.at in (f"motor {joint.name}", f"joint {joint.name}")]
+        torque, sensor = (next((i for i in indices if channels[i].role == role), None) for role in ("u", "d"))
+        motions = tuple(i for i in indices if channels[i].role == "y")
         joints.append(JointSignals(joint, robot.ratio(joint.name), rate_hz, torque, sensor, motions, channels, signals))
-    doubts = [doubt for joint in joints for doubt in _travels(joint)]
-    doubts = doubts or [doubt for joint in joints for doubt in _motions(joint)]
-    yield from doubts or (doubt for joint in joints for doubt in _of_sensor(joint))
+    doubts = [doubt for joint in joints for doubt in _travel_doubts(joint)]
+    doubts = doubts or [doubt for joint in joints for doubt in _motion_doubts(joint)]
+    yield from doubts or (doubt for joint in joints for doubt in _sensor_doubts(joint))
 
 
-def _travels(joint: JointSignals) -> Iterator[Doubt]:
-    """Positions that no joint has: far beyond its limits, or so many turns behind a gear."""
+def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
+    """Yield positions that no joint has: far beyond its limits, or so many turns behind a gear."""
     limits = joint.joint.limits.angle
     for i in [i for i in joint.motions if joint.order(i) == 0]:
-        moved, most = travel(joint.signals[:, i]), limits[1] - limits[0]
-        if not np.isfinite(most):
-            most = np.inf if joint.joint.slides or abs(joint.ratio) < MAX_TURNS else 2 * np.pi * MAX_TURNS
-        if moved > 1.2 * most:
-            fitting = [text for factor, text in joint.factors(i) if factor > 1 and moved / factor < most]
+        extent, limit = travel(joint.signals[:, i]), limits[1] - limits[0]
+        if not np.isfinite(limit):
+            limit = np.inf if joint.joint.slides or abs(joint.ratio) < MAX_TURNS else 2 * np.pi * MAX_TURNS
+        if extent > 1.2 * limit:
+            candidates = [text for factor, text in joint.factors(i) if factor > 1 and extent / factor < limit]
             text = (
-                f"joint {joint.joint.name} would move over {moved:.4g} {joint.joint.unit}; its range is {most:.4g}. "
-                f"The unit of its sensor is probably {' or '.join(fitting) or 'a different one'}"
+                f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}. "
+                f"The unit of its sensor is probably {' or '.join(candidates) or 'a different one'}"
             )
-            yield Doubt(i, "side" if fitting == ["side: motor"] else "unit", text)
+            yield Doubt(i, "side" if candidates == ["side: motor"] else "unit", text)
 
 
-def _motions(joint: JointSignals) -> Iterator[Doubt]:
-    """Motions of one joint that contradict each other in quantity, unit or sign; else its torque and its motion."""
+def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
+    """Yield contradictions of the motions of a joint in quantity, unit or sign, else of its torque and motion."""
     is_consistent = False
     for a, b in combinations(sorted(joint.motions, key=joint.order), 2):
         relations = motion_relations(joint.signals[:, a], joint.signals[:, b], joint.rate_hz)
         stated_order = joint.order(b) - joint.order(a)
-        stated, best = relations[stated_order], max(relations, key=lambda k: abs(relations[k].correlation))
-        gain, order = abs(stated.gain), joint.order(a) + best
-        if abs(stated.correlation) < MAX_QUANTITY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
+        at_order, best = relations[stated_order], max(relations, key=lambda k: abs(relations[k].correlation))
+        gain, order = abs(at_order.gain), joint.order(a) + best
+        if abs(at_order.correlation) < MAX_QUANTITY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
             i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best)
             text = f"{joint.named(b)} is proportional to the derivative of order {best} of {joint.named(a)}"
             yield Doubt(
                 i, "quantity", f"{text}; {joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
             )
             return
-        if abs(stated.correlation) < MIN_CORRELATION:
+        if abs(at_order.correlation) < MIN_CORRELATION:
             continue
         if abs(np.log(gain)) > MAX_GAIN:
-            yield from _of_gain(joint, a, b, gain, stated_order)
+            yield from _gain_doubts(joint, a, b, gain, stated_order)
             return
-        if stated.gain < 0:
-            i = next((i for i in (a, b) if _by_torque(joint, i).is_against_motion), b)
+        if at_order.gain < 0:
+            i = next((i for i in (a, b) if _torque_relation(joint, i).is_against_motion), b)
             names = f"{joint.named(a)} and {joint.named(b)} of joint {joint.joint.name}"
             yield Doubt(i, "sign", f"{names} have opposite signs. Give one of them sign: -1")
             return
         is_consistent = True
     for i in joint.motions[:1]:
-        relation = _by_torque(joint, i)
+        relation = _torque_relation(joint, i)
         names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
         if relation.is_against_motion:
             text = f"{names} give a negative inertia or friction. Give one of them sign: -1"
@@ -214,8 +214,8 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
             yield Doubt(joint.torque, "side", text, relation.is_shared)
 
 
-def _of_sensor(joint: JointSignals) -> Iterator[Doubt]:
-    """Sign or unit of a torque sensor behind the gear that its joint's torque contradicts: u = J_m a + friction + s."""
+def _sensor_doubts(joint: JointSignals) -> Iterator[Doubt]:
+    """Yield contradictions of torque and torque sensor in sign or unit by u = J_m a + friction + s."""
     if joint.sensor is None or joint.torque is None or not joint.motions:
         return
     i, u, s = joint.sensor, joint.signals[:, joint.torque], -joint.signals[:, joint.sensor]
@@ -241,7 +241,7 @@ def _of_sensor(joint: JointSignals) -> Iterator[Doubt]:
                 yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")
 
 
-def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
+def _torque_relation(joint: JointSignals, i: int) -> TorqueRelation:
     if joint.torque is None:
         return TorqueRelation()
     u, y = joint.signals[:, joint.torque], joint.signals[:, i]
@@ -250,17 +250,17 @@ def _by_torque(joint: JointSignals, i: int) -> TorqueRelation:
     return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides, others)
 
 
-def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:
-    """Another unit or side of one of two motions; another gear, or another rate."""
+def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:
+    """Suspect unit or side of one of two motions, on the gear, or on the rate."""
     text = f"{joint.named(b)} is {gain:.4g} times the value computed from {joint.named(a)}"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
-    fitting = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_FACTOR]
-    for i, keys in sorted(fitting, key=lambda pair: not pair[1].startswith("side"))[:1]:
+    candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_FACTOR]
+    for i, keys in sorted(candidates, key=lambda pair: not pair[1].startswith("side"))[:1]:
         yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} both are consistent")
-    if not fitting and order == 0 and abs(np.log(gain)) > MAX_PLAY:
-        what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
-        yield Doubt(b, "scale", f"{text}. Check {what}, and unit and scale of both")
-    elif not fitting and order > 0:
+    if not candidates and order == 0 and abs(np.log(gain)) > MAX_PLAY:
+        ratio = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
+        yield Doubt(b, "scale", f"{text}. Check {ratio}, and unit and scale of both")
+    elif not candidates and order > 0:
         yield Doubt(
             None, "rate_hz", (f"{text}; the sampling rate is probably {gain ** (1 / order) * joint.rate_hz:.4g} Hz")
         )

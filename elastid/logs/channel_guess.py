@@ -114,31 +114,31 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
         return _resample_to_slowest(log, channels_ms, most)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     frequent = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
-    stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
+    units = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
     result = []
     for name, shape in shapes.items():
         count = min(shape) if len(shape) > 1 else 1
-        alike = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
-        for column in alike if frequent and max(shape) == frequent[0][0] else ():
-            number = column if len(alike) > 1 else None
+        columns = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
+        for column in columns if frequent and max(shape) == frequent[0][0] else ():
+            number = column if len(columns) > 1 else None
             try:
                 x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
             except DataError:  # words
                 continue
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
-            heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, stated.get(name, ""))
+            heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, units.get(name, ""))
             guess = guess_by_name(heading, number, unit)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 is_position = [True] if guess.quantity == "position" else []
                 x = without_lone(x[:, None], RepairLog("", ("",)), is_position)[:, 0]
-            is_known = np.isfinite(x).sum() > _MIN_MEASURED_FRACTION * len(x)
-            if is_known and (np.ptp(whole := bridged(x)) > 0 or with_constant):
+            is_measured = np.isfinite(x).sum() > _MIN_MEASURED_FRACTION * len(x)
+            if is_measured and (np.ptp(whole := bridged(x)) > 0 or with_constant):
                 result.append((replace(_with_counts(guess, whole), name=name), whole))
     return _with_gravity(_with_commands(result))
 
 
 def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
-    """The guess with a question if it has no unit and its values (n,) are whole numbers, as counts are."""
+    """Return the guess with a question if it has no unit and its values (n,) are whole numbers, as counts are."""
     is_whole = bool(np.all(x == np.round(x))) and float(np.ptp(x)) > _MIN_COUNTS
     if guess.unit or guess.quantity not in (*MOTIONS, *DRIVES) or not is_whole or guess.why.startswith("?"):
         return guess
@@ -147,7 +147,7 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
 
 
 def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
-    """Message on the first cell of a text without a number: first among the signals, then in other columns."""
+    """Return message on the first cell of a text without a number: first among the signals, then in other columns."""
     if not isinstance(log, TextLog) or log.sample_ms:
         return []
     columns = enumerate(name for name, _ in log.named_columns())
@@ -157,7 +157,7 @@ def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Three axes of an accelerometer without a unit, whose mean is gravity, in g or mm/s^2 by its size."""
+    """Set the unit, g or mm/s^2, of three axes of an accelerometer without one, whose mean is gravity."""
     axes = [
         (g, float(np.mean(x)))
         for g, x in signals
@@ -177,7 +177,7 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
 def _resample_to_slowest(
     log: Log, channels: Sequence[tuple[str, str, float]], most: int
 ) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Signals that have a quantity, interpolated at the times of the slowest one; DataError if these begin later."""
+    """Interpolate the signals that have a quantity at the times of the slowest one; DataError if these begin later."""
     slowest, result = slowest_ms(channels), []
     for name, unit, ms in channels:
         guess = guess_by_name(name, None, unit)
@@ -194,7 +194,7 @@ def _resample_to_slowest(
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
     """Name and unit of a column by its array, or by the cells InputName{1} and InputUnit{1} of an iddata struct."""
     side = re.fullmatch(r"(.*(?:Input|Output))Data", name)
-    keys = [f"{side[1]}{of}{{{column}}}" if side else "" for of in ("Name", "Unit")]
+    keys = [f"{side[1]}{key}{{{column}}}" if side else "" for key in ("Name", "Unit")]
     heading, unit = (log.arrays[key].text if key in log.arrays else "" for key in keys)
     return heading or name, unit or log.arrays[name].units
 
@@ -203,7 +203,7 @@ def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple
     """Interpret signals named as commands, without a quantity, as positions if their joint's position follows them."""
     positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
 
-    def of(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
+    def interpret(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
         name, y = positions.get(guess.parts[1], ("", x))
         lag = _lag(x, y)
         is_near = 0 < np.std(x[: len(x) - lag] - y[lag:]) < np.std(y) / 2
@@ -211,7 +211,7 @@ def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple
             return guess
         return replace(guess, quantity="position", why=f"by its name, and since {name} follows it")
 
-    return [(of(guess, x), x) for guess, x in signals]
+    return [(interpret(guess, x), x) for guess, x in signals]
 
 
 def _lag(x: FloatArray, y: FloatArray) -> int:
@@ -223,9 +223,9 @@ def _lag(x: FloatArray, y: FloatArray) -> int:
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
     """Guess the joints of a log, each with torque and motion channel; None if nothing identifies the channels."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
-    of_motors = [g for g in guesses if not g.is_torque_sensor]
-    has_motors = any(g.quantity in DRIVES and g.rank >= 0 for g in of_motors)
-    drives, motions = _best_family(of_motors if has_motors else guesses, DRIVES), _best_family(guesses, MOTIONS)
+    on_motors = [g for g in guesses if not g.is_torque_sensor]
+    has_motors = any(g.quantity in DRIVES and g.rank >= 0 for g in on_motors)
+    drives, motions = _best_family(on_motors if has_motors else guesses, DRIVES), _best_family(guesses, MOTIONS)
     if bool(drives) != bool(motions):
         drives, motions = _completed(drives, motions, [g for g, x in signals if not is_clock(x)])
     if not drives:
@@ -234,27 +234,27 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     speeds = {g.parts[1]: g for g in _best_family([g for g in guesses if g.quantity == "velocity"], MOTIONS)}
     motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
     motions = _with_common_unit(motions)
-    by_label = {m.parts[1]: m for m in motions}
-    paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
+    motion_at = {m.parts[1]: m for m in motions}
+    paired = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
-    joints = _by_number(joints, [drive.parts[1] for drive in drives])
+    joints = _sorted(joints, [drive.parts[1] for drive in drives])
     joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
     motor_motions = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
-    alike = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
-    further = [g for g in measured.values() if g.quantity in alike and g.key not in motor_motions]
-    further = [_with_unit(g, None, values, rate_hz, slides) for g in further]
+    kinds = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
+    outputs = [g for g in measured.values() if g.quantity in kinds and g.key not in motor_motions]
+    outputs = [_with_unit(g, None, values, rate_hz, slides) for g in outputs]
     torques = np.stack([values[joint.torque.key] for joint in joints])
     power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
     half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
     is_motion = bool(np.all(half_hz < _MOTION_HZ)) and quantity == "position"
-    return LogGuess(tuple(joints), tuple(further), is_motion, _references(guesses, joints))
+    return LogGuess(tuple(joints), tuple(outputs), is_motion, _references(guesses, joints))
 
 
 def _with_sensors(
     guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess], values: Values, rate_hz: float
 ) -> list[JointGuess]:
-    """Joints with torque sensors behind their gears, by the numbers in their names; none unless each joint has one."""
+    """Add torque sensors behind the gears to joints by numbers in their names; none unless each joint has one."""
     sensors = _best_family([g for g in guesses if g.is_torque_sensor and g.rank >= 0], ("torque",))
     by_number = {tuple(re.findall(r"\d+", g.parts[1])): g for g in sensors}
     pairs = [(by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))), joint) for joint in joints]
@@ -265,10 +265,10 @@ def _with_sensors(
 
 
 def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
-    """Joint with its sensor; its sign turns it into the torque of the links on the motor."""
-    s, of_motor = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
+    """Add the sensor of a joint; its sign turns it into the torque of the links on the motor."""
+    s, u = (dimension_and_size(g.unit)[1] * values[g.key] for g in (sensor, joint.torque))
     y = joint.motion.sign * _in_si(joint.motion, values)
-    gain, std = sensor_gain(of_motor, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
+    gain, std = sensor_gain(u, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
     is_certain, why = MIN_GAIN_OVER_STD * std < abs(gain), "torque sensor behind the gear, by its name"
     sensor = replace(sensor, unit=sensor.unit or "N*m", sign=1 if is_certain and gain < 0 else -1, why=why)
     is_torque = joint.torque.quantity == "torque"  # of a current the constant is unknown
@@ -276,14 +276,14 @@ def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_h
 
 
 def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
-    """Motion (n,) in SI without its sign, an angle unwrapped."""
+    """Return motion (n,) in SI without its sign, an angle unwrapped."""
     size, turns = abs(motion.to_si), motion.quantity == "position" and dimension_and_size(motion.unit)[0] == "rad"
     x = values[motion.key]
     return size * (unwrapped(x, 2 * np.pi / size)[0] if turns else x)
 
 
-def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
-    """Joints in the order of the numbers in their labels, if these differ; else in the order of the log."""
+def _sorted(items: Sequence[T], labels: Sequence[str]) -> list[T]:
+    """Sort joints by the numbers in their labels, if these differ; else in the order of the log."""
     numbers = [tuple(map(int, re.findall(r"\d+", label))) for label in labels]
     is_numbered = all(numbers) and len(set(numbers)) == len(numbers)
     order = sorted(range(len(items)), key=numbers.__getitem__) if is_numbered else range(len(items))
@@ -293,13 +293,13 @@ def _by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
 def guess_commands(
     signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 ) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
-    """Measured and commanded position of each joint, by their names; empty unless every measured one has a command."""
+    """Pair measured and commanded positions of joints by names; none unless every measured one has a command."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     measured = _best_family([g for g in guesses if g.rank >= 0], ("position",))
     measured = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
     commanded = _commanded_positions(guesses)
     pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
-    pairs = _by_number(pairs, [g.parts[1] for g, _ in pairs])
+    pairs = _sorted(pairs, [g.parts[1] for g, _ in pairs])
     return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
 
 
@@ -314,7 +314,7 @@ def _commanded_positions(guesses: Sequence[ChannelGuess]) -> dict[str, ChannelGu
 
 
 def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
-    """Commanded positions by their names, one for each joint whose position is known; else none."""
+    """Return commanded positions by their names, one for each joint whose position is known; else none."""
     commanded = _commanded_positions(guesses)
     members = [commanded.get(joint.motion.parts[1]) for joint in joints if joint.motion.quantity == "position"]
     if len(members) < len(joints) or None in members:
@@ -331,13 +331,13 @@ def _completed(
     """
     labels, unknown = [g.parts[1] for g in drives or motions], [g for g in guesses if not g.quantity]
     families = [[g for g in unknown if g.parts[0] == name] for name in dict.fromkeys(g.parts[0] for g in unknown)]
-    alike = [family for family in families if sorted(g.parts[1] for g in family) == sorted(labels)]
-    alike = alike or ([unknown] if len(unknown) == len(labels) == 1 else [])
+    matches = [family for family in families if sorted(g.parts[1] for g in family) == sorted(labels)]
+    matches = matches or ([unknown] if len(unknown) == len(labels) == 1 else [])
     is_structure = bool(drives) and drives[0].quantity == "force" and len(drives) < len(unknown)
-    if not unknown or not (alike or is_structure):
+    if not unknown or not (matches or is_structure):
         return [], []
     quantity = "torque" if motions else "acceleration" if is_structure else "position"
-    members = unknown if is_structure else max(alike, key=lambda family: family[0].rank)
+    members = unknown if is_structure else max(matches, key=lambda family: family[0].rank)
     why = f"its name identifies nothing; a {quantity} according to the channels next to it"
     guess = [replace(g, quantity=quantity, why=g.why if g.why.startswith("?") else why) for g in members]
     return (drives, guess) if drives else (guess, motions)
@@ -359,7 +359,7 @@ def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[
 def _with_unit(
     motion: ChannelGuess, speed: ChannelGuess | None, values: Values, rate_hz: float, slides: bool
 ) -> ChannelGuess:
-    """Motion channel with its unit from its velocity or range, SI by default. slides: its drive is a force."""
+    """Set the unit of a motion channel by its velocity or range, SI by default. slides: its drive is a force."""
     if motion.unit:
         return motion
     x, is_counted = values[motion.key], motion.why.startswith("?")
@@ -378,7 +378,7 @@ def _with_unit(
 def _joint(
     drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
 ) -> JointGuess:
-    """The joint of a torque and a motion, among the motions of all joints."""
+    """Make the joint of a torque and a motion, among the motions of all joints."""
     others = {g.key: (_in_si(g, values), MOTIONS.index(g.quantity)) for g in (*motions, motion)}
     y, order = others.pop(motion.key)
     best = torque_relation(drive.to_si * values[drive.key], y, order, rate_hz, others=[*others.values()])

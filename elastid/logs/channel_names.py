@@ -67,9 +67,9 @@ class ChannelGuess:
         if numbers:
             return re.sub(r"\d+", "#", bare), " ".join(numbers)
         words = re.findall(r"[^\W\d_]+", _split(bare))
-        of_quantity = [word for word in words if re.fullmatch(_WORDS.get(self.quantity, ""), word.lower())]
+        nouns = [word for word in words if re.fullmatch(_WORDS.get(self.quantity, ""), word.lower())]
         rest = f"{_MEASURED}|{_NOT_MEASURED}|{_UNIT_WORDS}"
-        words = [w for w in words if w not in of_quantity[:1] and not re.fullmatch(rest, w.lower())]
+        words = [w for w in words if w not in nouns[:1] and not re.fullmatch(rest, w.lower())]
         if not words:
             return bare, ""
         return re.sub(rf"(?<![A-Za-z]){words[-1]}(?![a-z])|(?<=[a-z]){words[-1]}(?![a-z])", "#", bare), words[-1]
@@ -93,16 +93,16 @@ def _split(name: str) -> str:
 
 
 def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess:
-    """The guess of a channel by its name and the unit that its file states."""
+    """Return the guess of a channel by its name and the unit that its file states."""
     words = [w for w in re.split(r"[^a-z°]+", _split(name).lower()) if w]
     rank = sum(bool(re.fullmatch(_MEASURED, w)) - bool(re.fullmatch(_NOT_MEASURED, w)) for w in words)
-    stated = unit_of_heading(name, unit)
-    fitting = (quantity for quantity, pattern in _WORDS.items() if any(re.fullmatch(pattern, word) for word in words))
-    quantity = stated.quantity or next(fitting, "")
-    why = f"the unit {stated.unit} is stated" if stated.unit else "by its name" if quantity else "nothing in its name"
-    why = f"? {stated.question}" if stated.unknown else why
-    if stated.unit and dimension_and_size(unit_of_text(unit) or stated.unit) != dimension_and_size(stated.unit):
-        why = f"? the heading says {stated.unit}, and the unit of the column is {unit}"
-    if stated.unit == "g":  # of gravity
+    parsed = unit_of_heading(name, unit)
+    matches = (quantity for quantity, pattern in _WORDS.items() if any(re.fullmatch(pattern, word) for word in words))
+    quantity = parsed.quantity or next(matches, "")
+    why = f"the unit {parsed.unit} is stated" if parsed.unit else "by its name" if quantity else "nothing in its name"
+    why = f"? {parsed.question}" if parsed.unknown else why
+    if parsed.unit and dimension_and_size(unit_of_text(unit) or parsed.unit) != dimension_and_size(parsed.unit):
+        why = f"? the heading says {parsed.unit}, and the unit of the column is {unit}"
+    if parsed.unit == "g":  # of gravity
         return ChannelGuess(name, column, quantity, "m/s^2", rank, why, scale=9.80665)
-    return ChannelGuess(name, column, quantity, stated.unit, rank, why)
+    return ChannelGuess(name, column, quantity, parsed.unit, rank, why)

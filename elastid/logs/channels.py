@@ -21,7 +21,7 @@ from elastid.logs.files.formats import contents, read_channels
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.masks import samples_before_motion
 from elastid.logs.repair.missing import bridged_gaps, filled
-from elastid.logs.repair.periodicity import period_samples, rounded_samples
+from elastid.logs.repair.periodicity import check_complete, period_samples, rounded_samples
 from elastid.logs.repair.time_stamps import (
     MAX_CLOCK_ERROR,
     MAX_GRID_DEVIATION,
@@ -56,7 +56,7 @@ class GatheredChannels:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Group:
     """The channels of one file with one rate: their places in the study's list, signals (n, c), and rows.
 
     first_s: the first time stamp, None where none was logged.
@@ -78,12 +78,12 @@ class _Experiment:
     findings: Findings = field(default_factory=Findings)
 
     def log(self, number: int, names: Sequence[str] = (), rate_hz: float | None = None) -> Log:
-        """Names of a file, counted from 1, in messages."""
+        """Return names of a file, counted from 1, in messages."""
         first = 0 if self.file.samples is None or number > 1 else self.file.samples[0]
         return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, findings=self.findings)
 
     def key(self, channel: ChannelSpec) -> tuple[int, float]:
-        """File and rate of a channel."""
+        """Return file and rate of a channel."""
         return channel.file, float(channel.rate_hz or self.recorded.known_rate_hz)
 
 
@@ -96,17 +96,17 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     channels, rate_hz = recorded.channels, recorded.known_rate_hz
     experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
     keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
-    parts = [_read(experiment, key) for key in keys]
-    columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
+    groups = [_read(experiment, key) for key in keys]
+    columns = {i: column for group in groups for i, column in zip(group.members, group.signals.T, strict=True)}
     may_rest = ("u",) if file.purpose == "coast_down" else ()
     check_values(channels, [columns[i] for i in range(len(columns))], experiment.log(1), may_rest)
     converted = []
-    for part in parts:
-        signals = [link_side(channels[i], columns[i], robot, experiment.log(part.file)) for i in part.members]
-        converted.append(replace(part, signals=np.stack(signals).T))
-    lowest = min(part.rate_hz for part in parts)
+    for group in groups:
+        signals = [link_side(channels[i], columns[i], robot, experiment.log(group.file)) for i in group.members]
+        converted.append(replace(group, signals=np.stack(signals).T))
+    lowest = min(group.rate_hz for group in groups)
     period_s = _period_s(converted, experiment)
-    at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
+    at_rate = [_at_rate(group, lowest, period_s, experiment) for group in converted]
     period = None if period_s is None else period_samples_of_channel(period_s, lowest, recorded, file)
     known_hz = None if recorded.rate_hz == "unknown" else lowest
     if period is not None and recorded.period_of(file) == "find":
@@ -114,13 +114,13 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         text = f"the torques repeat every {period:.8g} samples{seconds}, which is used as the period"
         experiment.log(1).report("periods found", 1, text)
     aligned = _aligned(at_rate, period, experiment)
-    n = min(len(part.signals) for part in aligned)
-    columns = {i: x[:n] for part in aligned for i, x in zip(part.members, part.signals.T, strict=True)}
+    n = min(len(group.signals) for group in aligned)
+    columns = {i: x[:n] for group in aligned for i, x in zip(group.members, group.signals.T, strict=True)}
     firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
     for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
         firsts.setdefault((channels[i].role, channels[i].at), i)
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
-    rows = parts[0].rows if len(parts) == 1 else None
+    rows = groups[0].rows if len(groups) == 1 else None
     by_role = {role: [i for i in keep if channels[i].role == role] for role in ("r", "u", "reference")}
     drivers = by_role["r"] or by_role["u"] or by_role["reference"]
     log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
@@ -158,9 +158,9 @@ def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
 
 
 def period_samples_of_channel(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
-    """Samples of a period at a channel's own rate; raise StudyError if only the study's rate gives a whole number."""
-    samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
-    if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
+    """Return samples of a period at a channel's rate; StudyError if only the study's rate gives a whole number."""
+    samples, nominal = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
+    if not samples.is_integer() and nominal.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
             "study/recorded",
             f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with "
@@ -169,20 +169,22 @@ def period_samples_of_channel(period_s: float, rate_hz: float, recorded: Recorde
     return samples
 
 
-def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
-    """The period in s (in samples where the rate is unknown), stated or found in the torques; None without one."""
+def _period_s(groups: Sequence[_Group], experiment: _Experiment) -> float | None:
+    """Return the period in s (samples if the rate is unknown), stated or detected in torques; None without one."""
     for role in ("r", "u", "reference"):
-        for part in parts:
-            drivers = [j for j, i in enumerate(part.members) if experiment.recorded.channels[i].role == role]
-            if part.file == 1 and drivers:
-                signals = part.signals[:, drivers]
+        for group in groups:
+            drivers = [j for j, i in enumerate(group.members) if experiment.recorded.channels[i].role == role]
+            if group.file == 1 and drivers:
+                signals = group.signals[:, drivers]
+                if experiment.recorded.period_of(experiment.file) is not None:
+                    check_complete(signals, experiment.paths[0])
                 signals = signals[samples_before_motion(signals) :]
-                samples = period_samples(experiment.recorded, experiment.file, part.rate_hz, signals)
-                return None if samples is None else samples / part.rate_hz
+                samples = period_samples(experiment.recorded, experiment.file, group.rate_hz, signals)
+                return None if samples is None else samples / group.rate_hz
     raise AssertionError("the first file of an experiment has an acting torque")
 
 
-def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
+def _read(experiment: _Experiment, key: tuple[int, float]) -> _Group:
     number, file_rate_hz = key
     recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.recorded.known_rate_hz
     members = tuple(i for i, c in enumerate(recorded.channels) if experiment.key(c) == key)
@@ -214,11 +216,11 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
         rows = log.first + np.searchsorted(time_s - time_s[0], instants_s)
     signals = without_placeholders(np.where(np.isfinite(gridded), gridded, np.nan))
     first_s = float(time_s[0]) if has_time else None
-    return _Part(number, file_rate_hz, members, signals, rows, first_s)
+    return _Group(number, file_rate_hz, members, signals, rows, first_s)
 
 
 def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:
-    """Stamps (n,) in s, wrong ones interpolated."""
+    """Return stamps (n,) in s, wrong ones interpolated."""
     stamps, wrong = corrected_stamps(t) if len(t) > 2 else (t, np.zeros(0, np.int64))
     if len(wrong):
         text = f"wrong values of {name}: {len(wrong)}, the first at {log.time_of(wrong[0])}; interpolated"
@@ -227,53 +229,54 @@ def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:
     return t * stamp_size(t, rate_hz)[1]
 
 
-def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:
-    if part.rate_hz == rate_hz:
-        return part
-    names = [experiment.recorded.channels[i].full_name for i in part.members]
-    ratio, signals, log = part.rate_hz / rate_hz, part.signals, experiment.log(part.file, names, part.rate_hz)
+def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Group:
+    if group.rate_hz == rate_hz:
+        return group
+    names = [experiment.recorded.channels[i].full_name for i in group.members]
+    ratio, signals, log = group.rate_hz / rate_hz, group.signals, experiment.log(group.file, names, group.rate_hz)
     # Without a period each end is continued by the other one, moved so that there is no jump.
     period = float(len(signals))
     if period_s is not None:
-        period = period_samples_of_channel(period_s, part.rate_hz, experiment.recorded, experiment.file)
+        period = period_samples_of_channel(period_s, group.rate_hz, experiment.recorded, experiment.file)
     if not np.isfinite(signals).all():
         signals = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
     text = (
-        f"{', '.join(names)} resampled from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
+        f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
     )
     log.report("channels brought to another rate", len(names), text)
     at_rate = at_times(signals, times, period, 1 / ratio)
-    return replace(part, rate_hz=rate_hz, signals=at_rate, rows=None)
+    return replace(group, rate_hz=rate_hz, signals=at_rate, rows=None)
 
 
-def _aligned(parts: Sequence[_Part], period: float | None, experiment: _Experiment) -> list[_Part]:
+def _aligned(groups: Sequence[_Group], period: float | None, experiment: _Experiment) -> list[_Group]:
     """Align all parts with the first file, which is cut to the latest start of all logs."""
     paths, channels = experiment.paths, experiment.recorded.channels
-    base = [part for part in parts if part.file == 1]
-    n = min(len(part.signals) for part in base)
+    base = [group for group in groups if group.file == 1]
+    n = min(len(group.signals) for group in base)
     N = None if period is None else round(period)
-    shifts, shifted, log = {}, [], experiment.log(1)
-    for number in sorted({part.file for part in parts} - {1}):
-        name, of_file = paths[number - 1].name, [part for part in parts if part.file == number]
-        ratio = _clock_of(base, of_file, N, channels)
+    shifts, shifted, log, x_1 = {}, [], experiment.log(1), _signals(base, N, channels)
+    for number in sorted({group.file for group in groups} - {1}):
+        name, members = paths[number - 1].name, [group for group in groups if group.file == number]
+        ratio = 1.0 if N is None else _clock_ratio(x_1, _signals(members, N, channels), N)
         if ratio != 1:
-            for i, part in enumerate(of_file):
-                times = np.arange(int((len(part.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
-                whole = (period or float(len(part.signals))) * ratio
-                of_file[i] = replace(part, signals=at_times(part.signals, times, whole))
+            for i, group in enumerate(members):
+                times = np.arange(int((len(group.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
+                whole = (period or float(len(group.signals))) * ratio
+                members[i] = replace(group, signals=at_times(group.signals, times, whole))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
-        shift, by = _delay_of(base, of_file, N, channels, paths[number - 1])
+        x_2 = _signals(members, N, channels)
+        shift, cue = _file_delay(base[0], members[0], x_1, x_2, N, paths[number - 1])
         shifts[number] = shift
-        shifted += of_file
+        shifted += members
         up_to = "" if N is None else " (up to whole periods)"
-        log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {by}")
+        log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {cue}")
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
-    result = [replace(part, signals=part.signals[start:]) for part in base]
-    for part in shifted:
-        shift, signals = shifts[part.file], part.signals
-        if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in part.members):
+    result = [replace(group, signals=group.signals[start:]) for group in base]
+    for group in shifted:
+        shift, signals = shifts[group.file], group.signals
+        if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in group.members):
             # One period of the excitation alone is repeated.
             signals = np.tile(signals[:N], (n // N + 3, 1))
         times = np.arange(start, n, dtype=np.float64) + shift
@@ -283,24 +286,24 @@ def _aligned(parts: Sequence[_Part], period: float | None, experiment: _Experime
             signals = signals[np.round(inside).astype(int)]
         else:
             signals = at_times(signals, inside, period or float(len(signals)))
-        result.append(replace(part, signals=signals))
+        result.append(replace(group, signals=signals))
     return result
 
 
-def _clock_of(base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> float:
+def _clock_ratio(base: Signals, file: Signals, N: int) -> float:
     """Return the ratio of the clocks of another file and the first, by periodic signals in both; 1 if they agree."""
-    ours, theirs = (None if N is None else _periodic(_by_place(parts, N, channels), N) for parts in (base, further))
-    if N is None or ours is None or theirs is None:
+    x_1, x_2 = _periodic(base, N), _periodic(file, N)
+    if x_1 is None or x_2 is None:
         return 1.0
-    first, second = clock_drift(ours, N), clock_drift(theirs, N)
-    excess, periods = second.excess - first.excess, len(theirs) / N
-    of_both = [drift.corrected_unexplained <= MAX_REMAINING_FRACTION * drift.unexplained for drift in (first, second)]
-    is_clock = abs(excess) * periods >= MAX_GRID_DEVIATION and abs(excess) <= MAX_CLOCK_ERROR * N and any(of_both)
+    first, second = clock_drift(x_1, N), clock_drift(x_2, N)
+    excess, periods = second.excess - first.excess, len(x_2) / N
+    repeats = [drift.corrected_unexplained <= MAX_REMAINING_FRACTION * drift.unexplained for drift in (first, second)]
+    is_clock = abs(excess) * periods >= MAX_GRID_DEVIATION and abs(excess) <= MAX_CLOCK_ERROR * N and any(repeats)
     return (N + second.excess) / (N + first.excess) if is_clock else 1.0
 
 
 def _periodic(signals: Signals, N: int) -> FloatArray | None:
-    """Whole periods (n, c) of the least noisy role that has two; None without."""
+    """Return whole periods (n, c) of the least noisy role that has two; None without."""
     for role in ("r", "reference", "u", "y"):
         if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
             return _stacked(x)[: min(map(len, x)) // N * N]
@@ -308,38 +311,37 @@ def _periodic(signals: Signals, N: int) -> FloatArray | None:
 
 
 def _stacked(signals: Sequence[FloatArray]) -> FloatArray:
-    """Signals (n, c) of one file, some of which may be a sample longer."""
+    """Return signals (n, c) of one file, some of which may be a sample longer."""
     return np.stack([x[: min(map(len, signals))] for x in signals], axis=1)
 
 
-def _delay_of(
-    base: Sequence[_Part], further: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
+def _file_delay(
+    first: _Group, second: _Group, x_1: Signals, x_2: Signals, N: int | None, path: Path
 ) -> tuple[float, str]:
-    """Samples by which a file lags the first one, and the evidence in words.
+    """Return samples by which a file lags the first one, and the evidence in words.
 
     A signal in both files shows the lag. So do r and u, to whole samples, since the phase of the loop is part of it.
     Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
     """
-    ours, theirs = (_by_place(parts, N, channels) for parts in (base, further))
-    sent = {place: x for place, x in theirs.items() if place[0] == "r"}
-    acting = {("r", motor, what): x for (role, motor, what), x in ours.items() if role == "u"}
+    sent = {place: x for place, x in x_2.items() if place[0] == "r"}
+    acting = {("r", motor, quantity): x for (role, motor, quantity), x in x_1.items() if role == "u"}
     correlation = 0.0
-    for known, candidates, is_exact in ((ours, theirs, True), (acting, sent, False)):
-        delays = {place: delay(known[place], x, N) for place, x in candidates.items() if place in known}
+    for x_k, candidates, is_exact in ((x_1, x_2, True), (acting, sent, False)):
+        delays = {place: delay(x_k[place], x, N) for place, x in candidates.items() if place in x_k}
         best = max(delays, key=lambda place: delays[place][1], default=None)
         correlation = 0.0 if best is None else delays[best][1]
         if best is not None and correlation >= MIN_DELAY_CORRELATION:
             whole = "" if is_exact else ", to whole samples: log r in both files, or name delay in fit.parameters"
             lag = delays[best][0]
             return lag if is_exact else float(round(lag)), f"{best[0]} at {best[1]}{whole}"
-    has_excitation = any(place[0] == "r" for place in ours)
-    shift = None if sent else _clock_shift(base[0], further[0], has_excitation)
-    motions = {place: x for place, x in theirs.items() if place[0] == "y" and ("u", place[1], "") in ours}
+    has_excitation = any(place[0] == "r" for place in x_1)
+    shift = None if sent else _clock_shift(first, second, has_excitation)
+    motions = {place: x for place, x in x_2.items() if place[0] == "y" and ("u", place[1], "") in x_1}
     if motions and not sent:
-        u, y = _stacked([ours["u", at, ""] for _, at, _ in motions]), _stacked([*motions.values()])
-        orders = np.array([2 - MOTION_ORDER[cast(Motion, what)] for *_, what in motions])
-        lag, agreement, stated = delay_by_torque(u, y, orders, N, shift or 0.0)
-        if agreement > max(MIN_DELAY_CORRELATION, 0.0 if shift is None else 2 * abs(stated)):
+        u, y = _stacked([x_1["u", at, ""] for _, at, _ in motions]), _stacked([*motions.values()])
+        orders = np.array([2 - MOTION_ORDER[cast(Motion, quantity)] for *_, quantity in motions])
+        lag, agreement, match = delay_by_torque(u, y, orders, N, shift or 0.0)
+        if agreement > max(MIN_DELAY_CORRELATION, 0.0 if shift is None else 2 * abs(match)):
             return lag, "torques and accelerations, to about a millisecond: add delay to fit.parameters"
     if shift is None:
         raise DataError(
@@ -349,28 +351,28 @@ def _delay_of(
             "clock stamps both",
             path,
         )
-    if further[0].first_s is None:
+    if second.first_s is None:
         return shift, "row number, since no signal is in both"
     return shift, "time stamps, since no signal is in both"
 
 
-def _clock_shift(first: _Part, further: _Part, has_excitation: bool) -> float | None:
-    """Samples by which a log without an excitation lags the first one by the clock that stamps both, or by their rows.
+def _clock_shift(first: _Group, second: _Group, has_excitation: bool) -> float | None:
+    """Return the lag in samples of a log without excitation, by the clock that stamps both logs, or by their rows.
 
     None where their times do not overlap, or there are none and not as many samples, or where the first one has an
     excitation: what two loggers record of it has its own start in each, and every sample between them is phase.
     """
-    if first.first_s is None or further.first_s is None:
-        return 0.0 if not has_excitation and len(first.signals) == len(further.signals) else None
-    shift = (first.first_s - further.first_s) * first.rate_hz
-    return shift if -len(first.signals) < shift < len(further.signals) else None
+    if first.first_s is None or second.first_s is None:
+        return 0.0 if not has_excitation and len(first.signals) == len(second.signals) else None
+    shift = (first.first_s - second.first_s) * first.rate_hz
+    return shift if -len(first.signals) < shift < len(second.signals) else None
 
 
-def _by_place(parts: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec]) -> Signals:
+def _signals(groups: Sequence[_Group], N: int | None, channels: Sequence[ChannelSpec]) -> Signals:
     """Complete signals of at least a period, if there is one, by role, location and, for motions, quantity."""
     signals = {
         (channels[i].role, channels[i].at, channels[i].quantity if channels[i].is_motion else ""): column
-        for part in parts
-        for i, column in zip(part.members, part.signals.T, strict=True)
+        for group in groups
+        for i, column in zip(group.members, group.signals.T, strict=True)
     }
     return {place: x for place, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}

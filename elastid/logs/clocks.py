@@ -13,7 +13,8 @@ from elastid.logs.channel_names import guess_by_name
 from elastid.logs.files.log import Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.headings import TIMES, in_brackets
-from elastid.logs.repair.time_stamps import MAX_FALLING_FRACTION, MAX_RATE_RATIO, MIN_GAP, even_grid
+from elastid.logs.repair import MAX_WRONG_FRACTION
+from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid
 
 # Samples that are read of a log.
 MAX_SAMPLES = 1 << 17
@@ -25,8 +26,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
 _MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
 MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
-# Single wrong cells, and distance of one from the median of its neighbours, in steps of the clock.
-_MAX_WRONG_FRACTION, _MAX_WRONG_DISTANCE = 0.01, 5.0
+_MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,12 @@ class Clock:
 
 
 def is_time(name: str) -> bool:
-    """True for the name of a channel that is a time by its name, or by a unit in brackets."""
+    """Return True for the name of a channel that is a time by its name, or by a unit in brackets."""
     return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
 
 
 def is_clock(x: FloatArray) -> bool:
-    """True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
+    """Return True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
     steps = np.diff(x)
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
@@ -57,7 +57,7 @@ def is_clock(x: FloatArray) -> bool:
 
 
 def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
-    """The stamps (n,) of a time channel, wrong ones interpolated, empty for another channel; the wrong samples.
+    """Read stamps (n,) of a time channel, wrong ones interpolated, empty for another channel; the wrong samples.
 
     Wrong stamps are missing, or off the median of their neighbours.
     """
@@ -72,15 +72,15 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
 
 
 def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
-    """The stamps (n,) with wrong ones interpolated, and the numbers of these; no stamps if too many are wrong."""
+    """Interpolate wrong stamps (n,), and return their numbers, too; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 
-    if np.isnan(t).mean() > _MAX_WRONG_FRACTION:
+    if np.isnan(t).mean() > MAX_WRONG_FRACTION:
         return t[:0], np.zeros(0, np.int64)
     away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
     is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
     none = np.zeros(0, np.int64)
-    if is_wrong.mean() > _MAX_WRONG_FRACTION:
+    if is_wrong.mean() > MAX_WRONG_FRACTION:
         return (t, none) if np.isfinite(t).all() else (t[:0], none)
     rows = np.arange(len(t))
     return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
@@ -107,18 +107,18 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
     if isinstance(log, TextLog):
         units = log.units or [""] * log.n_columns
         return list(zip(log.headings, units, log.sample_ms, strict=True)) if log.sample_ms else []
-    stated = [(n, a.units, 1e3 / a.rate_hz) for n, a in log.arrays.items() if a.rate_hz and a.is_signal]
-    return stated if len({ms for *_, ms in stated}) > 1 else []
+    rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in log.arrays.items() if a.rate_hz and a.is_signal]
+    return rates if len({ms for *_, ms in rates}) > 1 else []
 
 
 def slowest_ms(channels: Sequence[tuple[str, str, float]]) -> float:
-    """Longest sample time of the channels whose names or units show a quantity, temperatures aside."""
+    """Return longest sample time of the channels whose names or units show a quantity, temperatures aside."""
     times = [ms for name, unit, ms in channels if guess_by_name(name, None, unit).quantity not in ("", "temperature")]
     return max(times, default=max(ms for *_, ms in channels))
 
 
 def clock_of(log: Log) -> Clock:
-    """The clock of a log by a time channel, by the rate that its format states, or by a number with a typical name.
+    """Find the clock of a log by a time channel, a rate that its format states, or a number with a typical name.
 
     Raises DataError for a time that runs backwards.
     """
@@ -133,7 +133,7 @@ def clock_of(log: Log) -> Clock:
         steps = np.diff(t)
         falls, rises = np.flatnonzero(steps <= 0), steps[steps > 0]
         falling = falling or (name if is_time(name) and is_clock(-t) else "")
-        is_set_back = 0 < len(falls) <= MAX_FALLING_FRACTION * len(t) and is_clock(np.cumsum(rises))
+        is_set_back = 0 < len(falls) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(rises))
         is_named = is_time(name) and (np.all(steps > 0) or is_set_back)
         if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
             # Gaps left out, their mean is that of a clock that jitters or is rounded.

@@ -53,16 +53,16 @@ class _Signals:
     members: Sequence[tuple[ChannelGuess, FloatArray]]
 
     def of(self, quantity: str, is_command: bool, joints: Sequence[str]) -> FloatArray | None:
-        """Signals (n, n_u) of a quantity in SI, in the order of the joints; None if the log has another number."""
+        """Find signals (n, n_u) of a quantity in SI, in the order of joints; None if the log has another number."""
         families: dict[str, dict[str, FloatArray]] = {}
         for guess, x in self.members:
             # A command without a quantity in its name is a position.
-            known = guess.quantity or ("position" if guess.rank < 0 else "")
-            if known == quantity and (guess.rank < 0) == is_command:
+            kind = guess.quantity or ("position" if guess.rank < 0 else "")
+            if kind == quantity and (guess.rank < 0) == is_command:
                 families.setdefault(guess.parts[0], {})[guess.parts[1]] = guess.to_si * x
         for family in families.values():
-            named = [family[joint] for joint in joints if joint in family]
-            columns = [*family.values()] if len(named) < len(joints) else named  # else in the order of the log
+            match = [family[joint] for joint in joints if joint in family]
+            columns = [*family.values()] if len(match) < len(joints) else match  # else in the order of the log
             if len(columns) == len(joints):
                 return np.stack(columns, axis=1)
         return None
@@ -83,11 +83,11 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     signals = _Signals(path, [(with_unit.get(guess.key, guess), x) for guess, x in members])
     command, position = (signals.of("position", is_command, joints) for is_command in (True, False))
     if command is None or position is None:
-        named = ", ".join(dict.fromkeys(guess.name for guess, _ in signals.members)) or "none"
+        names = ", ".join(dict.fromkeys(guess.name for guess, _ in signals.members)) or "none"
         raise DataError(
             "records/channels",
             f"each of {len(joints)} joints needs one commanded and one measured position. Name them command and "
-            f"position, one column per joint ({', '.join(joints)}), or give --study. Channels: {named}",
+            f"position, one column per joint ({', '.join(joints)}), or give --study. Channels: {names}",
             path,
         )
     rate_hz = rate_hz or clock.rate_hz
@@ -122,7 +122,7 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
 
 
 def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
-    """The channel of a command, or of the position nearest to the motor of a joint."""
+    """Return the channel of a command, or of the position nearest to the motor of a joint."""
     for place in (f"motor {joint}", f"joint {joint}"):
         for channel in recorded.channels:
             if (channel.role, channel.at, channel.quantity) == (role, place, "position"):

@@ -39,15 +39,15 @@ class Drives:
 
     @classmethod
     def of(cls, controller: CascadeSpec, robot: Robot, torques: Sequence[ChannelSpec], rate_hz: float) -> "Drives":
-        """Drives of a study; without a path each reference acts from its sample to the next."""
+        """Return drives of a study; without a path each reference acts from its sample to the next."""
         path = controller.reference or ReferencePathSpec(1 / rate_hz, "hold")
         ticks = controller.ticks if controller.reference is not None else 1
-        usual = controller.velocity_feedforward or path.velocity_feedforward
+        alpha = controller.velocity_feedforward or path.velocity_feedforward
         drives = cls(replace(controller, reference=path, ticks=ticks), robot, torques, rate_hz)
-        return drives.with_feedforward(usual)
+        return drives.with_feedforward(alpha)
 
     def with_feedforward(self, alpha: float) -> "Drives":
-        """Drives with another velocity feedforward."""
+        """Return drives with another velocity feedforward."""
         assert self.controller.reference is not None
         reference = replace(self.controller.reference, velocity_feedforward=alpha)
         return replace(self, controller=replace(self.controller, reference=reference))
@@ -63,7 +63,7 @@ class Drives:
         return C_fb * lag, C_ff * lag
 
     def low_passes(self, f: FloatArray) -> ComplexArray:
-        """Filters (F, n_u) of the channels."""
+        """Return filters (F, n_u) of the channels."""
         s = (2j * np.pi * f).astype(np.complex128)
         times = [sum(error.low_pass for error in channel.errors) for channel in self.torques]
         return np.stack([low_pass_response(s, T) for T in times], axis=1)
@@ -91,13 +91,13 @@ class Drives:
         f = positive(freq_hz)
         images = line = np.zeros((len(f), len(self.torques)), complex)
         for m, torques in self.logged(f):
-            late = torques * np.exp(-2j * np.pi * (f[:, None] + m * self.rate_hz) * tau)
-            images, line = (images + late, line) if m else (images, late)
+            delayed = torques * np.exp(-2j * np.pi * (f[:, None] + m * self.rate_hz) * tau)
+            images, line = (images + delayed, line) if m else (images, delayed)
         return images, line
 
 
 def positive(freq_hz: FloatArray) -> FloatArray:
-    """Frequencies with half a line in place of 0, where an inertia has no response."""
+    """Return frequencies with half a line in place of 0, where an inertia has no response."""
     return np.where(freq_hz > 0, freq_hz, freq_hz[:2].max() / 2)
 
 
@@ -119,7 +119,7 @@ class Match:
     explained: float
 
     def gains(self, motor: int) -> tuple[FloatArray, float]:
-        """Factors (2,) of the parts by position and velocity gain of a motor; the part of its power they explain."""
+        """Fit factors (2,) of the terms of position and velocity gain of a motor; also explained power."""
         parts = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
         *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in parts)
         A = np.stack(columns, axis=1)
@@ -134,25 +134,25 @@ def match_torques(
 
     None without lines that have references.
     """
-    stated = drives.controller.velocity_feedforward
+    stated_alpha = drives.controller.velocity_feedforward
     above = freq_hz > lowest_hz
     largest = np.abs(R[above]).max(initial=0.0)
     lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * largest))
     if not lines.size:
         return None
-    of_lines = freq_hz[lines], U[lines], R[lines], None if Q is None else Q[lines]
-    candidates = [drives.with_feedforward(alpha) for alpha in dict.fromkeys((stated, 0.0, 1.0))]
-    return max((_match(each, *of_lines) for each in candidates), key=lambda match: match.explained)
+    signals = freq_hz[lines], U[lines], R[lines], None if Q is None else Q[lines]
+    candidates = [drives.with_feedforward(alpha) for alpha in dict.fromkeys((stated_alpha, 0.0, 1.0))]
+    return max((_match(drive, *signals) for drive in candidates), key=lambda match: match.explained)
 
 
 def report_controller(match: Match, log: Log) -> None:
     """Report motors whose logged torques need other gains than the controller of the study."""
     names = "position_gain", "velocity_gain"
     for motor, channel in enumerate(match.drives.torques):
-        (of_position, of_velocity), explained = match.gains(motor)
+        (by_p, by_v), explained = match.gains(motor)
         if explained < _MIN_CERTAIN:  # of a motor at rest, or with another controller
             continue
-        factors = of_position / max(of_velocity, 1e-300), of_velocity
+        factors = by_p / max(by_v, 1e-300), by_v
         wrong = [f"{n} = {f:.3g} times" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
         if wrong:
             text = (
@@ -172,16 +172,16 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     from scipy.optimize import minimize  # 0.05 s, which a study without references need not load
 
     cycle = drives.controller.cycle
-    numbers, each = zip(*drives.logged(f), strict=True)
-    torques, omega = np.stack(each) * R, 2 * np.pi * (f + np.array(numbers)[:, None] * drives.rate_hz)
+    numbers, rows = zip(*drives.logged(f), strict=True)
+    torques, omega = np.stack(rows) * R, 2 * np.pi * (f + np.array(numbers)[:, None] * drives.rate_hz)
     line = numbers.index(0)
     C_fb, C_ff = drives.controlled(f)
     forward = torques[line] if Q is None else C_ff * R
     feedback = 0 * forward if Q is None else C_fb * Q
 
-    def late(tau: float, tau_r: float, forward: ComplexArray, feedback: ComplexArray) -> ComplexArray:
-        of_reference, of_log = (np.exp(-1j * omega[line] * t)[..., None] for t in (tau_r, tau))
-        return np.asarray((forward * of_reference - feedback) * of_log)
+    def delayed(tau: float, tau_r: float, forward: ComplexArray, feedback: ComplexArray) -> ComplexArray:
+        path_delay, log_delay = (np.exp(-1j * omega[line] * t)[..., None] for t in (tau_r, tau))
+        return np.asarray((forward * path_delay - feedback) * log_delay)
 
     def images(tau: float, tau_r: float) -> ComplexArray:
         shifted = np.exp(-1j * omega * (tau + tau_r))[..., None]
@@ -189,7 +189,7 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
         return np.asarray(np.sum(torques * shifted, axis=0))
 
     def scaled(tau: float, tau_r: float) -> tuple[ComplexArray, FloatArray]:
-        M = images(tau, tau_r) + late(tau, tau_r, forward, feedback)
+        M = images(tau, tau_r) + delayed(tau, tau_r, forward, feedback)
         K = np.sum((M.conj() * U).real, axis=0) / np.maximum(np.sum(np.abs(M) ** 2, axis=0), 1e-300)
         return M, np.maximum(K, 0.0)
 
@@ -205,7 +205,7 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
         unexplained, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3 * cycle}
     )
     delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
-    of_velocity_fb, of_velocity_ff = drives.controlled(f, has_position=False)
-    by_velocity = late(*delays, of_velocity_ff * R, 0 * feedback if Q is None else of_velocity_fb * Q)
-    parts = late(*delays, forward, feedback), by_velocity, images(*delays)
+    C_fb_v, C_ff_v = drives.controlled(f, has_position=False)
+    by_velocity = delayed(*delays, C_ff_v * R, 0 * feedback if Q is None else C_fb_v * Q)
+    parts = delayed(*delays, forward, feedback), by_velocity, images(*delays)
     return Match(drives, U, *parts, scaled(*delays)[1], sum(delays), 1 - float(end.fun))

@@ -72,7 +72,7 @@ def read_friction_logs(
     payloads: Mapping[str, float],
     progress: Progress = silent,
 ) -> FrictionRecords:
-    """The records of all logs, whose paths are relative to base.
+    """Read the records of all logs, whose paths are relative to base.
 
     joints: whose friction is asked for; others that move are recorded too.  payloads: kg of each load, added to the
     robot's own.  StudyError where channels, files and robot do not fit, DataError for a log that cannot be used.
@@ -85,20 +85,20 @@ def read_friction_logs(
         progress(done, len(recorded.files))
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
         payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
-        of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
-        if not any(record.joint in joints for record in of_log):
+        motions = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
+        if not any(record.joint in joints for record in motions):
             raise DataError(
                 "friction/no-record",
                 f"none of the joints {', '.join(joints)} moves in it. Correct friction.joints, or omit the file",
                 f"{base / file.path}",
             )
-        start_s = max(record.start_s + record.duration_s for record in of_log)
+        start_s = max(record.start_s + record.duration_s for record in motions)
         if file.purpose == "warm_up":
-            notes += of_log[0].notes
-            heated.setdefault(of_log[0].joint, []).append((of_log[0], file))
-            joint = robot.driven[robot.driven_names.index(of_log[0].joint)]
-            of_log = tests_in(of_log[0], turns_against_gravity(robot, joint, of_log[0].configuration))
-        records += of_log
+            notes += motions[0].notes
+            heated.setdefault(motions[0].joint, []).append((motions[0], file))
+            joint = robot.driven[robot.driven_names.index(motions[0].joint)]
+            motions = tests_in(motions[0], turns_against_gravity(robot, joint, motions[0].configuration))
+        records += motions
     warm_ups = tuple(warm_up_log(*zip(*parts, strict=True)) for parts in heated.values())
     return FrictionRecords(tuple(records), warm_ups, tuple(notes))
 
@@ -120,7 +120,7 @@ class _LogReader:
         return str(self.base / self.file.path)
 
     def records(self) -> tuple[FrictionRecord, ...]:
-        """One record of each joint that moves; StudyError or DataError without one."""
+        """Read one record of each joint that moves; StudyError or DataError without one."""
         recorded = replace(self.recorded, channels=tuple(c for c in self._channels() if c.role != "t"))
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
@@ -150,45 +150,45 @@ class _LogReader:
 
     def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
         repaired, N, rate_hz = self._repaired(gathered)
-        values, known = on_one_side(gathered.channels, repaired, to_shafts(gathered.channels, self.robot))
+        values, tau_d = on_one_side(gathered.channels, repaired, to_shafts(gathered.channels, self.robot))
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
-        of_motors = [c.at for c in gathered.channels if c.role == "u"]
-        by_place: dict[tuple[str, str, str], FloatArray] = {
+        motors = [c.at for c in gathered.channels if c.role == "u"]
+        signals: dict[tuple[str, str, str], FloatArray] = {
             (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
             for i, c in enumerate(gathered.channels)
         }
-        by_place |= {("d", at, ""): d for at, d in zip(of_motors, known.T, strict=True) if d.any()}
+        signals |= {("d", at, ""): d for at, d in zip(motors, tau_d.T, strict=True) if d.any()}
         for channel in self._channels():
             if channel.role == "t":
                 time_s = self.offset_s + np.arange(len(values)) / rate_hz
-                by_place["t", channel.at, ""] = self._thermometer(channel, time_s)
-        return self._of_joints(by_place, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
+                signals["t", channel.at, ""] = self._thermometer(channel, time_s)
+        return self._of_joints(signals, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
 
     def _repaired(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
-        """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
+        """Repair gaps and spikes; return signals, samples of their period (None without one), and their rate."""
         if self.file.purpose == "presliding_test":
             return repaired_signals(gathered, self.recorded)
         log = gathered.log
         signals = bridged_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
         judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
-        of_judged = replace(log, names=tuple(log.names[i] for i in judged))
+        part_log = replace(log, names=tuple(log.names[i] for i in judged))
         are_motions = [gathered.channels[i].role != "u" for i in judged]
-        clean = without_lone(signals[:, judged], of_judged, are_motions)
-        signals[:, judged] = bridged_gaps(clean, replace(of_judged, findings=Findings()), MAX_MISSING_FRACTION)
+        clean = without_lone(signals[:, judged], part_log, are_motions)
+        signals[:, judged] = bridged_gaps(clean, replace(part_log, findings=Findings()), MAX_MISSING_FRACTION)
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
-        """Readings (n,) in degC at times from the first sample; between them by straight lines, at whatever rate."""
+        """Interpolate readings of a thermometer of any rate, (n,) in degC, at times from the first sample, linearly."""
         path = self.base / (self.file.path, *self.file.also)[channel.file - 1]
         log = Log(str(path), ())
         rate_hz = float(channel.rate_hz or self.recorded.known_rate_hz)
         values = read_channels(path, [channel], self.recorded.text)
         check_values([channel], [values[:, 0]], log)
         degc = link_side(channel, values[:, 0], self.robot, log)
-        read = np.flatnonzero(np.isfinite(degc))
+        finite = np.flatnonzero(np.isfinite(degc))
         first = 0 if self.file.samples is None or channel.file > 1 else self.file.samples[0]
-        return np.interp(first / self.recorded.known_rate_hz + time_s, read / rate_hz, degc[read])
+        return np.interp(first / self.recorded.known_rate_hz + time_s, finite / rate_hz, degc[finite])
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
         return tuple(c for c in self.recorded.channels if self.file.joint in ("", _joint_of(c)))
@@ -213,6 +213,8 @@ class _LogReader:
             model = formulate(with_point_mass(self.robot, self.payload))
             load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, np.asarray(model.theta), posture).u))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
+        path = None if self.recorded.controller is None else self.recorded.controller.reference
+        command_hold: Hold = "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
         return tuple(
             FrictionRecord(
                 name=self.name,
@@ -236,7 +238,7 @@ class _LogReader:
                 # A held torque acts half a sample after its instant, on average.
                 torque_delay_s=0.5 / rate_hz if holds.get(joint.name) == "zero-order" else 0.0,
                 period_samples=period,
-                hold=holds.get(joint.name, self._command_hold),
+                hold=holds.get(joint.name, command_hold),
                 **self._commanded(joint, signals, rate_hz),
                 # Of loops that end by sliding values hardly repeat; three times the log they do.
                 resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "presliding_loops" else 1)),
@@ -263,13 +265,8 @@ class _LogReader:
             )
         return moving
 
-    @property
-    def _command_hold(self) -> Hold:
-        path = None if self.recorded.controller is None else self.recorded.controller.reference
-        return "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
-
     def _commanded(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
-        """Command and gains of a joint without a torque, by the name of the record's field; empty with a torque."""
+        """Return command and gains of a joint without a torque, by fields of the record; empty with a torque."""
         controller, reference = self.recorded.controller, _signal(signals, "reference", joint.name)
         if controller is None or reference is None or ("u", f"motor {joint.name}", "") in signals:
             return {}
@@ -282,9 +279,9 @@ class _LogReader:
         loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
         kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feedforward
         command = kp * reference + s * kd * np.gradient(reference, 1 / rate_hz)
-        late_s = 0.5 / controller.tick_hz if controller.tick_hz else 0.0
-        of_velocity = late_s if controller.velocity == "difference" else 0.0
-        return {"command": command, "gains": (kp, kd), "feedback_delays_s": (late_s, of_velocity)}
+        delay_s = 0.5 / controller.tick_hz if controller.tick_hz else 0.0
+        further_s = delay_s if controller.velocity == "difference" else 0.0
+        return {"command": command, "gains": (kp, kd), "feedback_delays_s": (delay_s, further_s)}
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:
         rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD
@@ -339,13 +336,13 @@ def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
 
 
 def _joint_of(channel: ChannelSpec) -> str:
-    """The joint that a channel is of; empty where its place is a body or a frame."""
+    """Return the joint that a channel is of; empty where its place is a body or a frame."""
     kind, _, name = channel.at.partition(" ")
     return name if kind in ("motor", "joint") else ""
 
 
 def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> FloatArray | None:
-    """The signal at the motor of a joint, which its friction acts on, or else at the joint."""
+    """Return the signal at the motor of a joint, which its friction acts on, or else at the joint."""
     at_motor, at_joint = ((role, f"{kind} {joint}", quantity) for kind in ("motor", "joint"))
     return signals.get(at_motor, signals.get(at_joint))
 
@@ -361,7 +358,7 @@ class Heat:
 
 
 def heat_of(record: FrictionRecord) -> Heat:
-    """The log in steps; DataError where the joint never returns, or its torque does no work on it."""
+    """Compute the heat of a log in steps; DataError where the joint never returns, or its torque does no work on it."""
     q, u, rate_hz = record.position, record.torque, record.rate_hz
     where = f"{record.place}: warm-up of joint {record.joint}"
     n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
@@ -388,14 +385,14 @@ def heat_of(record: FrictionRecord) -> Heat:
 
 
 def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
-    """Means (n + 1,) of the samples within half a step of each edge."""
+    """Compute means (n + 1,) of the samples within half a step of each edge."""
     sums, middles = np.append(0.0, np.cumsum(x - x[0])), (edges[:-1] + edges[1:]) // 2 + 1
     low, high = np.append(0, middles), np.append(middles, len(x))
     return np.asarray(x[0] + (sums[high] - sums[low]) / (high - low))
 
 
 def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """Constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
+    """Find constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
     least = 1 if record.speed is not None else MIN_GROUPS
     passes = detect_passes(record, has_gravity)
     speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
@@ -408,7 +405,7 @@ def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord,
 
 
 def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
-    """All logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
+    """Join all logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
 
     DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
     """
@@ -430,24 +427,24 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
         time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
     span = float(time_s[-1] - time_s[0])
     least = MIN_STEPS * STEP_S
-    read, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
+    valid, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
     if span < least:
         text = (
             f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s, better "
             "two hours, or set purpose: motion"
         )
-    elif read.any() and np.ptp(readings[read]) < max(count, 1e-9):
+    elif valid.any() and np.ptp(readings[valid]) < max(count, 1e-9):
         text = (
-            f"the thermometer reads {readings[read][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint. "
-            "Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
+            f"the thermometer reads {readings[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint."
+            " Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
         )
     if text:
         raise DataError("friction/warm-up", text, place)
-    if not read.any():
+    if not valid.any():
         return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
-    noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
-    std, at_start = max(noise, count / np.sqrt(12)), float(readings[read][0])
+    noise = float(np.std(np.diff(readings[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
+    std, at_start = max(noise, count / np.sqrt(12)), float(readings[valid][0])
     if noise < count / np.sqrt(12):  # readings of one count have one error
-        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[read]) / count))
-        readings = np.where(np.cumsum(read) % max(1, read.sum() // most) == 0, readings, np.nan)
+        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[valid]) / count))
+        readings = np.where(np.cumsum(valid) % max(1, valid.sum() // most) == 0, readings, np.nan)
     return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(START_STD, 3 * std))

@@ -33,8 +33,8 @@ class HeadingUnit:
         if self.unit == "g":
             return "acceleration"
         dimension = dimension_and_size(self.unit)[0]
-        fitting = [name for name, unit in QUANTITY_UNIT.items() if dimension in (unit, of_translation(unit))]
-        return min(fitting, key=lambda name: QUANTITY_UNIT[name] != dimension, default="")  # N: a force first
+        quantities = [name for name, unit in QUANTITY_UNIT.items() if dimension in (unit, of_translation(unit))]
+        return min(quantities, key=lambda name: QUANTITY_UNIT[name] != dimension, default="")  # N: a force first
 
     @property
     def question(self) -> str:
@@ -85,5 +85,5 @@ def unit_of_text(text: str) -> str:
     ('N*m', 'rpm', '')
     """
     text = usual_spelling(text.strip())
-    fitting = (unit for unit in _UNITS if re.fullmatch(SPELLINGS[unit], text, re.IGNORECASE))
-    return text if text in TABLE else next(fitting, "")
+    units = (unit for unit in _UNITS if re.fullmatch(SPELLINGS[unit], text, re.IGNORECASE))
+    return text if text in TABLE else next(units, "")

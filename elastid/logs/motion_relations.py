@@ -55,13 +55,13 @@ class TorqueRelation:
     is_shared: bool = False
 
     def is_before_gear(self, joint: Joint, ratio: float, scale: float = 1.0) -> bool:
-        """True if J / scale is below half the rotor's inertia as a link-side number, but not as a motor-side one."""
+        """Return True if J / scale is below half the rotor's inertia as a link-side number, not as a motor-side one."""
         rotor = 0.0 if joint.motor is None else joint.motor.inertia * ratio**2 * scale
         return 2 * self.largest_inertia < rotor < 2 * self.inertia * ratio**2
 
 
 def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> FloatArray:
-    """The derivative (n - 12 width,) of a signal (n,), smoothed by a Gaussian of a width in samples; -1: integral."""
+    """Differentiate a signal (n,) to (n - 12 width,), smoothed by a Gaussian, width in samples; -1: integrate."""
     omega = 2 * np.pi * np.fft.rfftfreq(len(x))
     gain = (1j * np.append(1.0, omega[1:])) ** order * np.exp(-((width * omega) ** 2) / 2)
     gain[0] = order == 0  # an integral has no mean
@@ -70,7 +70,7 @@ def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> Float
 
 
 def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> dict[int, MotionRelation]:
-    """The relations of two motions (n,) by order, -2 to 2, each at the width where both sides agree best."""
+    """Compute the relations of two motions (n,) by order, -2 to 2, each at the width where both sides agree best."""
     relations = {}
     for order in range(-2, 3):
         # Positions drift and keep offsets, so that velocities are compared.
@@ -85,7 +85,7 @@ def _widths(x: FloatArray) -> list[float]:
 
 
 def _relation(x: FloatArray, y: FloatArray) -> MotionRelation:
-    """Ratio of the deviations of two signals (n,), with the sign of their correlation, 0 if one is still."""
+    """Compute the ratio of the deviations of two signals (n,), with the sign of their correlation, 0 if one rests."""
     sizes = float(np.std(x)), float(np.std(y))
     rho = float(np.mean((x - x.mean()) * (y - y.mean()))) / (sizes[0] * sizes[1]) if min(sizes) > 0 else 0.0
     return MotionRelation(float(np.sign(rho)) * sizes[1] / max(sizes[0], 1e-300), rho)
@@ -116,7 +116,7 @@ def torque_relation(
 
 
 def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, rate_hz: float) -> tuple[float, float]:
-    r"""Gain :math:`\beta` of a torque sensor behind the gear of a joint, and its standard error.
+    r"""Estimate the gain :math:`\beta` of a torque sensor behind the gear of a joint, and its standard error.
 
     .. math:: u = J_m a + f v + F_c\,\mathrm{sgn}(v) + o + \beta s
 
@@ -128,13 +128,13 @@ def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, ra
         v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
         A = np.stack([s, a, v, np.sign(v), np.ones_like(a)], axis=1)[:: int(width / 2)]
         theta, _, alone, std = _fitted(A, torque[:: int(width / 2)], 0)
-        is_seen = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
-        gains += [(float(theta[0]), std)] if is_seen else []
+        is_rich = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
+        gains += [(float(theta[0]), std)] if is_rich else []
     return min(gains, key=lambda pair: pair[1] / max(abs(pair[0]), 1e-300))
 
 
 def _fitted(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Coefficients of the columns of A (n, c), residual (n,), one column without the others, and its coefficient's std.
+    """Fit x (n,) by columns of A (n, c): coefficients, residual, a column without the others, its coefficient's std.
 
     The sandwich estimate has a window of ten samples: neighbouring residuals are correlated.
     """
@@ -151,30 +151,30 @@ def _relation_at(
     u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool,
     others: Sequence[tuple[FloatArray, int]]
 ) -> TorqueRelation:  # fmt: skip
-    """The relation in a band."""
+    """Fit the relation in a band."""
     torque = derivative(u, 0, rate_hz, width)
     v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
     columns = [a, v, np.sign(v), np.ones_like(a)]
     q = derivative(y, -order, rate_hz, width) if turns and order < 2 else np.zeros(1)
     if np.ptp(q) > 0.3:  # from so many rad on gravity changes as a cosine
         columns += [np.cos(q), np.sin(q)]
-    every = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
-    moving = [x for x in every if np.std(x) > MIN_MOVING * np.std(a)]
+    accelerations = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
+    moving = [x for x in accelerations if np.std(x) > MIN_MOVING * np.std(a)]
     A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
     theta, residual, alone, std = _fitted(A, torque, 0)
     explained = 1 - float(np.var(residual) / np.var(torque))
     by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
     friction = slice(2 if moving and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
-    parts = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
-    signs = (np.sign(theta[0]), np.sign(np.mean(parts[1] * A[:, 1])))
-    shares = [float(s * abs(np.cov(part, torque)[0, 1]) / np.var(torque)) for s, part in zip(signs, parts, strict=True)]
-    is_against = explained > MIN_EXPLAINED and min(shares) < -0.3 and max(shares) < 0.1
+    terms = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
+    signs = (np.sign(theta[0]), np.sign(np.mean(terms[1] * A[:, 1])))
+    signed = [float(s * abs(np.cov(term, torque)[0, 1]) / np.var(torque)) for s, term in zip(signs, terms, strict=True)]
+    is_against = explained > MIN_EXPLAINED and min(signed) < -0.3 and max(signed) < 0.1
     if is_against and moving:  # joints that move in proportion do not determine the sign
         B = np.stack([np.ones_like(torque), *(x[:: int(width / 2)] for x in moving)], axis=1)
         independent, remaining = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
-        is_seen = np.var(independent[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
+        is_rich = np.var(independent[:, 0]) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
         slopes = np.linalg.lstsq(independent, remaining, rcond=1e-9)[0]
-        is_against = bool(is_seen and min(slopes * np.std(independent, axis=0)) < 0)
+        is_against = bool(is_rich and min(slopes * np.std(independent, axis=0)) < 0)
     return TorqueRelation(
         explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)
     )

@@ -40,11 +40,11 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
         none = np.zeros((2, len(freq_hz), len(motors)), complex)
         images_hz = np.abs(ReferenceLoop(motors, rate_hz, freq_hz, none, none, log_hz).images_hz(freq_hz))
         freq_hz = np.unique(np.concatenate([freq_hz, images_hz[np.isfinite(images_hz)]]))
-    shares = [
+    pairs = [
         sampled_responses(joints, gains, spec, freq_hz, rate_hz, "position")
         for gains in (replace(loop, kd=0 * loop.kd), replace(loop, kp=0 * loop.kp))
     ]
-    feedback, feedforward = (np.stack(of_gains) for of_gains in zip(*shares, strict=True))
+    feedback, feedforward = (np.stack(group) for group in zip(*pairs, strict=True))
     path_to_log = ReferencePath(ReferencePathSpec(steps / record.rate_hz, interpolation), record.rate_hz)
     feedforward /= path_to_log.response(freq_hz)[:, None]
     if controller.velocity == "exact":

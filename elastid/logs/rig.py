@@ -74,7 +74,7 @@ class RecordedRig:
         return tuple(Experiment(replace(posture, name=name), *numbers) for (name, *numbers), posture in runs.items())
 
     def measure(self, experiment: Experiment) -> Record:
-        """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
+        """Read one experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
         files, records = self._files(experiment), []
         for file in files:
             path = self.base / file.path
@@ -84,7 +84,7 @@ class RecordedRig:
         return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
 
     def is_large(self, experiment: Experiment) -> bool:
-        """True if the log of an experiment is read in pieces, with the required channels remaining in it."""
+        """Return True if the log of an experiment is read in pieces, with the required channels remaining in it."""
         files = self._files(experiment)
         return len(files) == 1 and self._pieces(files[0]) is not None
 
@@ -93,7 +93,7 @@ class RecordedRig:
         return [file for file in self._recorded.files if file.run == run]
 
     def _pieces(self, file: FileSpec) -> _Pieces | None:
-        """Pieces of a log; None if it is read as a whole."""
+        """Return pieces of a log; None if it is read as a whole."""
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
         is_mixed = any(c.rate_hz is not None or c.role == "d" or c.errors for c in recorded.channels)
         needs_all = period == "find" or (period or 0) % 1 or recorded.time or file.also or is_mixed
@@ -108,7 +108,7 @@ class RecordedRig:
         return _Pieces(start, end - start, bounds, dtype) if bounds else None
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
-        """Record of a log that exceeds the memory; None if it fits, or must be read as a whole."""
+        """Read the record of a log that exceeds the memory; None if it fits, or must be read as a whole."""
         log = self._pieces(file)
         if log is None:
             return None
@@ -139,17 +139,17 @@ class RecordedRig:
         report_drives(channels, signals, N, log)
         if N is not None:
             n = len(gathered.signals)
-            lost = int(n * N / (gathered.period or N)) - len(signals)
+            excess = int(n * N / (gathered.period or N)) - len(signals)
             if STOPPED not in repairs:
-                report_end(lost, n, N // 2 if recorded.half_wave else N, log)
+                report_end(excess, n, N // 2 if recorded.half_wave else N, log)
         elif "none" not in (file.period, recorded.period):
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
-        is_moved = any(other.at for other in recorded.files if other.configuration == file.configuration)
-        inputs = recorded.places_of(file.configuration, "u") if is_moved else acting
+        has_at = any(other.at for other in recorded.files if other.configuration == file.configuration)
+        inputs = recorded.places_of(file.configuration, "u") if has_at else acting
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
         u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
         units = input_units(channels, self.robot) * (len(inputs) // len(acting))
@@ -184,7 +184,7 @@ class RecordedRig:
 
 
 def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
-    """The columns of r, u and y; r in the order of the inputs that it acts on, or references in place of it."""
+    """Return the columns of r, u and y; r in the order of the inputs that it acts on, or references in place of it."""
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y", "reference")}
     inputs, references = [channels[j].at for j in roles["u"]], roles.pop("reference")
     if not inputs:
@@ -198,11 +198,11 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 def repaired_signals(
     gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
 ) -> tuple[FloatArray, int | None, float]:
-    """The repaired signals, the samples of their period (None without one), and their rate."""
+    """Return the repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
     if log.findings.repairs[SET_BACK]:
         text = "the time runs backwards, and the length of the gap there is unknown. Select one part by samples"
-        raise DataError("records/clock", text, log.where)
+        raise log.error("records/clock", text)
     errors = [channel.errors for channel in gathered.channels]
     if period is None:
         signals = repair_without_period(gathered.signals, log)
@@ -219,7 +219,7 @@ _MIN_PERIODS = 8  # a median over fewer cannot distinguish a spike from a signal
 
 
 def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
-    """First and last sample of pieces of whole periods N (None: any length); empty if the log fits into memory."""
+    """Divide a log into pieces of whole periods N (None: any length), first to last sample; empty for a small log."""
     if n * n_channels < MIN_VALUES:
         return ()
     if N is None:
@@ -232,7 +232,7 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
 
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
-    """True if the lag between two mean periods (N,) exceeds MAX_LAG and its noise."""
+    """Return True if the lag between two mean periods (N,) exceeds MAX_LAG and its noise."""
     slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
     along, steepness = float(difference @ slope), float(slope @ slope)
     is_long = abs(along) > MAX_LAG * steepness
@@ -242,30 +242,30 @@ def _lags(difference: FloatArray, mean: FloatArray) -> bool:
 def joined(
     measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, int]], dtype: np.dtype[Any]
 ) -> Record | None:
-    """Record of all pieces with signals in files; None if they are not synchronous.
+    """Join the record of all pieces with signals in files; None if they are not synchronous.
 
     measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
     """
     n, first = bounds[-1][1], measure(*bounds[0])
     period = mean_period(_driver(first), first.period_samples) if first.is_periodic else None
-    of_roles = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
-    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in of_roles.items()}
-    notes, left_out = dict[Note, None](), list[int]()
+    roles = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
+    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in roles.items()}
+    notes, discarded = dict[Note, None](), list[int]()
     repairs: Counter[str] = Counter()
     for start, end in bounds:
-        part = measure(start, end) if start else first
-        if part.n_samples != end - start or not _is_in_step(part, period):
+        piece = measure(start, end) if start else first
+        if piece.n_samples != end - start or not _is_in_step(piece, period):
             return None
         for role, signal in signals.items():
-            signal[start:end] = getattr(part, role)
+            signal[start:end] = getattr(piece, role)
             arrays.release(signal)
-        notes |= dict.fromkeys(part.notes)
-        repairs.update(part.repairs)
-        left_out += [start // part.repeat_samples + p for p in part.discarded_periods]
+        notes |= dict.fromkeys(piece.notes)
+        repairs.update(piece.repairs)
+        discarded += [start // piece.repeat_samples + p for p in piece.discarded_periods]
     large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
     period_samples = first.period_samples if first.is_periodic else n
     record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
-    return replace(record, notes=tuple(notes), repairs=dict(repairs), discarded_periods=tuple(left_out))
+    return replace(record, notes=tuple(notes), repairs=dict(repairs), discarded_periods=tuple(discarded))
 
 
 def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
@@ -274,10 +274,10 @@ def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
     return rows
 
 
-def report_end(lost: int, n: int, repeat: int, log: Log) -> None:
+def report_end(excess: int, n: int, repeat: int, log: Log) -> None:
     """Report the samples of a log of n that are lost after its last whole repetition, if there are any."""
-    text = f"the last {lost} of {n} samples are discarded, as they are no whole period of {repeat} samples"
-    if lost > 0:
+    text = f"the last {excess} of {n} samples are discarded, as they are no whole period of {repeat} samples"
+    if excess > 0:
         log.note("records/corrected", text)
 
 
@@ -285,14 +285,14 @@ def _driver(record: Record) -> FloatArray:
     return record.u if record.r is None else record.r
 
 
-def _is_in_step(part: Record, first: FloatArray | None) -> bool:
-    """True if a piece joins the first one, whose mean period is `first` (None without a period)."""
+def _is_in_step(piece: Record, first: FloatArray | None) -> bool:
+    """Return True if a piece joins the first one, whose mean period is `first` (None without a period)."""
     if first is None:
         # An angle whose turns were taken out of one piece does not continue in the next.
-        return all(note.code != UNWRAPPED for note in part.notes)
-    if RESAMPLED in part.repairs:
+        return all(note.code != UNWRAPPED for note in piece.notes)
+    if RESAMPLED in piece.repairs:
         return False
-    mean, N = mean_period(_driver(part), len(first)), len(first)
+    mean, N = mean_period(_driver(piece), len(first)), len(first)
     delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
     # The lag of a slow excitation is uncertain.
     return all(
@@ -313,45 +313,45 @@ _ADVICE = "Give each log its own experiment (same phases) or realisation (other 
 
 
 def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
-    """The record of all periods of some records, each of one log, in step with the first.
+    """Join all periods of some records, each of one log, in step with the first.
 
     Raises DataError that names two logs where they do not hold the same excitation at the same rate.
     """
     first = _shift_periods(records[0], 0.0)
-    both = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
-    every = [first, *(_brought_into_step(first, *pair) for pair in zip(records[1:], both, strict=True))]
-    starts = np.cumsum([0, *(part.n_repeats for part in every)]).tolist()
-    r = [part.r for part in every if part.r is not None]
-    repairs = sum((Counter(part.repairs) for part in every), Counter())
-    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(every, paths, strict=True))
-    text = f"the periods of one excitation are from {len(every)} logs: {counts}"
+    claims = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
+    parts = [first, *(_align_record(first, *pair) for pair in zip(records[1:], claims, strict=True))]
+    starts = np.cumsum([0, *(part.n_repeats for part in parts)]).tolist()
+    r = [part.r for part in parts if part.r is not None]
+    repairs = sum((Counter(part.repairs) for part in parts), Counter())
+    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(parts, paths, strict=True))
+    text = f"the periods of one excitation are from {len(parts)} logs: {counts}"
     note = Note("records/corrected", text, f"record {first.name}", severity="information")
     return replace(
         first,
-        u=np.concatenate([part.u for part in every]),
-        y=np.concatenate([part.y for part in every]),
-        r=np.concatenate(r) if len(r) == len(every) else None,
+        u=np.concatenate([part.u for part in parts]),
+        y=np.concatenate([part.y for part in parts]),
+        r=np.concatenate(r) if len(r) == len(parts) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(notes_of(every)), note),
+        notes=(*dict.fromkeys(notes_of(parts)), note),
         repairs=dict(repairs),
         discarded_periods=tuple(
-            start + p for start, part in zip(starts, every, strict=False) for p in part.discarded_periods
+            start + p for start, part in zip(starts, parts, strict=False) for p in part.discarded_periods
         ),
     )
 
 
-def _brought_into_step(first: Record, record: Record, both: str) -> Record:
-    """A record that begins at the phase of the first, and has its means; DataError for another excitation."""
+def _align_record(first: Record, record: Record, claim: str) -> Record:
+    """Align a record with the phase and the means of the first; DataError for another excitation."""
     N = first.period_samples
     if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > MAX_CLOCK_ERROR:
         raise DataError(
             "records/inconsistent",
-            f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
+            f"{claim}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
             f"{record.rate_hz:g} Hz. {_ADVICE}",
         )
-    is_known = first.r is not None and record.r is not None
-    (a, of_a), (b, of_b) = (
-        _mean_with_variance(x.r if is_known and x.r is not None else x.u, N) for x in (first, record)
+    has_references = first.r is not None and record.r is not None
+    (a, var_a), (b, var_b) = (
+        _mean_with_variance(x.r if has_references and x.r is not None else x.u, N) for x in (first, record)
     )
     delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
     best = max(range(len(delays)), key=lambda i: delays[i][1])
@@ -359,10 +359,10 @@ def _brought_into_step(first: Record, record: Record, both: str) -> Record:
     turns = np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)
     b = np.fft.irfft(np.fft.rfft(b, axis=0) * turns[:, None], N, axis=0)
     for i, place in enumerate(first.inputs):
-        noise = of_a[i] + of_b[i]
+        noise = var_a[i] + var_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{both}, but at {place} {refused}. {_ADVICE}")
+            raise DataError("records/inconsistent", f"{claim}, but at {place} {refused}. {_ADVICE}")
     aligned = _shift_periods(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)
@@ -381,7 +381,7 @@ def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
 
 
 def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
-    """Mean period (N, c) of signals, without the mean of it, and its variance (c,), NaN where there is one period."""
+    """Compute the mean period (N, c) of signals without its mean, and its variance (c,), NaN for one period."""
     X = folded(signals, N)
     X = X[1:] if len(X) > 2 else X  # the first holds the transient
     P, mean = len(X), X.mean(axis=0)
@@ -390,7 +390,7 @@ def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatA
 
 
 def _shift_periods(record: Record, lag: float) -> Record:
-    """Whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
+    """Cut whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
     N, L = record.period_samples, record.repeat_samples
     is_whole = abs(lag - round(lag)) <= MAX_LAG
     start = float(round(lag) % N) if is_whole else lag % N
@@ -401,8 +401,8 @@ def _shift_periods(record: Record, lag: float) -> Record:
     times = np.arange(periods * N, dtype=np.float64) + start
     is_inside = is_whole and times[-1] < record.n_samples
 
-    def moved(x: FloatArray) -> FloatArray:
+    def shifted(x: FloatArray) -> FloatArray:
         return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
 
-    r = None if record.r is None else moved(record.r)
-    return replace(record, u=moved(record.u), y=moved(record.y), r=r, discarded_periods=tuple(sorted(discarded)))
+    r = None if record.r is None else shifted(record.r)
+    return replace(record, u=shifted(record.u), y=shifted(record.y), r=r, discarded_periods=tuple(sorted(discarded)))

@@ -74,8 +74,8 @@ def without_step_images(
         if match is not None and match.explained > _MIN_EXPLAINED:
             return _subtracted(signals, u, _images_by_references(match, freq_hz, R), text, log)
         if match is not None:
-            part = f"{100 * match.explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
-            text = f"{text}. They are not subtracted: the logged references and the controller explain {part}"
+            fraction = f"{100 * match.explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
+            text = f"{text}. They are not subtracted: the logged references and the controller explain {fraction}"
     cure = "log four times faster, filter the references, or excite up to a fifth of their rate"
     log.note(STEP_IMAGES, f"{text}. Log the references, or {cure}")
     return signals
@@ -110,7 +110,7 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
         changes = [((late - early) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
     else:
         rotated = sum(1j * np.sign(m) * image for m, image in drives.logged(f))
-        changes = [(part / np.sqrt(2), unit + fed_back) for part in (images, rotated)]
+        changes = [(image / np.sqrt(2), unit + fed_back) for image in (images, rotated)]
     errors = np.stack([-np.einsum("fyj,fj,fju->jfyu", response.G, e / C_ff, by_torque) for e, by_torque in changes])
     bias = np.zeros((1, *errors.shape[1:]), complex) if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([errors, bias]), image_errors=len(errors))
@@ -129,7 +129,7 @@ def _subtracted(signals: FloatArray, u: Sequence[int], images: ComplexArray, tex
 
 
 def _size(drives: Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
-    """The change of the response by images at the upper edge of the torques' band, in words."""
+    """Describe the change of the response by images at the upper edge of the torques' band, in words."""
     images, line = drives.per_reference(freq_hz)
     power = np.cumsum(np.sum(np.abs(U[1:]) ** 2, axis=1))
     edge = 1 + int(np.argmax(power >= 0.99 * power[-1]))
@@ -140,15 +140,15 @@ def _size(drives: Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
 
 
 def _images_by_torques(drives: Drives, freq_hz: FloatArray, U: ComplexArray, Q: ComplexArray) -> ComplexArray:
-    """Images (F, n_u) of references that are not logged."""
+    """Compute images (F, n_u) of references that are not logged."""
     C_fb, C_ff = drives.controlled(positive(freq_hz))
     images, _ = drives.per_reference(freq_hz)
-    both = C_ff + images
-    R = (U + C_fb * Q) * both.conj() / (np.abs(both) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
+    total = C_ff + images
+    R = (U + C_fb * Q) * total.conj() / (np.abs(total) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
     return images * R
 
 
 def _images_by_references(match: Match, freq_hz: FloatArray, R: ComplexArray) -> ComplexArray:
-    """Images (F, n_u) of logged references, with the delay and the scale of the torques."""
+    """Compute images (F, n_u) of logged references, with the delay and the scale of the torques."""
     images, _ = match.drives.per_reference(freq_hz, match.delay_s)
     return np.asarray(images * R * match.scale)

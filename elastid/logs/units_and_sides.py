@@ -15,11 +15,11 @@ from itertools import combinations
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.base.errors import StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.logs.files.text import MAX_WRONG_FRACTION
-from elastid.logs.repair import Log, blocks
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log, blocks
+from elastid.logs.repair.masks import CHECK_CELLS
 from elastid.logs.repair.time_stamps import MIN_DELAY_CORRELATION
 
 UNWRAPPED = "records/unwrapped"
@@ -30,7 +30,7 @@ MAX_DIFFERENCE = 1e-5
 
 
 def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
-    """Place, key and reason of each channel that is not on the robot, in no unit of its quantity, or given twice."""
+    """Yield place, key and reason of each channel that is off the robot, in a wrong unit, or given twice."""
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
         if channel.role == "d" and channel.at not in motors:
@@ -62,20 +62,20 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
         if channel.role == "d" and channel.at in motors and not has_torque:
             yield i, "at", f"d needs a channel of role u at '{channel.at}'. Add that channel"
-    of = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
-    if of["r"] and of["r"] != of["u"]:
+    at = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
+    if at["r"] and at["r"] != at["u"]:
         first = next(i for i, channel in enumerate(channels) if channel.role == "r")
-        text = f"channels with role r are at {', '.join(sorted(of['r']))}, channels with role u at"
-        yield first, "at", f"{text} {', '.join(sorted(of['u']))}. List r for every input or for none"
+        text = f"channels with role r are at {', '.join(sorted(at['r']))}, channels with role u at"
+        yield first, "at", f"{text} {', '.join(sorted(at['u']))}. List r for every input or for none"
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
-    """Factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
+    """Compute the factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
     return _side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log) -> FloatArray:
-    """The signal (n,) in SI on the link side, an angle unwrapped."""
+    """Convert a signal (n,) to SI on the link side, an angle unwrapped."""
     factor, turns = _side_factor(channel, robot), 0
     if channel.quantity == "position":
         values, turns = unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
@@ -85,7 +85,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log)
 
 
 def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
-    """Values (n,) without their jumps by nearly a turn, or by the 2^k of a counter of whole numbers, and the number."""
+    """Remove jumps of values (n,) by nearly a turn, or by the 2^k of an integer counter; return also their number."""
     is_finite = np.isfinite(values)
     x = values[is_finite]
     span = float(np.ptp(x)) if x.size else 0.0
@@ -112,7 +112,7 @@ def to_shafts(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
 
 
 def _through_couplings(channels: Sequence[ChannelSpec], robot: Places, side: str, angle: FloatArray) -> FloatArray:
-    """T (n_c, n_c) for channels on one side; angle (n_u, n_u): to the angles on the other side."""
+    """Compute T (n_c, n_c) for channels on one side; angle (n_u, n_u): to the angles on the other side."""
     T, motors = np.eye(len(channels)), list(robot.motor_locations)
     if np.array_equal(angle, np.eye(len(angle))):
         return T
@@ -136,12 +136,12 @@ def without_placeholders(signals: FloatArray) -> FloatArray:
 def check_values(
     channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], log: Log, may_rest: Collection[str] = ()
 ) -> None:
-    """DataError where a column (n,), some samples NaN, is constant; a note on an input that rests while others move.
+    """Raise DataError for a constant column (n,), some samples NaN; note an input that rests while others move.
 
     may_rest: further roles of channels that may be constant.
     """
     for i, text in value_refusals(channels, columns, may_rest):
-        raise DataError("records/values", f"{channels[i].full_name} {text}", log.where)
+        raise log.error("records/values", f"{channels[i].full_name} {text}")
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
         if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:
@@ -162,7 +162,7 @@ def value_refusals(
     resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
     for i, (channel, values) in enumerate(zip(channels, finite, strict=True)):
         if values.size == 0:
-            yield i, "contains no finite number. Check its name"
+            yield i, f"contains no finite number. Check its name. {CHECK_CELLS}"
         elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE or 0 < largest < 1 / MAX_COMPUTABLE:
             yield (i, f"reaches {largest:.3g}, which is implausible. Check name and placeholder for missing values")
         elif np.ptp(values) == 0 and channel.role not in resting:
@@ -252,7 +252,7 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
 
 
 def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signals (n, c) by T of `to_joints` or `to_shafts`, with known disturbances added to the torques; and these."""
+    """Transform signals (n, c) by T of `to_joints` or `to_shafts`, add disturbances to torques; return also these."""
     torques = [i for i, channel in enumerate(channels) if channel.role == "u"]
     signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
     motors, disturbances = [channels[i].at for i in torques], np.zeros((len(signals), len(torques)))
@@ -266,12 +266,12 @@ def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatAr
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:
-    """Samples at rate_hz for which each u among the channels is held, in their order; 0 where band-limited.
+    """Return samples at rate_hz for which each u among the channels is held, in their order; 0 where band-limited.
 
     A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
     """
     torques = [channel for channel in channels if channel.role == "u"]
     rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
     rates_hz = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
-    is_held = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
-    return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, rates_hz, strict=True))
+    are_zoh = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
+    return tuple(rate_hz / rate if is_zoh else 0.0 for is_zoh, rate in zip(are_zoh, rates_hz, strict=True))

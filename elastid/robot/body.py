@@ -26,13 +26,13 @@ TENSOR = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 def six_numbers(tensor: FloatArray) -> tuple[float, float, float, float, float, float]:
-    """xx, yy, zz, xy, xz, yz of a symmetric tensor (3, 3)."""
+    """Return xx, yy, zz, xy, xz, yz of a symmetric tensor (3, 3)."""
     xx, yy, zz, xy, xz, yz = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
     return xx, yy, zz, xy, xz, yz
 
 
 def possible(tensor: FloatArray) -> FloatArray:
-    """The tensor (3, 3) with its smaller principal inertias enlarged up to the sum that the largest one needs.
+    """Enlarge the smaller principal inertias of a tensor (3, 3) up to the sum that the largest one needs.
 
     By at most a tenth of the largest, the usual tolerance of an inertia; else, and with a negative one, as it is.
     """
@@ -153,7 +153,7 @@ class Payload:
         self.body("", Placement())
 
     def body(self, parent: str, placement: Placement) -> Body:
-        """The payload as a body, where it is carried."""
+        """Return the payload as a body, where it is carried."""
         return Body(PAYLOAD, parent, placement, (), self.mass, self.center_of_mass, self.inertia)
 
     @property

@@ -27,25 +27,25 @@ def before_channels(signals: FloatArray, rate_hz: float, channels: Sequence[Sequ
 def _through(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]], power: int) -> FloatArray:
     if not any(channels):
         return signals
-    return np.stack([_filtered(x, rate_hz, of, power) for x, of in zip(signals.T, channels, strict=True)], axis=1)
+    return np.stack([_filtered(x, rate_hz, chain, power) for x, chain in zip(signals.T, channels, strict=True)], axis=1)
 
 
 def _filtered(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power: int) -> FloatArray:
     gain = float(np.prod([channel.gain**power for channel in channels]))
-    late = [channel for channel in channels if channel.delay or channel.low_pass]
-    if not late or len(x) < 2:
+    delays = [channel for channel in channels if channel.delay or channel.low_pass]
+    if not delays or len(x) < 2:
         return x * gain
-    lag_s = power * sum(channel.delay + channel.low_pass for channel in late)
+    lag_s = power * sum(channel.delay + channel.low_pass for channel in delays)
     m = min(len(x) - 1, _REFLECTED)
     extended = np.pad(x, m, mode="reflect", reflect_type="odd")
     slope = (extended[-1] - extended[0]) / (len(extended) - 1)
     line = extended[0] + slope * np.arange(len(extended))
     s = (2j * np.pi * np.fft.rfftfreq(len(extended), 1 / rate_hz)).astype(np.complex128)
-    H: ComplexArray = np.prod([_response(s, channel) ** power for channel in late], axis=0)
+    H: ComplexArray = np.prod([_response(s, channel) ** power for channel in delays], axis=0)
     filtered = np.fft.irfft(np.fft.rfft(extended - line) * H, len(extended)) + line - slope * rate_hz * lag_s
     return np.asarray(gain * filtered[m : m + len(x)])
 
 
 def _response(s: ComplexArray, channel: Channel) -> ComplexArray:
-    """Response (F,) of delay and low pass of a channel."""
+    """Return response (F,) of delay and low pass of a channel."""
     return np.exp(-s * channel.delay) * low_pass_response(s, channel.low_pass)

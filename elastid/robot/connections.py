@@ -44,7 +44,7 @@ class CoilSpring:
     # fmt: on
 
     def numbers(self, name: str) -> Numbers:
-        """kc_ and L0_ of a compensator."""
+        """Return kc_ and L0_ of a compensator."""
         return {f"kc_{name}": ("N/m", ("stiffness",)), f"L0_{name}": ("m", ("rest_length",))}
 
 
@@ -67,7 +67,7 @@ class GasSpring:
     # fmt: on
 
     def numbers(self, name: str) -> Numbers:
-        """F0_, L0_, h0_ and kappa_ of a compensator."""
+        """Return F0_, L0_, h0_ and kappa_ of a compensator."""
         return {
             f"F0_{name}": ("N", ("force",)),
             f"L0_{name}": ("m", ("length",)),
@@ -164,7 +164,7 @@ class Rod:
         return self.stiffness is not None
 
     def numbers(self, loop: str) -> Numbers:
-        """m_, a_ (place of the centre of mass), I_ of a loop's rod, and k_, d_ of an elastic one."""
+        """Return m_, a_ (place of the centre of mass), I_ of a loop's rod, and k_, d_ of an elastic one."""
         places: Numbers = {
             f"m_{loop}": ("kg", ("mass",)),
             f"a_{loop}": ("1", ("center",)),
@@ -210,7 +210,7 @@ class Loop:
 
 
 def _ends_of(prefix: str, name: str) -> Numbers:
-    """The coordinates of two points, `ends`: p1_name_x ... and p2_name_x ... of the prefix p."""
+    """Return the coordinates of two points, `ends`: p1_name_x ... and p2_name_x ... of the prefix p."""
     return coordinates(f"{prefix}1_{name}", ("ends", 0, "point")) | coordinates(
         f"{prefix}2_{name}", ("ends", 1, "point")
     )

@@ -78,7 +78,7 @@ class DenavitHartenberg:
         "or `modified`.", "`modified` (Craig) if the rotation alpha comes first in a row, `standard` if it comes "
         "last.")]
     links: Annotated[tuple[Link, ...], Key("Rows of the table, from the base to the tool.", "one row per driven joint; "
-        "write elastic joints inside the rows.")]
+        "write elastic joints inside the rows.", filled=True)]
     base: Annotated[Placement, Key("Placement of frame 0 in the base.", "for robots on a pedestal, a wall or a "
         "ceiling; gravity stays in the base frame.")] = field(default_factory=Placement)
     tool: Annotated[Placement, Key("Placement of the tool in the frame of the last link; it defines the robot's frame "
@@ -95,12 +95,10 @@ class DenavitHartenberg:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.links:
-            raise ValueError("links is empty; give a row for each joint, from the base to the tool")
         self.robot()
 
     def robot(self) -> Robot:
-        """Robot as bodies and joints."""
+        """Return robot as bodies and joints."""
         bodies, parent, last = [], BASE, self.base
         for link in self.links:
             bodies.append(self._body(link, parent, last))
@@ -110,7 +108,7 @@ class DenavitHartenberg:
         return Robot(*described, gears=self.gears, tolerances=self.tolerances)
 
     def _body(self, link: Link, parent: str, before: Placement) -> Body:
-        """The link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""
+        """Return the link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""
         turn = Placement(rpy=(0.0, 0.0, link.offset))
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))

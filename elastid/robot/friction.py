@@ -180,7 +180,7 @@ class Friction:
         "factor of v |v|.", "for oil churning at high speed; at one working speed a linear damping includes "
         "it.", least=0)] = 0.0
     exponent: Annotated[float, Key("Exponent a of the Stribeck curve.", "below 2 for a gradual fall, such as 1.36 of "
-        "one measured gear; published values are 0.5 to 2.")] = 2.0
+        "one measured gear; published values are 0.5 to 2.", least=EXPONENT_RANGE[0], most=EXPONENT_RANGE[1])] = 2.0
     lugre: Annotated[LuGre | None, Key("LuGre model of presliding (default: no presliding, sgn(v) g(v) smoothed at "
         "zero velocity).", "for control and observers with one state; it drifts under vibration, and with stiffness "
         "alone it is the Dahl model.")] = None
@@ -199,11 +199,6 @@ class Friction:
     # fmt: on
 
     def __post_init__(self) -> None:
-        low, high = EXPONENT_RANGE
-        if not low <= self.exponent <= high:
-            raise ValueError(
-                f"friction: exponent (a) is {self.exponent:g}; a Stribeck curve has {low:g} to {high:g}, mostly 1 to 2"
-            )
         if self.directions is not None and not abs(self.directions.coulomb) < self.coulomb:
             raise ValueError(
                 f"friction: directions: coulomb {self.directions.coulomb:g} must be below coulomb {self.coulomb:g}, or "
@@ -233,7 +228,7 @@ class Friction:
         return by_load or (temperature is not None and temperature.stiction != 0)
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
-        """ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
+        """Raise ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
 
         Viscous friction must be more than what it differs by between directions.
 

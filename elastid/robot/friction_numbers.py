@@ -39,7 +39,7 @@ class FrictionTerm:
         return f"{self.prefix}_m{joint}"
 
     def unit_at(self, slides: bool) -> str:
-        """Unit of the number on the link side."""
+        """Return unit of the number on the link side."""
         return of_translation(self.unit) if slides and self.unit else self.unit
 
 
@@ -73,7 +73,7 @@ TERMS: dict[str, FrictionTerm] = {term.path: term for term in map(_term, _TERMS.
 
 
 def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
-    """A law of the link side on the side of a motor with ratio n, or of the motor on the link side."""
+    """Return a law of the link side on the side of a motor with ratio n, or of the motor on the link side."""
     scale = 1 / abs(n) if to_motor else abs(n)
     powers = {term.path: (term.power, term.turns) for term in TERMS.values() if term.path != "viscous"}
     powers["lugre.damping_velocity"] = (-1, False)  # has no name, and is moved with the others
@@ -82,28 +82,28 @@ def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
         keys: Path = tuple(path.split("."))
         if _present(friction, keys):
             values[keys] = number_at(friction, keys) * scale**power * (-1.0 if turns and n < 0 else 1.0)
-    moved: Friction = replaced(friction, values)
+    law: Friction = replaced(friction, values)
     slip, measured = friction.maxwell_slip, friction.measured
     if measured is not None:
         speed, load = _scaled(measured.speed, 1 / scale), _scaled(measured.load, scale)
-        moved = replace(moved, measured=replace(measured, speed=speed, load=load))
+        law = replace(law, measured=replace(measured, speed=speed, load=load))
     if slip is None:
-        return moved
+        return law
     stiffness = tuple(scale**2 * k for k in slip.stiffness)
     damping = tuple(scale**2 * d for d in slip.damping)
     slip = replace(slip, stiffness=stiffness, damping=damping, attraction=scale * slip.attraction)
-    return replace(moved, maxwell_slip=slip)
+    return replace(law, maxwell_slip=slip)
 
 
 def law_of(robot: Robot, joint: str) -> Friction | None:
-    """Friction model at the motor of a joint, on the link side; None without one."""
+    """Return friction model at the motor of a joint, on the link side; None without one."""
     motor = next(driven.motor for driven in robot.driven if driven.name == joint)
     law = None if motor is None else motor.dry_friction
     return None if law is None or motor is None else through_gear(law, motor.ratio, to_motor=False)
 
 
 def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
-    """Value and unit, link side, of each number that the friction of the robot's motors has."""
+    """Return value and unit, link side, of each number that the friction of the robot's motors has."""
     numbers: dict[str, tuple[float, str]] = {}
     for joint in robot.driven:
         motor, law = joint.motor, law_of(robot, joint.name)
@@ -119,7 +119,7 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
 
 
 def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """Robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
+    """Return robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
     friction = friction_numbers(robot)
     rest = {name: value for name, value in values.items() if name not in friction}
     changed = robot.with_parameters(rest) if rest else robot
@@ -135,7 +135,7 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
 
 
 def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot:
-    """The robot with other laws and viscous friction at motors, by joint, both given on the link side."""
+    """Return the robot with other laws and viscous friction at motors, by joint, both given on the link side."""
 
     def changed(joint: Joint) -> Joint:
         if joint.name not in laws or joint.motor is None:

@@ -55,7 +55,7 @@ GearCouplings: TypeAlias = Annotated[tuple[GearCoupling, ...], Key("Gear couplin
 
 
 def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "") -> FloatArray:
-    """E (n_u, n_u) = diag(ratio)^-1 eta, identity without couplings. only: couplings with springs before or after."""
+    """Compute E (n_u, n_u) = diag(ratio)^-1 eta, identity without couplings. only: springs before or after."""
     ratio = {joint.name: joint.motor.ratio for joint in driven if joint.motor is not None}
     names, E = list(ratio), np.eye(len(ratio))
     for gear in gears:
@@ -65,7 +65,7 @@ def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "
 
 
 def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> dict[str, FloatArray]:
-    """Turns of the joints (n_u,) where one spring deflects by 1 rad and no other does, by parameter name.
+    """Return turns of the joints (n_u,) where one spring deflects by 1 rad and no other does, by parameter name.
 
     `k_<joint>` on the link side, unit of its joint; `km_<joint>` on the motor side.
     """
@@ -126,7 +126,7 @@ class Gearbox:
 
 
 def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[Gearbox, ...]:
-    """The elastic gears, those that share a spring in one gearbox."""
+    """Return the elastic gears, those that share a spring in one gearbox."""
     directions = spring_directions(driven, gears)
     X = np.array([*directions.values()]).reshape(-1, len(driven)).T
     together = np.linalg.matrix_power((X @ X.T != 0).astype(float), len(driven)) > 0
@@ -141,7 +141,7 @@ def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[G
 
 
 def check_series(driven: Sequence[Joint], boxes: Sequence[Gearbox]) -> None:
-    """ValueError for nonlinear springs in series: compliances add for springs of one stiffness only."""
+    """Raise ValueError for nonlinear springs in series: compliances add for springs of one stiffness only."""
     bent = {f"k_{joint.name}" for joint in driven if joint.spring is not None and not joint.spring.is_linear}
     for box in boxes:
         if box.is_in_series and bent & set(box.springs):
@@ -157,7 +157,7 @@ def _without_rounding(matrix: NDArray[Any]) -> FloatArray:
 
 
 def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
-    """ValueError for couplings of joints without a motor and a singular eta."""
+    """Raise ValueError for couplings of joints without a motor and a singular eta."""
     names = [joint.name for joint in driven]
     pairs = [(gear.motor, gear.joint) for gear in gears]
     for pair in pairs:

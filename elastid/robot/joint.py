@@ -102,14 +102,14 @@ class Spring:
         return all(getattr(self, field) is None for field, _, _ in _FURTHER)
 
     def numbers(self, joint: str) -> Numbers:
-        """k_ and d_ of a joint; k2_, k2s_, k3_, b_, ki_ and e_ where the spring has them."""
+        """Return k_ and d_ of a joint; k2_, k2s_, k3_, b_, ki_ and e_ where the spring has them."""
         present = [row for row in _FURTHER if getattr(self, row[0]) is not None]
         present += (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1")) if self.backlash is not None else ()
         first: Numbers = {f"k_{joint}": ("N*m/rad", ("stiffness",)), f"d_{joint}": ("N*m*s/rad", ("damping",))}
         return first | {f"{letter}_{joint}": (unit, (field,)) for field, letter, unit in present}
 
     def _check_monotone(self) -> None:
-        """The tangent a + 2 s |Delta| + 3 k3 Delta^2 stays positive in both directions: s >= 0 or s^2 < 3 a k3."""
+        """Check that a + 2 s |Delta| + 3 k3 Delta^2 is positive in both directions: s >= 0 or s^2 < 3 a k3."""
         even, odd, cubic = self.quadratic or 0.0, self.symmetric_quadratic or 0.0, self.cubic or 0.0
         a = min(self.stiffness, self.inner_stiffness) if self.backlash is not None else self.stiffness
         where = " inside the backlash" if a < self.stiffness else ""
@@ -181,7 +181,7 @@ class Gear:
 
     # fmt: off
     load: Annotated[float, Key("Coulomb friction at the motor per Nm of instantaneous gear torque.", "0.02 to 0.15, "
-        "about one minus the efficiency; friction.load refers to the static load instead.", least=0)] = 0.0
+        "about one minus the efficiency; friction.load refers to the static load instead.", least=0, below=1)] = 0.0
     transmission_error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, one entry per order.",
         "from the data sheet, or as estimated by the stage gears.")] = ()
     ripple: Annotated[tuple[GearRipple, ...], Key("Torque ripple and cogging of the motor, one entry per order.",
@@ -190,12 +190,6 @@ class Gear:
         "a few percent of the rated torque for strain wave gears; without an element, the gear dissipates by damping "
         "only.")] = ()
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.load >= 1:
-            raise ValueError(
-                f"gear: load is {self.load:g}; a gear whose friction takes all of its torque turns no link"
-            )
 
 
 @section
@@ -270,7 +264,7 @@ class Motor:
         return Friction(self.coulomb) if self.friction is None and self.coulomb > 0 else self.friction
 
     def numbers(self, joint: str) -> Numbers:
-        """Jm_ and fm_ of a joint, km_ and dm_ of the motor's shaft, on the motor side."""
+        """Return Jm_ and fm_ of a joint, km_ and dm_ of the motor's shaft, on the motor side."""
         entries: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
         if self.spring is None:
             return entries
@@ -424,7 +418,7 @@ class Joint:
         return "m" if self.slides else "rad"
 
     def refusal_of(self, number: float) -> str:
-        """Why a number, written with a unit, cannot belong to this joint; empty where it can."""
+        """Return why a number, written with a unit, cannot belong to this joint; empty where it can."""
         if not isinstance(number, Measured) or _turns(number.dimension) != self.slides:
             return ""
         hint = "" if self.slides else " (motion: translation makes it slide)"
@@ -434,7 +428,7 @@ class Joint:
         )
 
     def position_refusal(self, at: float, swing: float = 0.0) -> str:
-        """Why it cannot be at a position, in rad or m, and swing about it; empty where it can."""
+        """Return why it cannot be at a position, in rad or m, and swing about it; empty where it can."""
         low, high = self.limits.angle
         # Without limits: beyond a long rail in m, or two turns in rad, it was given in another unit.
         if math.isinf(high - low) and abs(at) > (50.0 if self.slides else 4 * math.pi):
@@ -466,7 +460,7 @@ class Joint:
 
 
 def _numbers_of(part: object, path: str = "") -> Iterator[tuple[str, float]]:
-    """The numbers of a section and of the sections in it but for a motor: `viscous`, `friction.lugre: stiffness`."""
+    """Yield numbers of a section and of sections in it except motors: `viscous`, `friction.lugre: stiffness`."""
     for name, value in vars(part).items():
         if is_dataclass(value) and not isinstance(value, Motor):
             yield from _numbers_of(value, f"{path}.{name}" if path else name)

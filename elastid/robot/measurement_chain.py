@@ -131,18 +131,18 @@ class Chain:
         """Unit and path of the time constant of each element, and of the numbers of listed channels."""
         numbers: Numbers = {name: ("s", (name,)) for name in self._times}
         for i, channel in enumerate(self.channels):
-            for kind, (unit, usual) in CHANNEL_NUMBERS.items():
-                if (kind == "gain" and channel.at) or getattr(channel, kind) != usual:
+            for kind, (unit, ideal) in CHANNEL_NUMBERS.items():
+                if (kind == "gain" and channel.at) or getattr(channel, kind) != ideal:
                     numbers[channel_name(kind, channel.role, channel.at)] = (unit, ("channels", i, kind))
         return numbers
 
     def channel_numbers(self, motors: Sequence[str], places: Sequence[str]) -> dict[str, tuple[Channel, str]]:
-        """Channel and kind of each number of torques at motors and motions at places, by name, as far as listed."""
-        listed = {(channel.role, channel.at): channel for channel in self.channels}
-        of_role = {"u": motors, "y": places, "r": motors, "kp": motors, "kd": motors}
-        keys = [(role, place) for role, at in of_role.items() for place in ("", *at) if place or role in "uyr"]
+        """Return channel and kind of each number of torques at motors and motions at places, by name, if listed."""
+        channels = {(channel.role, channel.at): channel for channel in self.channels}
+        places_of_role = {"u": motors, "y": places, "r": motors, "kp": motors, "kd": motors}
+        keys = [(role, place) for role, at in places_of_role.items() for place in ("", *at) if place or role in "uyr"]
         return {
-            channel_name(kind, *key): (listed.get(key, Channel(*key)), kind)  # type: ignore[arg-type]
+            channel_name(kind, *key): (channels.get(key, Channel(*key)), kind)  # type: ignore[arg-type]
             for key in keys
             for kind in CHANNEL_NUMBERS
             if (key[1] or kind != "gain") and (key[0] in "uyr" or kind == "gain")
@@ -150,8 +150,8 @@ class Chain:
 
     def at(self, role: str, places: Iterable[str]) -> list[tuple[Channel, ...]]:
         """Return the listed channels of a role at each place, including channels for all places."""
-        of_role = [channel for channel in self.channels if channel.role == role]
-        return [tuple(channel for channel in of_role if channel.at in ("", place)) for place in places]
+        channels = [channel for channel in self.channels if channel.role == role]
+        return [tuple(channel for channel in channels if channel.at in ("", place)) for place in places]
 
     def check_places(self, motors: Collection[str], places: Collection[str]) -> None:
         """Raise ValueError for a listed channel that does not exist, and for a common gain of a role."""

@@ -22,7 +22,7 @@ Acceleration3: TypeAlias = tuple[
 
 
 def unit_axis(axis: Axis) -> FloatArray:
-    """A direction (3,) of length one; ValueError for the zero vector."""
+    """Return a direction (3,) of length one; ValueError for the zero vector."""
     vector = np.eye(3)["xyz".index(axis)] if isinstance(axis, str) else np.array(axis, dtype=float)
     length = float(np.linalg.norm(vector))
     if not length > 0:
@@ -43,7 +43,7 @@ class Placement:
 
     @classmethod
     def of(cls, rotation: FloatArray, translation: FloatArray) -> "Placement":
-        """The placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
+        """Return the placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
         R = rotation
         cosine = float(np.hypot(R[0, 0], R[1, 0]))
         if cosine > 1e-9:  # below, roll and yaw turn about the same axis
@@ -72,25 +72,25 @@ Numbers: TypeAlias = dict[str, tuple[str, Path]]
 
 
 def coordinates(prefix: str, path: Path) -> Numbers:
-    """The three coordinates of a point: prefix_x, prefix_y and prefix_z."""
+    """Return the three coordinates of a point: prefix_x, prefix_y and prefix_z."""
     return {f"{prefix}_{axis}": ("m", (*path, i)) for i, axis in enumerate("xyz")}
 
 
 def below(path: str | Path, numbers: Numbers) -> Numbers:
-    """The numbers of a part, seen from the object that has the part at `path`."""
+    """Return the numbers of a part, seen from the object that has the part at `path`."""
     steps = (path,) if isinstance(path, str) else path
     return {name: (unit, (*steps, *inner)) for name, (unit, inner) in numbers.items()}
 
 
 def number_at(description: Any, path: Path) -> float:
-    """The number at a path."""
+    """Return the number at a path."""
     for step in path:
         description = description[step] if isinstance(step, int) else getattr(description, step)
     return float(description)
 
 
 def replaced(description: Any, values: Mapping[Path, float]) -> Any:
-    """Description with other numbers at these paths, each dataclass checked again once all are in it."""
+    """Return description with other numbers at these paths, each dataclass checked again once all are in it."""
     if () in values:
         return values[()]
     inner: dict[str | int, dict[Path, float]] = {}

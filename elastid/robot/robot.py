@@ -22,7 +22,7 @@ from elastid.robot.tolerances import FileTolerances, Tolerances
 
 
 def check_unique_names(robot: "Robot") -> None:
-    """ValueError for names of one kind that are the same, and for a body that has the name of the base."""
+    """Raise ValueError for names of one kind that are the same, and for a body that has the name of the base."""
     bodies = [body.name for body in robot.all_bodies]
     for name in bodies:
         if name.casefold() == BASE:
@@ -47,20 +47,20 @@ def check_body_exists(owner: str, name: str, robot: "Robot") -> None:
 
 
 def check_loops(robot: "Robot") -> None:
-    """ValueError unless loops join bodies that exist and share no name with anything that has parameters of its own."""
-    taken = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
+    """Raise ValueError unless loops join existing bodies and share no name with a body, joint or loop."""
+    names = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
     for loop in robot.loops:
         for end in loop.ends:
             check_body_exists(f"loop {loop.name}", end.body, robot)
-        if loop.name in taken:
+        if loop.name in names:
             raise ValueError(
                 f"loop {loop.name}: a body, joint or loop has this name; its parameters need a name of their own"
             )
-        taken.append(loop.name)
+        names.append(loop.name)
 
 
 def check_carrier(joint: Joint, robot: "Robot") -> None:
-    """ValueError unless the motor rides on a body between the base and its joint, or on one that its joint moves."""
+    """Raise ValueError unless the motor rides on a body between base and joint, or on one that its joint moves."""
     carrier = joint.motor.on if joint.motor is not None else ""
     if carrier in ("", BASE):
         return
@@ -68,17 +68,19 @@ def check_carrier(joint: Joint, robot: "Robot") -> None:
     carried_by: dict[str, list[str]] = {BASE: []}
     for body in robot.bodies:
         carried_by[body.name] = [*carried_by[body.parent], body.name]
-    moved = next(body.name for body in robot.bodies if joint in body.joints)
-    fitting = [body for body, path in carried_by.items() if moved in path or body in carried_by[moved]]
-    if carrier not in fitting:
+    body_of_joint = next(body.name for body in robot.bodies if joint in body.joints)
+    candidates = [
+        body for body, path in carried_by.items() if body_of_joint in path or body in carried_by[body_of_joint]
+    ]
+    if carrier not in candidates:
         raise ValueError(
             f"joint {joint.name}: its motor is on {carrier}, in a branch without this joint. Possible bodies: "
-            f"{', '.join([BASE, *fitting])}"
+            f"{', '.join([BASE, *candidates])}"
         )
 
 
 def check_tolerances(robot: "Robot") -> None:
-    """ValueError for tolerances of a body, loop or payload that the robot does not have."""
+    """Raise ValueError for tolerances of a body, loop or payload that the robot does not have."""
     names = [*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)]
     for entry in robot.tolerances.bodies if isinstance(robot.tolerances, Tolerances) else ():
         if entry.name not in names:
@@ -90,7 +92,7 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def split_place(place: str) -> tuple[str, str, str]:
-    """Kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
+    """Return kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
     kind, _, rest = place.partition(" ")
     name, _, axis = rest.rpartition(" ")
     return kind, name, axis
@@ -206,7 +208,7 @@ class Robot:
         return (*self.bodies, self.payload.body(*seats[place]))
 
     def carrying(self, carries: bool) -> "Robot":
-        """The robot with its payload, or without it."""
+        """Return the robot with its payload, or without it."""
         return self if carries or self.payload is None else replace(self, payload=None)
 
     @cached_property
@@ -230,7 +232,7 @@ class Robot:
         return tuple(i for i, joint in enumerate(self.joints) if joint.motor is not None)
 
     def opened(self, angles: FloatArray) -> FloatArray:
-        """The joints (..., n_l) at the driven joints' angles (..., n_u), all others at 0."""
+        """Return the joints (..., n_l) at the driven joints' angles (..., n_u), all others at 0."""
         q = np.zeros((*angles.shape[:-1], len(self.joints)))
         q[..., list(self.driven_indices)] = angles
         return q
@@ -269,20 +271,20 @@ class Robot:
         return frozen(np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing)
 
     def ratio(self, joint: str) -> float:
-        """Gear ratio of the motor of a joint; raise UnknownNameError for an undriven joint."""
+        """Return gear ratio of the motor of a joint; raise UnknownNameError for an undriven joint."""
         ratios = {driven.name: driven.motor.ratio for driven in self.driven if driven.motor is not None}
         if joint in ratios:
             return ratios[joint]
         raise UnknownNameError(f"joint {joint} has no motor; driven joints: {', '.join(self.driven_names)}")
 
     def count_refusal(self, count: int, noun: str = "angles") -> str:
-        """Why so many numbers cannot be one for each driven joint; empty where they can."""
+        """Return why so many numbers cannot be one for each driven joint; empty where they can."""
         n_u, joints = len(self.driven), ", ".join(self.driven_names)
         refused = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
         return "" if count == n_u else refused
 
     def check_location(self, location: str) -> None:
-        """StudyError for a place that the robot does not have; it lists those it has."""
+        """Raise StudyError for a place that the robot does not have; it lists those it has."""
         if location not in self.locations:
             raise StudyError(
                 "robot/unknown-name",
@@ -308,14 +310,14 @@ class Robot:
         )
 
     def slides(self, location: str) -> bool:
-        """True if a place translates, measured in m: a sliding joint, its motor, the origin of a frame; a force."""
+        """Tell if a place translates, measured in m: a sliding joint, its motor, the origin of a frame; a force."""
         kind, _, rest = location.partition(" ")
         if kind in ("motor", "joint"):
             return any(joint.slides for joint in self.joints if joint.name == rest)
         return kind in ("accelerometer", "force") or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
-        """The places among `locations` that translate."""
+        """Return the places among `locations` that translate."""
         return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
 
     @cached_property
@@ -378,28 +380,28 @@ class Robot:
         yield from ((("compensators", i), compensator) for i, compensator in enumerate(self.compensators))
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
-        """Every number with a name: its value and SI unit; of geometry and channels those that are named, last."""
-        named = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
-        table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
-        of_channels = self.channel_numbers.items() if geometry else ()
+        """Return value and SI unit of every named number; of geometry and channels only the stated names, last."""
+        geometric = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
+        table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | geometric).items()}
+        channels = self.channel_numbers.items() if geometry else ()
         return table | {
             name: (getattr(channel, kind), CHANNEL_NUMBERS[kind][0])
-            for name, (channel, kind) in of_channels
+            for name, (channel, kind) in channels
             if name in geometry
         }
 
     def with_parameters(self, values: Mapping[str, float]) -> "Robot":
-        """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
+        """Return robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         numbers = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
-        of_channels = self.channel_numbers
-        further = {name: of_channels[name] for name in values if name in of_channels and name not in numbers}
-        if further:
+        channel_table = self.channel_numbers
+        channel_names = {name: channel_table[name] for name in values if name in channel_table and name not in numbers}
+        if channel_names:
             channels = {(channel.role, channel.at): channel for channel in self.chain.channels}
-            for name, (channel, kind) in further.items():
+            for name, (channel, kind) in channel_names.items():
                 key = channel.role, channel.at
                 channels[key] = replaced(channels.get(key, channel), {(kind,): values[name]})
             changed: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
-            return changed.with_parameters({name: value for name, value in values.items() if name not in further})
+            return changed.with_parameters({name: value for name, value in values.items() if name not in channel_names})
         for name in values:
             if name not in numbers:
                 raise StudyError(
@@ -424,6 +426,6 @@ def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
                 "robot/unknown-name",
                 f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*frame_names, *bodies])}",
             )
-        made = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
-        robot = replace(robot, frames=(*robot.frames, made))
+        frame = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
+        robot = replace(robot, frames=(*robot.frames, frame))
     return robot

@@ -30,7 +30,7 @@ class ElasticCoordinate:
 
 
 def elastic_coordinates(robot: Robot) -> tuple[ElasticCoordinate, ...]:
-    """All of them: joints in the robot's order, then rods."""
+    """List all: joints in the robot's order, then rods."""
     joints = [
         ElasticCoordinate(joint.name, "joint" if joint.motor is None else "gear")
         for joint in robot.joints
@@ -41,7 +41,7 @@ def elastic_coordinates(robot: Robot) -> tuple[ElasticCoordinate, ...]:
 
 
 def stiffened(robot: Robot, names: Collection[str]) -> Robot:
-    """The robot without the springs of these coordinates and their parameters.
+    """Return the robot without the springs of these coordinates and their parameters.
 
     A driven joint turns with its rotor: ratio^2 times its inertia on the joint, with its friction; where gears couple
     axes, with the contributions of the other motors. A joint that is not driven is left out, and so are its places. A
@@ -75,12 +75,12 @@ def stiffened(robot: Robot, names: Collection[str]) -> Robot:
 
 
 def without_motor_coupling(robot: Robot) -> Robot:
-    """Every rotor turns about its own axis only: the reduced model of Spong."""
+    """Let every rotor turn about its own axis only: the reduced model of Spong."""
     return with_joints(robot, lambda joint: _with_motor(joint, on="", axis=None))
 
 
 def without_dry_friction(robot: Robot) -> Robot:
-    """Motors, gears and joints with their viscous friction alone."""
+    """Leave motors, gears and joints their viscous friction alone."""
 
     def smooth(joint: Joint) -> Joint:
         gear = None if joint.gear is None else replace(joint.gear, load=0.0, hysteresis=())
@@ -90,12 +90,12 @@ def without_dry_friction(robot: Robot) -> Robot:
 
 
 def without_friction(robot: Robot) -> Robot:
-    """Motors and joints without viscous and dry friction."""
+    """Remove viscous and dry friction of motors and joints."""
     return with_joints(without_dry_friction(robot), lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0))
 
 
 def with_straight_springs(robot: Robot) -> Robot:
-    """Springs in gears with the one stiffness k, beyond the gap of one that has a gap."""
+    """Replace springs in gears by linear springs of stiffness k, beyond the gap of a spring with a gap."""
 
     def straight(joint: Joint) -> Joint:
         if joint.motor is None or joint.spring is None:
@@ -107,8 +107,8 @@ def with_straight_springs(robot: Robot) -> Robot:
 
 def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
     """Return the robot with changed joints; None removes a joint."""
-    kept = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
-    return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in kept))
+    bodies = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
+    return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in bodies))
 
 
 def _with_motor(joint: Joint, **changes: Any) -> Joint:
@@ -116,7 +116,7 @@ def _with_motor(joint: Joint, **changes: Any) -> Joint:
 
 
 def with_point_mass(robot: Robot, mass: float) -> Robot:
-    """The robot with a further mass in kg at the origin of its last frame, besides its own payload.
+    """Return the robot with a further mass in kg at the origin of its last frame, besides its own payload.
 
     Raises StudyError for a robot without frames.
     """

@@ -76,7 +76,7 @@ class Tolerances:
         return 0.0 if self.ratio == EXACT else float(self.ratio)
 
     def std(self, path: Path, body: str) -> float:
-        """Std of the number at a path of a robot, relative or in m; 0 where it is exact.
+        """Return std of the number at a path of a robot, relative or in m; 0 where it is exact.
 
         body: the name of the body, loop or payload that it belongs to.
         """
@@ -90,7 +90,7 @@ FileTolerances: TypeAlias = Tolerances | Exact | None
 
 
 def kind_of(path: Path) -> str:
-    """Key of the tolerance of a number, empty without one."""
+    """Return key of the tolerance of a number, empty without one."""
     keys = [key for key in path if isinstance(key, str)]
     last = keys[-1]
     if last == "inertia":

@@ -39,19 +39,19 @@ class UrdfElement:
     children: "list[UrdfElement]" = field(default_factory=list)
 
     def all(self, tag: str) -> "Iterator[UrdfElement]":
-        """Elements of a tag right below."""
+        """Return elements of a tag right below."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> "UrdfElement | None":
-        """The first of a tag right below, if there is one."""
+        """Return the first of a tag right below, if there is one."""
         return next(self.all(tag), None)
 
     def wrong(self, message: str) -> StudyError:
-        """An error with the place of the element."""
+        """Return an error with the place of the element."""
         return StudyError("robot/file", message, f"{self.path}:{self.line}")
 
     def text(self, key: str) -> str:
-        """An attribute; StudyError where it is missing."""
+        """Return an attribute; StudyError where it is missing."""
         if key not in self.attributes:
             raise self.wrong(f"<{self.tag}> needs {key}")
         return self.attributes[key]
@@ -66,7 +66,7 @@ class UrdfElement:
             raise self.wrong(str(error)) from None
 
     def numbers(self, key: str, count: int, default: str | None = None) -> tuple[float, ...]:
-        """So many finite numbers of an attribute; StudyError for anything else."""
+        """Return so many finite numbers of an attribute; StudyError for anything else."""
         text = self.text(key) if default is None else self.attributes.get(key, default)
         try:
             values = tuple(float(word) for word in text.split())
@@ -77,12 +77,12 @@ class UrdfElement:
         return values
 
     def number(self, key: str, default: str | None = None) -> float:
-        """One finite number of an attribute; StudyError for anything else."""
+        """Return one finite number of an attribute; StudyError for anything else."""
         return self.numbers(key, 1, default)[0]
 
 
 def read_elements(path: Path) -> UrdfElement:
-    """The root of a file; StudyError with `file:line` for no XML, and for a DOCTYPE, which could define entities."""
+    """Read the root of a file; StudyError with `file:line` for no XML, or a DOCTYPE, which could define entities."""
     stack = [UrdfElement("", {}, path, 1)]
     parser = expat.ParserCreate()
 
@@ -150,7 +150,7 @@ class UrdfRobot:
     # fmt: on
 
     def robot(self, folder: Path) -> Robot:
-        """The robot; ValueError without its file, StudyError with `file:line` where that cannot be read as one."""
+        """Read the robot; ValueError without its file, StudyError with `file:line` where that cannot be read as one."""
         path = folder / self.urdf
         if not os.path.isfile(path):
             raise ValueError(f"urdf: no such file (looked for {path}; the path is relative to the robot's file)")
@@ -196,16 +196,16 @@ class _Reader:
             self.child_of[child] = joint
 
     def read(self) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
-        """All bodies, parents first, and the fixed links without mass or on the base as frames."""
+        """Return all bodies, parents first, and the fixed links without mass or on the base as frames."""
         roots = [name for name in self.links if name not in self.child_of]
         if len(roots) != 1:
             raise self.root.wrong(f"one link must be the base; without a parent are {', '.join(roots) or 'none'}")
         moving = [joint.name for joint in self.root.all("joint") if joint.text("type") != "fixed"]
         for name in self.known:
             if name not in moving:
-                listed = ", ".join(moving) or "none"
+                names = ", ".join(moving) or "none"
                 raise StudyError(
-                    "robot/unknown-name", f"{self.root.path} has no moving joint {name}; there are {listed}", "joints"
+                    "robot/unknown-name", f"{self.root.path} has no moving joint {name}; there are {names}", "joints"
                 )
         bodies: list[Body] = []
         frames = [Frame(roots[0], BASE)]
@@ -222,7 +222,7 @@ class _Reader:
             else:
                 bodies.append(_body(link, seat.body, Placement.of(R, p), self._joints(joint)))
                 below = _Seat(child, np.eye(3), np.zeros(3))
-            waiting += [(further, below) for further in self.below.get(child, [])]
+            waiting += [(joint_below, below) for joint_below in self.below.get(child, [])]
         reached = {body.name for body in bodies} | {frame.name for frame in frames}
         for name in self.links:
             if name not in reached:
@@ -236,9 +236,9 @@ class _Reader:
         if self._is_fixed(joint):
             return ()
         if kind not in _MOVING or joint.first("mimic") is not None:
-            which = f"of type {kind}" if kind not in _MOVING else "that mimics another"
+            kind_text = f"of type {kind}" if kind not in _MOVING else "that mimics another"
             raise joint.wrong(
-                f"joint {name}: a joint {which} cannot be modelled; take revolute, prismatic or fixed joints"
+                f"joint {name}: a joint {kind_text} cannot be modelled; take revolute, prismatic or fixed joints"
             )
         if name not in self.known:
             raise joint.wrong(
@@ -251,20 +251,20 @@ class _Reader:
             )
         axis_of = joint.first("axis")
         x, y, z = (1.0, 0.0, 0.0) if axis_of is None else axis_of.numbers("xyz", 3)
-        dynamics, given = joint.first("dynamics"), self.known[name]
+        dynamics, properties = joint.first("dynamics"), self.known[name]
         viscous = 0.0 if dynamics is None else dynamics.number("damping", "0")
-        viscous = viscous if given.viscous is None else given.viscous
+        viscous = viscous if properties.viscous is None else properties.viscous
         try:
-            limits = _limits(joint) if given.limits is None else given.limits
-            axis, parts = (x, y, z), (given.spring, given.motor, viscous)
-            return Joint(name, axis, *parts, limits=limits, motion=_MOVING[kind]), *given.elastic
+            limits = _limits(joint) if properties.limits is None else properties.limits
+            axis, parts = (x, y, z), (properties.spring, properties.motor, viscous)
+            return Joint(name, axis, *parts, limits=limits, motion=_MOVING[kind]), *properties.elastic
         except StudyError:
             raise
         except ValueError as error:
             raise joint.wrong(str(error)) from None
 
     def _is_fixed(self, joint: UrdfElement) -> bool:
-        """True for a fixed joint, and for one without a motor that mimics another, at its zero."""
+        """Return True for a fixed joint, and for one without a motor that mimics another, at its zero."""
         mimic = joint.first("mimic")
         is_mimic = mimic is not None and joint.name not in self.known and mimic.number("offset", "0") == 0
         return is_mimic or joint.text("type") == "fixed"

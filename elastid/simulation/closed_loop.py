@@ -53,7 +53,7 @@ _log = logging.getLogger(__name__)
 
 
 def compiled(function: ca.Function, calls: int) -> ca.Function:
-    """The function as machine code if at least MIN_CALLS calls are announced, otherwise itself."""
+    """Return the function as machine code if at least MIN_CALLS calls are announced, otherwise itself."""
     if calls < MIN_CALLS:
         return function
     try:
@@ -69,20 +69,20 @@ def compiled(function: ca.Function, calls: int) -> ca.Function:
 
 
 def compiler() -> list[str]:
-    """Command of the C compiler: $CC, otherwise cc, gcc or clang; raise OSError without one."""
+    """Return command of the C compiler: $CC, otherwise cc, gcc or clang; raise OSError without one."""
     try:
-        given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+        command = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
     except ValueError as error:
         raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
-    for name, *words in [given] if given else [["cc"], ["gcc"], ["clang"]]:
+    for name, *words in [command] if command else [["cc"], ["gcc"], ["clang"]]:
         path = shutil.which(name)
         if path:
             return [path, *words]
-    raise OSError(f"there is no C compiler ({given[0] if given else 'cc, gcc, clang'})")
+    raise OSError(f"there is no C compiler ({command[0] if command else 'cc, gcc, clang'})")
 
 
 def _loaded(function: ca.Function) -> ca.Function:
-    """The function from a library whose file is gone; OSError, RuntimeError or SubprocessError where that fails."""
+    """Load the function from a library, then remove it; OSError, RuntimeError or SubprocessError where that fails."""
     generator = ca.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
     # Windows removes no library that is loaded.
@@ -99,13 +99,13 @@ def _loaded(function: ca.Function) -> ca.Function:
 
 
 def evaluated(
-    function: ca.Function, given: Sequence[FloatArray], shapes: Sequence[tuple[int, ...]]
+    function: ca.Function, arguments: Sequence[FloatArray], shapes: Sequence[tuple[int, ...]]
 ) -> list[FloatArray]:
-    """Results as arrays of given shapes, CasADi's columns as rows; without matrices of its own, which take long."""
+    """Evaluate a function to arrays of some shapes, columns as rows, without CasADi's slow matrices."""
     results = [np.empty(shape) for shape in shapes]
     buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
     buffer, evaluate = function.buffer()
-    arguments = [np.ascontiguousarray(values, np.float64) for values in given]
+    arguments = [np.ascontiguousarray(values, np.float64) for values in arguments]
     for i, values in enumerate(arguments):
         buffer.set_arg(i, values.data)
     for i, values in enumerate(results):
@@ -115,80 +115,80 @@ def evaluated(
 
 
 def sampled_step(
-    model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives, of_numbers: bool = False,
+    model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives, has_theta: bool = False,
     filters: Filters | None = None,
 ) -> ca.Function:  # fmt: skip
-    """The states, references, noise, gains and the friction's numbers -> the states one sample later, and u.
+    """Build (states, references, noise, gains, friction's numbers) -> the states one sample later, and u.
 
     substeps: Runge-Kutta steps in a sample.  The loops of a linkage are closed by projection after each sample.
-    of_numbers: theta (n_theta,) of the model is a last argument; otherwise its own numbers are inside.
+    has_theta: theta (n_theta,) of the model is a last argument; otherwise its own numbers are inside.
     """
     sizes = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
     sizes["x"] = 0 if filters is None else len(filters.matrices[0])
     sizes |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
     sizes |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
-    if of_numbers:
+    if has_theta:
         sizes["theta"] = len(model.theta)
-    given = {name: ca.MX.sym(name, size) for name, size in sizes.items()}
+    symbols = {name: ca.MX.sym(name, size) for name, size in sizes.items()}
     control, drive = _control(model, drives, rate_hz, filters), _drive(drives, 1 / (rate_hz * substeps))
-    theta = ca.SX.sym("theta", len(model.theta)) if of_numbers else None
+    theta = ca.SX.sym("theta", len(model.theta)) if has_theta else None
     accelerate, advance = _acceleration(model, contacts, drives, theta), _advance(model, contacts)
-    numbers = [given["theta"]] if of_numbers else []
+    numbers = [symbols["theta"]] if has_theta else []
 
     def acceleration(q: ca.MX, v: ca.MX, z: ca.MX, torque: ca.MX) -> ca.MX:
-        return accelerate(q, v, z, torque, given["disturbance"], given["curves"], *numbers)
+        return accelerate(q, v, z, torque, symbols["disturbance"], symbols["curves"], *numbers)
 
     def advanced(z: ca.MX, v: ca.MX, step: float) -> ca.MX:
-        return advance(z, v, given["curves"], step)
+        return advance(z, v, symbols["curves"], step)
 
-    reading, u, integral, x = control(*(given[name] for name in control.name_in()))
-    q, v, z, w = (given[name] for name in ("q", "v", "z", "w"))
+    reading, u, integral, x = control(*(symbols[name] for name in control.name_in()))
+    q, v, z, w = (symbols[name] for name in ("q", "v", "z", "w"))
     for _ in range(substeps):
         *torques, w = drive(w, u)
         q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, torques, 1 / (rate_hz * substeps), FIFTH_ORDER)
     if model.n_c:
         q, v = projection(model, theta)(q, v, *numbers)
-    return ca.Function("sample", [*given.values()], [q, v, z, w, x, integral, reading, u])
+    return ca.Function("sample", [*symbols.values()], [q, v, z, w, x, integral, reading, u])
 
 
 def shafts(model: ElasticModel) -> tuple[ca.DM, ca.DM]:
-    """E and its inverse: from the link side to the shafts, where encoders count and drives clip (robot.mixing)."""
+    """Return E and its inverse: link side to shafts, where encoders count and drives clip (robot.mixing)."""
     E = model.robot.mixing
     return ca.sparsify(ca.DM(E)), ca.sparsify(ca.DM(np.linalg.inv(E)))
 
 
 def _control(model: ElasticModel, drives: Drives, rate_hz: float, filters: Filters | None) -> ca.Function:
-    """Encoders and controller: the reading, the command u as the drives clip it, integral and filters' states after."""
+    """Build encoders and controller: reading, command u as the drives clip it, integral and filters' states after."""
     names = ("q", "x", "integral", "last", "position", "velocity", "torque", "noise", "kp", "kd", "ki")
     A, B, C, D = (np.zeros((0, 0)),) * 4 if filters is None else filters.matrices
     sizes = {"q": model.n_q, "x": len(A)}
-    given = {name: ca.SX.sym(name, sizes.get(name, model.n_u)) for name in names}
+    symbols = {name: ca.SX.sym(name, sizes.get(name, model.n_u)) for name in names}
     E, E_inverse = shafts(model)
-    reading = E_inverse @ drives.reading(E @ ca.DM(model.B).T @ given["q"], given["noise"])
-    last, position, velocity = given["last"], given["position"], given["velocity"]
-    error = given["kp"] * (position - reading) + given["kd"] * (velocity - (reading - last) * rate_hz)
-    command, x = given["torque"] + error + given["ki"] * given["integral"], given["x"]
+    reading = E_inverse @ drives.reading(E @ ca.DM(model.B).T @ symbols["q"], symbols["noise"])
+    last, position, velocity = symbols["last"], symbols["position"], symbols["velocity"]
+    error = symbols["kp"] * (position - reading) + symbols["kd"] * (velocity - (reading - last) * rate_hz)
+    command, x = symbols["torque"] + error + symbols["ki"] * symbols["integral"], symbols["x"]
     if filters is not None:
-        feedback = error + given["ki"] * given["integral"]
-        command, x = given["torque"] + ca.DM(C) @ x + ca.DM(D) @ feedback, ca.DM(A) @ x + ca.DM(B) @ feedback
-    asked = E_inverse.T @ command
-    taken = drives.clipped(asked)
-    u = command + E.T @ (taken - asked)
+        feedback = error + symbols["ki"] * symbols["integral"]
+        command, x = symbols["torque"] + ca.DM(C) @ x + ca.DM(D) @ feedback, ca.DM(A) @ x + ca.DM(B) @ feedback
+    demand = E_inverse.T @ command
+    output = drives.clipped(demand)
+    u = command + E.T @ (output - demand)
     # A drive at its limit would wind the integral up.
-    integral = given["integral"] + ca.if_else(taken == asked, error / rate_hz, 0)
+    integral = symbols["integral"] + ca.if_else(output == demand, error / rate_hz, 0)
     results = [*map(ca.densify, (reading, u, integral, x))]
-    return ca.Function("control", [*given.values()], results, [*names], ["reading", "u", "integral_after", "x_after"])
+    return ca.Function("control", [*symbols.values()], results, [*names], ["reading", "u", "integral_after", "x_after"])
 
 
 def _drive(drives: Drives, step: float) -> ca.Function:
-    """(w, u) -> torque at each stage of a step, and w after it."""
+    """Build (w, u) -> torque at each stage of a step, and w after it."""
     w, u = ca.SX.sym("w", drives.n_states), ca.SX.sym("u", len(drives.torque))
     torques, states = zip(*(drives.lagged(w, u, part * step) for part in FIFTH_ORDER.nodes), strict=True)
     return ca.Function("drive", [w, u], [*torques, states[-1]])
 
 
 def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, theta: ca.SX | None) -> ca.Function:
-    """Function (q, v, z, torque, disturbance, curves) -> q'' with the drives' torque (n_u,), link side. theta:
+    """Build (q, v, z, torque, disturbance, curves) -> q'' with the drives' torque (n_u,), link side. theta:
     symbols, as a further argument.
     """
     (q, v), z = model.symbols("q", "v"), ca.SX.sym("z", contacts.n_states)
@@ -203,7 +203,7 @@ def _acceleration(model: ElasticModel, contacts: Contacts, drives: Drives, theta
 
 
 def _advance(model: ElasticModel, contacts: Contacts) -> ca.Function:
-    """(z, v, curves, step) -> the states of friction after `step` s at constant v."""
+    """Build (z, v, curves, step) -> the states of friction after `step` s at constant v."""
     z, v = ca.SX.sym("z", contacts.n_states), ca.SX.sym("v", model.n_q)
     curves, step = ca.SX.sym("curves", len(contacts.curves)), ca.SX.sym("step")
     return ca.Function("advance", [z, v, curves, step], [ca.densify(contacts.advanced(v, z, curves, step))])
@@ -272,15 +272,15 @@ def closed_loop(
     substeps: int,
     drives: Drives,
     samples: int = 0,
-    of_numbers: bool = False,
+    has_theta: bool = False,
     filters: Filters | None = None,
 ) -> ClosedLoop:
     """Close the loop around a model with its friction and its drives.
 
     substeps: Runge-Kutta steps in a sample.  samples: about how many will be simulated by a compiled step, 0 by an
-    interpreted one.  of_numbers: each run has numbers theta of the model of its own.  filters: of the feedback.
+    interpreted one.  has_theta: each run has numbers theta of the model of its own.  filters: of the feedback.
     """
-    sample = sampled_step(model, contacts, rate_hz, substeps, drives, of_numbers, filters)
+    sample = sampled_step(model, contacts, rate_hz, substeps, drives, has_theta, filters)
     # Seven results of a sample start the next: q, v, states of friction, drives and filters, integral, last reading. A
     # chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
     function = compiled(sample.mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4}), samples)
@@ -301,7 +301,7 @@ def simulate(
 
     v0 (n_q,): at the start, where friction has slid so for long; at rest by default.
     curves (n, 9 n_f) or (9 n_f,): the friction's numbers, by default those without load at the reference temperature.
-    theta (n_theta,): numbers of the model, of a loop `of_numbers`.
+    theta (n_theta,): numbers of the model, of a loop `has_theta`.
     Raises DataError where a motor leaves its limits or is lost.
     """
     n, n_u = commands.position.shape

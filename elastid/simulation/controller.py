@@ -37,27 +37,27 @@ from elastid.simulation.spec import ControllerSpec, GainsSpec
 
 
 def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> JointLoop:
-    """Gains of a controller, or gains for its bandwidth in q (n_q,)."""
+    """Return gains of a controller, or gains for its bandwidth in q (n_q,)."""
     if controller.gains is not None:
         return loop_of(controller.gains, model.n_u)
     return tune(model, q, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
 
 
-def loop_of(given: GainsSpec, n_u: int) -> JointLoop:
-    """Loop of each of n_u motors with stated gains."""
-    position, kd = (np.broadcast_to(part, n_u) for part in (given.position_gain, given.velocity_gain))
-    ki = 0.0 if given.integral_time is None else 1 / np.asarray(given.integral_time)
+def loop_of(gains: GainsSpec, n_u: int) -> JointLoop:
+    """Return loop of each of n_u motors with stated gains."""
+    position, kd = (np.broadcast_to(part, n_u) for part in (gains.position_gain, gains.velocity_gain))
+    ki = 0.0 if gains.integral_time is None else 1 / np.asarray(gains.integral_time)
     return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, n_u))
 
 
 def filters_of(joints: Sequence[str], controller: ControllerSpec, rate_hz: float) -> "Filters | None":
-    """Filters behind the feedback of the driven joints; None without any."""
-    given = controller.gains
+    """Return filters behind the feedback of the driven joints; None without any."""
+    gains = controller.gains
     sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
-    if given is not None:
-        for spec in given.notches:
+    if gains is not None:
+        for spec in gains.notches:
             sections[spec.joint].append(notch(spec.freq_hz, spec.width, spec.depth, rate_hz))
-        corners = () if given.low_pass_hz is None else np.broadcast_to(given.low_pass_hz, len(joints))
+        corners = () if gains.low_pass_hz is None else np.broadcast_to(gains.low_pass_hz, len(joints))
         for joint, corner in zip(joints, corners, strict=False):
             sections[joint].append(low_pass(corner, rate_hz))
     if not controller.delay_samples and not any(sections.values()):
@@ -90,12 +90,12 @@ def sampled_responses(
         text = f"inject: {inject} needs the path of the references into the controller; give at least its cycle"
         raise StudyError("experiment/simulated", text, "experiment.simulated.controller.reference")
     alpha, F_r = spec.velocity_feedforward, ReferencePath(spec, rate_hz).response(freq_hz)[:, None]
-    taken = JointLoop(loop.kd, 0 * loop.kd, loop.ki) if inject == "velocity" else replace(loop, kd=alpha * loop.kd)
-    return C_fb, H * taken.response(freq_hz, rate_hz) * F_r
+    forward = JointLoop(loop.kd, 0 * loop.kd, loop.ki) if inject == "velocity" else replace(loop, kd=alpha * loop.kd)
+    return C_fb, H * forward.response(freq_hz, rate_hz) * F_r
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
-    """T (n_q, n_u) or (n, n_q, n_u) with q' = T q_a': motion of the rigid robot.
+    """Compute T (n_q, n_u) or (n, n_q, n_u) with q' = T q_a': motion of the rigid robot.
 
     q (n_q,) or (n, n_q).  Motor and joint move together, passive joints as their loops require.
     """
@@ -106,7 +106,7 @@ def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
 
 
 def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position: FloatArray) -> FloatArray:
-    """q (n, n_q) of the rigid robot from its equilibrium q0, motors at `start` (n_u,), to `position` (n, n_u)."""
+    """Compute q (n, n_q) of the rigid robot from equilibrium q0, motors at `start` (n_u,), to `position` (n, n_u)."""
     n_l = len(model.robot.joints)
     angles = np.vstack([start, position])
     q = np.zeros((len(angles), model.n_q))
@@ -119,7 +119,7 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
 def tune(
     model: ElasticModel, q: FloatArray, bandwidth_hz: float, damping_ratio: float, integral_time: float | None = None
 ) -> JointLoop:
-    """Gains that give the rigid robot, each axis on its own, a loop of this bandwidth and damping ratio in q (n_q,).
+    """Compute gains that give each axis of the rigid robot this bandwidth and damping ratio in q (n_q,).
 
     kp = J omega^2, kd = 2 zeta omega J with J = diag(T^T M(q) T), links and motor together.  integral_time: of the
     velocity loop of a cascade, in s; without it there is no integral.
@@ -134,7 +134,7 @@ def tune(
 def feed_forward(
     model: ElasticModel, q0: FloatArray, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> FloatArray:
-    """Torque (n, n_u) of the rigid robot, u = T^T [M (T q_a'' + T' q_a') + f(q, T q_a')].
+    """Compute the torque (n, n_u) of the rigid robot, u = T^T [M (T q_a'' + T' q_a') + f(q, T q_a')].
 
     position, velocity, acceleration (n, n_u): q_a and its derivatives, about the equilibrium q0 (n_q,). At rest in the
     equilibrium this is the holding torque, since T^T B = 1. Springs and the forces in loops are internal and do not
@@ -150,7 +150,7 @@ def feed_forward(
 def rigid_rates(
     model: ElasticModel, q: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """T (n, n_q, n_u), q' and q'' (n, n_q) of the rigid robot at q (n, n_q) from its motors' (n, n_u)."""
+    """Compute T (n, n_q, n_u), q' and q'' (n, n_q) of the rigid robot at q (n, n_q) from its motors' (n, n_u)."""
     T = rigid_motion(model, q)
     v, a = ((T @ rate[:, :, None])[:, :, 0] for rate in (velocity, acceleration))
     if model.robot.loops:
@@ -162,25 +162,25 @@ def rigid_rates(
 
 @lru_cache(maxsize=4)
 def _inverse_dynamics(model: ElasticModel) -> ca.Function:
-    """(q, v, a) -> M(q) a + f(q, v), built once in a process."""
+    """Build (q, v, a) -> M(q) a + f(q, v), built once in a process."""
     q, v, a = model.symbols("q", "v", "a")
     return ca.Function("inverse_dynamics", [q, v, a], [model.mass(q, model.theta) @ a + model.force(q, v, model.theta)])
 
 
 def notch(freq_hz: float, width: float, depth: float, rate_hz: float) -> FloatArray:
-    """Section (6,) of a notch N."""
+    """Design section (6,) of a notch N."""
     omega = 2 * np.pi * freq_hz
     return _sampled((1.0, depth * width * omega, omega**2), (1.0, width * omega, omega**2), omega, rate_hz)
 
 
 def low_pass(freq_hz: float, rate_hz: float) -> FloatArray:
-    """Section (6,) of a Butterworth filter L of second order."""
+    """Design section (6,) of a Butterworth filter L of second order."""
     omega = 2 * np.pi * freq_hz
     return _sampled((0.0, 0.0, omega**2), (1.0, math.sqrt(2) * omega, omega**2), omega, rate_hz)
 
 
 def _sampled(b: Sequence[float], a: Sequence[float], omega: float, rate_hz: float) -> FloatArray:
-    """Section (6,) of (b_0 s^2 + b_1 s + b_2) / (a_0 s^2 + a_1 s + a_2), exact at omega."""
+    """Design section (6,) of (b_0 s^2 + b_1 s + b_2) / (a_0 s^2 + a_1 s + a_2), exact at omega."""
     K = omega / math.tan(omega / (2 * rate_hz))
     section = [(p * K**2 + q * K + r, 2 * (r - p * K**2), p * K**2 - q * K + r) for p, q, r in (b, a)]
     return np.ravel(section) / section[1][0]
@@ -197,7 +197,7 @@ class Filters:
     delay: int = 0
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """H (..., n_u) at freq_hz (...)."""
+        """Compute H (..., n_u) at freq_hz (...)."""
         z_inverse = np.exp(-2j * np.pi * np.asarray(freq_hz) / rate_hz)
         H = np.repeat((z_inverse**self.delay)[..., None], len(self.sections), axis=-1)
         for j, chain in enumerate(self.sections):
@@ -218,7 +218,7 @@ class Filters:
         return A, B, C, D
 
     def _of_motor(self, sections: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        """A chain of sections in controller canonical form and of delays, each fed by the previous one."""
+        """Realise a chain of sections in controller canonical form and of delays, each fed by the previous one."""
         n, D = 2 * len(sections) + self.delay, 1.0
         A, B, C = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         for i, section in zip(range(0, n, 2), sections, strict=False):

@@ -46,7 +46,7 @@ class Lag:
     time_constant: float
 
     def step(self, step: float) -> tuple[FloatArray, FloatArray]:
-        """w(t + step) = A w(t) + b u at constant u, w = the torque and its derivatives times powers of T; A (n, n)."""
+        """Discretise: w(t + step) = A w(t) + b u, w = torque and its derivatives times powers of T; A (n, n)."""
         n = len(self.coefficients)  # states of a motor
         A = np.eye(n, k=1)
         A[-1] = -np.array([1.0, *self.coefficients[:-1]]) / self.coefficients[-1]
@@ -71,24 +71,26 @@ class Drives:
         return 0 if self.lag is None else len(self.lag.coefficients) * len(self.torque)
 
     def start(self, torque: FloatArray) -> FloatArray:
-        """States of the torque loops at constant torque (n_u,)."""
+        """Return states of the torque loops at constant torque (n_u,)."""
         return np.concatenate([torque, np.zeros(self.n_states - len(torque))]) if self.n_states else np.zeros(0)
 
     def reading(self, angle: ca.SX, noise: ca.SX) -> ca.SX:
-        """Readings of the encoders (n_u,) at motor angles (n_u,), in whole counts."""
-        read = angle + noise
+        """Return readings of the encoders (n_u,) at motor angles (n_u,), in whole counts."""
+        angles = angle + noise
         widths = enumerate(self.resolution.tolist())
-        return ca.vertcat(*(width * ca.floor(read[i] / width + 0.5) if width > 0 else read[i] for i, width in widths))
+        return ca.vertcat(
+            *(width * ca.floor(angles[i] / width + 0.5) if width > 0 else angles[i] for i, width in widths)
+        )
 
     def clipped(self, u: ca.SX) -> ca.SX:
-        """The command (n_u,) within the torque limits of the drives."""
-        taken = ca.SX(u)
+        """Return the command (n_u,) within the torque limits of the drives."""
+        result = ca.SX(u)
         for i in np.flatnonzero(np.isfinite(self.torque)).tolist():
-            taken[i] = ca.fmax(-self.torque[i], ca.fmin(self.torque[i], u[i]))
-        return taken
+            result[i] = ca.fmax(-self.torque[i], ca.fmin(self.torque[i], u[i]))
+        return result
 
     def lagged(self, w: ca.SX, u: ca.SX, step: float) -> tuple[ca.SX, ca.SX]:
-        """Torque (n_u,) and states after `step` s of the command u (n_u,), from the states w (n_states,)."""
+        """Return torque (n_u,) and states after `step` s of the command u (n_u,), from the states w (n_states,)."""
         if self.lag is None:
             return u, w
         A, b = self.lag.step(step)
@@ -97,7 +99,7 @@ class Drives:
         return after[:, 0], ca.vec(after)
 
     def on_motors(self, torque: ca.SX, angle: ca.SX) -> ca.SX:
-        """Torque (n_u,) with its ripple at motor angles (n_u,)."""
+        """Return torque (n_u,) with its ripple at motor angles (n_u,)."""
         for ripple in self.torque_ripple:
             sine = ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
             torque = torque + ca.DM(ripple.amplitude) * sine
@@ -105,7 +107,7 @@ class Drives:
 
 
 def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None = None) -> ca.SX:
-    """F (n_q,) at q, v (n_q,).  numbers (n_theta,): symbols of the parameters; the model's own by default."""
+    """Return F (n_q,) at q, v (n_q,).  numbers (n_theta,): symbols of the parameters; the model's own by default."""
     robot, force = model.robot, ca.SX(model.n_q, 1)
     values = model.theta.tolist() if numbers is None else ca.vertsplit(numbers)
     theta = dict(zip(model.parameters, values, strict=True))
@@ -127,7 +129,7 @@ def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None =
 
 
 def _harmonics(terms: Sequence[TransmissionError | GearRipple], angle: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The sum of A sin(order angle + phase), and its derivative."""
+    """Return the sum of A sin(order angle + phase), and its derivative."""
     value, slope = ca.SX(0), ca.SX(0)
     for term in terms:
         value += term.amplitude * ca.sin(term.order * angle + term.phase)

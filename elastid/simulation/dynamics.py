@@ -14,6 +14,8 @@ and Z^T M Z, which is positive definite, is factorised: q'' = a_0 + Z y'', exact
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import reduce
+from operator import add
 from typing import TypeVar
 
 import casadi as ca
@@ -46,25 +48,25 @@ class Contacts:
         return np.concatenate([np.zeros(0), *(placed.curve() for placed in self.laws)])
 
     def torque(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> ca.SX:
-        """P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
+        """Return P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
         if not self.laws:
             return ca.SX(self.P.shape[0], 1)
         torques = (law.torque(slip, state, curve) for law, slip, state, curve in self._sliding(v, z, curves))
         return ca.DM(self.P) @ ca.vertcat(*torques)
 
     def advanced(self, v: ca.SX, z: ca.SX, curves: ca.SX, step: Expression) -> ca.SX:
-        """States after `step` s at constant v (n_q,)."""
+        """Return states after `step` s at constant v (n_q,)."""
         laws = self._sliding(v, z, curves)
         return ca.vertcat(ca.SX(0, 1), *(law.advanced(slip, state, curve, step) for law, slip, state, curve in laws))
 
     def steady(self, v: FloatArray, curves: FloatArray) -> FloatArray:
-        """States (n_states,) of friction that has slid at v (n_q,) for long; unbent where it is at rest."""
+        """Return states (n_states,) of friction that has slid at v (n_q,) for long; unbent where it is at rest."""
         steady_s = 1e3  # long compared with the time in which bristles bend
         states = self.advanced(ca.SX(v), ca.SX(self.n_states, 1), ca.SX(curves), steady_s)
         return np.asarray(ca.evalf(states).full()[:, 0])
 
     def at_rest(self) -> tuple[FloatArray, FloatArray]:
-        """Stiffness and damping (n_q, n_q) of all contacts at rest."""
+        """Return stiffness and damping (n_q, n_q) of all contacts at rest."""
         at_rest = np.array([placed.at_rest() for placed in self.laws]).reshape(-1, 2)
         stiffness, damping = ((self.P * column) @ self.P.T for column in at_rest.T)
         return stiffness, damping
@@ -79,7 +81,7 @@ class Contacts:
 
 
 def contacts(model: ElasticModel, laws: Sequence[PlacedLaw]) -> Contacts:
-    """The laws at the coordinates of a model; a motor slides with its shaft, which gears may couple (robot.mixing)."""
+    """Place laws at coordinates of a model; a motor slides with its shaft, which gears may couple (robot.mixing)."""
     coordinates = np.eye(model.n_q)
     slides = dict(zip(model.inputs, model.robot.mixing @ model.B.T, strict=True))
     slides |= {f"gear {name[2:]}": row for name, row in spring_deflections(model.robot).items()}
@@ -108,7 +110,7 @@ class Tableau:
         return tuple(sum(row) for row in self.rows)
 
     def amplification(self, z: ComplexArray) -> ComplexArray:
-        """R(z): stability function, by which a step h multiplies a solution exp(lambda t), at z = h lambda."""
+        """Evaluate R(z): stability function, by which a step h multiplies a solution exp(lambda t), at z = h lambda."""
         stages = list[ComplexArray]()
         for row in self.rows:
             stages.append(1 + z * sum((a * k for a, k in zip(row, stages, strict=True)), np.zeros_like(z)))
@@ -132,20 +134,24 @@ FIFTH_ORDER = Tableau(
 
 
 def free_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
+    """Build (q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates, with closed loops or without.
 
     theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
 
     M = L D L^T is factorised in symbols with its zeros, without pivots, which a positive definite M does not need. It
     costs nothing for motors without coupling, whose rows of M are diagonal.
     """
-    if model.n_c:
-        return constrained_acceleration(model, theta)
     q, v, torque = model.symbols("q", "v", "torque")
     numbers = model.theta if theta is None else theta
-    D, LT, order = ca.ldl(ca.sparsify(model.mass(q, numbers)))
-    a = ca.ldl_solve(torque - model.force(q, v, numbers), D, LT, order)
-    return ca.Function("free_acceleration", [q, v, torque, *([] if theta is None else [theta])], [a], {"cse": True})
+    M, load = ca.sparsify(model.mass(q, numbers)), torque - model.force(q, v, numbers)
+    if model.n_c:
+        Phi = model.constraint_jacobian(q, numbers)
+        Z, a0 = _solved(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
+        M, load = ca.sparsify(Z.T @ M @ Z), Z.T @ (load - M @ a0)
+    D, LT, order = ca.ldl(M)
+    a = ca.ldl_solve(load, D, LT, order)
+    arguments = [q, v, torque, *([] if theta is None else [theta])]
+    return ca.Function("acceleration", arguments, [a0 + Z @ a if model.n_c else a], {"cse": True})
 
 
 def runge_kutta_step(
@@ -158,7 +164,7 @@ def runge_kutta_step(
     step: float,
     method: Tableau = CLASSICAL,
 ) -> tuple[Symbol, Symbol, Symbol]:
-    """(q, v, z) after one Runge-Kutta step, u the torque at each stage of the method.
+    """Build (q, v, z) after one Runge-Kutta step, u the torque at each stage of the method.
 
     The error of the classical one is of order step^4: an oscillation at omega comes out with a relative frequency error
     of (omega step)^4 / 120 and an added damping ratio of (omega step)^5 / 144.
@@ -178,15 +184,11 @@ def runge_kutta_step(
 
 
 def _weighted(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
-    terms = [weight * value for weight, value in zip(weights, values, strict=True) if weight]
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
+    return reduce(add, (weight * value for weight, value in zip(weights, values, strict=True) if weight))
 
 
 def least_steps(poles: ComplexArray, duration: float) -> int:
-    """Steps of FIFTH_ORDER in `duration` that let no mode grow of its own: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
+    """Find the steps of FIFTH_ORDER in `duration` that let no mode grow: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
     n = max(1, math.ceil(np.abs(poles).max() * duration / MAX_STEP_RATE))
     while True:
         z = poles * (duration / n)
@@ -196,7 +198,7 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
 
 
 def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[ComplexArray, str]:
-    """lambda (2 n,) in 1/s at rest in q (n_q,), n coordinates that the loops leave; of friction about zero velocity.
+    """Compute poles (2 n,) in 1/s at rest in q (n_q,), n free coordinates; friction is linear about zero velocity.
 
     And the coordinate that moves most at the fastest.
     Gears with backlash count with the stiffness of their flanks.
@@ -212,24 +214,8 @@ def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[Compl
     return values.astype(complex), model.coordinates[int(np.argmax(np.abs(fastest)))]
 
 
-def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates of a model with loops.
-
-    theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
-    """
-    q, v, torque = model.symbols("q", "v", "torque")
-    numbers = model.theta if theta is None else theta
-    Phi = model.constraint_jacobian(q, numbers)
-    Z, a0 = _solved(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
-    M, f = ca.sparsify(model.mass(q, numbers)), model.force(q, v, numbers)
-    D, LT, order = ca.ldl(ca.sparsify(Z.T @ M @ Z))
-    y = ca.ldl_solve(Z.T @ (torque - f - M @ a0), D, LT, order)
-    given = [q, v, torque, *([] if theta is None else [theta])]
-    return ca.Function("constrained_acceleration", given, [a0 + Z @ y], {"cse": True})
-
-
 def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
-    """(q, v) -> (q, v) on the closed loops: the dependent coordinates by a Newton step, their rates by Z.
+    """Build (q, v) -> (q, v) on the closed loops: the dependent coordinates by a Newton step, their rates by Z.
 
     theta (n_theta,): symbols, which become a third argument; the model's own numbers by default.
     """
@@ -239,12 +225,12 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), parts)
     closed = q + step
     Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), parts)
-    given = [q, v, *([] if theta is None else [theta])]
-    return ca.Function("projection", given, [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
+    arguments = [q, v, *([] if theta is None else [theta])]
+    return ca.Function("projection", arguments, [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
 
 
 def pivots(model: ElasticModel) -> Partition:
-    """Dependent coordinates and the rows that determine them, chosen in the start posture and kept."""
+    """Return dependent coordinates and the rows that determine them, chosen in the start posture and kept."""
     start = np.array([joint.start for joint in model.robot.driven])
     q = np.zeros(model.n_q)
     q[: len(model.robot.joints)] = assembled(model.robot, start)
@@ -252,7 +238,7 @@ def pivots(model: ElasticModel) -> Partition:
 
 
 def _solved(Phi: ca.SX, right: ca.SX, parts: Partition) -> tuple[ca.SX, ca.SX]:
-    """Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
+    """Return Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
 
     Gauss and Jordan with the pivots given; zeros stay zeros.
     """

@@ -31,8 +31,8 @@ class ReferencePath:
         t = np.abs(np.arange(-early, early + 1)) / n
         near, far = 1.5 * t**3 - 2.5 * t**2 + 1, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2
         hold = np.ones(n)
-        of_kind = {"hold": hold, "linear": np.convolve(hold, hold) / n, "spline": np.where(t <= 1, near, far)}
-        return np.convolve(of_kind[self.spec.interpolation], np.ones(window) / window), early
+        shapes = {"hold": hold, "linear": np.convolve(hold, hold) / n, "spline": np.where(t <= 1, near, far)}
+        return np.convolve(shapes[self.spec.interpolation], np.ones(window) / window), early
 
     @property
     def lag(self) -> float:
@@ -50,8 +50,8 @@ class ReferencePath:
         from scipy.signal import lfilter, upfirdn  # takes a while
 
         (h, early), n = self.taps, self.spec.cycle_samples(self.rate_hz)
-        moved = np.vstack([rows, np.repeat(rows[-1:], 2, axis=0)]) - rows[0]
-        x = upfirdn(h, moved, up=n, axis=0)[early : early + len(rows) * n]
+        offsets = np.vstack([rows, np.repeat(rows[-1:], 2, axis=0)]) - rows[0]
+        x = upfirdn(h, offsets, up=n, axis=0)[early : early + len(rows) * n]
         for _ in range(self.spec.filter_order):
             x = lfilter([1 - self.lag], [1.0, -self.lag], x, axis=0)
         return np.asarray(rows[0] + x)

@@ -46,13 +46,13 @@ class CommandedJoints:
     is_zoh: bool = True
 
     def steps(self, inertia: FloatArray) -> int:
-        """Integration steps in a sample that resolve the loops of joints with this inertia (..., S)."""
+        """Return integration steps in a sample that resolve the loops of joints with this inertia (..., S)."""
         J = np.maximum(inertia, 1e-9)
         fastest = float(np.max(np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))))
         return min(max(2, math.ceil(fastest / self.rate_hz / STEP_RAD)), MAX_STEPS)
 
     def simulate(self, numbers: FloatArray, delay_s: FloatArray, window: int = 1) -> FloatArray:
-        """Positions (n // window, K, S) of K candidates, means over windows of samples.
+        """Simulate positions (n // window, K, S) of K candidates, means over windows of samples.
 
         numbers (K, S, 6): as NUMBERS.  delay_s (K,): T_d, from 0.
         """
@@ -62,8 +62,8 @@ class CommandedJoints:
         steps = self.steps(J)
         h = T / steps
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
-        b, taken, threshold = (2 * J - a) / a, h / a, h * F_c / a
-        spring = taken * self.kp
+        b, gain, threshold = (2 * J - a) / a, h / a, h * F_c / a
+        spring = gain * self.kp
         has_gravity = bool(np.any(G) or np.any(H))
         slope = np.vstack([self.load[1:] - self.load[:-1], np.zeros((1, S))])
         x, v = (np.array(np.broadcast_to(start, (K, S))) for start in (self.position, self.velocity))
@@ -79,10 +79,10 @@ class CommandedJoints:
                 if has_gravity:
                     middle = x + h / 2 * v
                     torque -= G * np.cos(middle) + H * np.sin(middle)
-                free = b * v + taken * torque - spring * x
-                moved = free - np.clip(free, -threshold, threshold)
-                x = x + h / 2 * (v + moved)
-                v = moved
+                free = b * v + gain * torque - spring * x
+                v_next = free - np.clip(free, -threshold, threshold)
+                x = x + h / 2 * (v + v_next)
+                v = v_next
             if (k + 1) % window == 0:
                 means[k // window], total = total / window, np.zeros((K, S))
         return means
@@ -95,7 +95,7 @@ class CommandedJoints:
         return np.vstack([start, np.cumsum(c * T + growth, axis=0)]), growth
 
     def _acted(self, integral: FloatArray, growth: FloatArray, time_s: FloatArray) -> FloatArray:
-        """Integral of the command (K, S) up to times (K,) from the first sample on; before it the first holds."""
+        """Integrate the command (K, S) up to times (K,) from the first sample on; before it the first holds."""
         sample = time_s * self.rate_hz
         k = np.clip(np.floor(sample).astype(int), 0, len(growth) - 1)
         part = (sample - k)[:, None]

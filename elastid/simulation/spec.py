@@ -58,7 +58,7 @@ class GainsSpec:
                 yield name, np.atleast_1d(np.asarray(getattr(self, name), float))
 
     def refusals(self, joints: Sequence[str], rate_hz: float) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Keys that do not go with driven joints and a rate, and why."""
+        """Yield keys that do not go with driven joints and a rate, and why."""
         for name, values in self._numbers():
             if len(values) not in (1, len(joints)):
                 yield (
@@ -105,7 +105,7 @@ class ReferencePathSpec:
     # fmt: on
 
     def cycle_refusal(self, rate_hz: float, period_samples: int, highest_hz: float) -> str:
-        """Reason why the cycle does not fit a controller's rate, period and band; empty if it fits."""
+        """Return reason why the cycle does not fit a controller's rate, period and band; empty if it fits."""
         n = self.cycle * rate_hz
         if abs(n - round(n)) > 1e-6 * n or round(n) < 1 or period_samples % round(n):
             return f"{self.cycle:g} s is not a multiple of 1 / {rate_hz:g} s that divides the period"
@@ -115,7 +115,7 @@ class ReferencePathSpec:
         return ""
 
     def cycle_samples(self, rate_hz: float) -> int:
-        """Samples of a controller at rate_hz in a cycle."""
+        """Return samples of a controller at rate_hz in a cycle."""
         return round(self.cycle * rate_hz)
 
 
@@ -159,14 +159,14 @@ class ControllerSpec:
             )
 
     def scaled(self, position: float, velocity: float) -> "ControllerSpec":
-        """Controller with K_p times `position` and K_v times `velocity`, the integral time unchanged."""
+        """Return controller with K_p times `position` and K_v times `velocity`, the integral time unchanged."""
         if (gains := self.gains) is not None:
             K_p, K_v = gains.position_gain, gains.velocity_gain
             K_p, K_v = (tuple((np.atleast_1d(K) * x).tolist()) for K, x in ((K_p, position), (K_v, velocity)))
             return replace(self, gains=replace(gains, position_gain=K_p, velocity_gain=K_v))
         bandwidth_hz, ratio = self.bandwidth_hz * math.sqrt(position * velocity), math.sqrt(velocity / position)
-        given = bandwidth_hz, self.damping_ratio * ratio, self.velocity_integral_time
-        return replace(self, bandwidth_hz=given[0], damping_ratio=given[1], integral_time=given[2])
+        numbers = bandwidth_hz, self.damping_ratio * ratio, self.velocity_integral_time
+        return replace(self, bandwidth_hz=numbers[0], damping_ratio=numbers[1], integral_time=numbers[2])
 
     @property
     def velocity_integral_time(self) -> float | None:

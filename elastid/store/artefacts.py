@@ -45,9 +45,9 @@ class Stamp:
         hashes = {"hash of the inputs": self.inputs, "hash of the code": self.code}
         return {"made by": self.software or f"elastid {self.version}", "seed": str(self.seed), **hashes}
 
-    def is_of(self, wanted: "Stamp") -> bool:
-        """True if inputs and code equal another stamp."""
-        return (self.inputs, self.code) == (wanted.inputs, wanted.code)
+    def is_of(self, other: "Stamp") -> bool:
+        """Return True if inputs and code equal another stamp."""
+        return (self.inputs, self.code) == (other.inputs, other.code)
 
 
 NO_STAMP = Stamp()
@@ -55,7 +55,7 @@ NO_STAMP = Stamp()
 
 @contextmanager
 def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
-    """A new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
+    """Open a new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
     with replacing(path) as temporary:
         with DiskFile(temporary) as disk, h5py.File(disk, "w", userblock_size=USER_BLOCK) as file:
             file.attrs["elastid"] = kind
@@ -72,7 +72,7 @@ def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
 
 @contextmanager
 def opened(path: Path | str, kind: str) -> Iterator[Any]:
-    """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
+    """Open an artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
     path = Path(path)
     if path.is_dir():
         raise StudyError("files/kind", "is a folder; name one of the files in it", path)
@@ -117,7 +117,7 @@ def _check_self_contained(path: Path) -> None:
 
 
 def read_stamp(path: Path | str) -> Stamp | None:
-    """Provenance of an artefact; None if it is missing, truncated or foreign."""
+    """Return provenance of an artefact; None if it is missing, truncated or foreign."""
     try:
         if not is_intact(Path(path)):
             return None
@@ -136,7 +136,7 @@ def plain(value: Any) -> Any:
 
 
 def kind_of(path: Path | str) -> str | None:
-    """Kind of artefact in a file; None for other files."""
+    """Return kind of artefact in a file; None for other files."""
     try:
         with h5py.File(path, "r") as file:
             kind = file.attrs.get("elastid")
@@ -153,7 +153,7 @@ class DiskFile(io.FileIO):
         self._error: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """All of it, or none after an error."""
+        """Write all of it, or none after an error."""
         rest = memoryview(data).cast("B")
         total = len(rest)
         try:
@@ -164,7 +164,7 @@ class DiskFile(io.FileIO):
         return total
 
     def readinto(self, buffer: Any) -> int:
-        """The bytes that were written, zeros behind their end."""
+        """Read the bytes that were written, zeros behind their end."""
         view = memoryview(buffer).cast("B")
         count = super().readinto(view) or 0
         view[count:] = bytes(len(view) - count)
@@ -179,7 +179,7 @@ class DiskFile(io.FileIO):
             return 0
 
     def close(self) -> None:
-        """Raises OSError where something could not be written."""
+        """Raise OSError where something could not be written."""
         error, self._error = self._error, None
         super().close()
         if error is not None:

@@ -37,18 +37,18 @@ LOCK = ".lock"
 
 @contextmanager
 def text_file(path: Path | str) -> Iterator[TextIO]:
-    """A new text file; it takes its name only when it is complete and on the disk."""
+    """Open a new text file; it takes its name only when it is complete and on the disk."""
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         yield file
 
 
 def write_text(path: Path, text: str) -> None:
-    """A new text file, whole or absent."""
+    """Write a new text file, whole or absent."""
     write_atomically(path, text.encode())
 
 
 def write_rows(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
-    """A new CSV file at a path, its cells as spreadsheets take them (`csv_cell`)."""
+    """Write a new CSV file at a path, its cells as spreadsheets take them (`csv_cell`)."""
     with text_file(path) as file:
         csv.writer(file, lineterminator="\n").writerows(map(csv_cell, row) for row in rows)
     return path
@@ -68,7 +68,7 @@ def write_checksum(path: Path) -> None:
 
 
 def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
-    """A check of a file that is made once for each version of it: results are opened often."""
+    """Return a check of a file that is made once for each version of it: results are opened often."""
     cached = lru_cache(maxsize=256)(lambda path, inode, size, written_ns: check(path))
 
     @wraps(check)
@@ -82,14 +82,14 @@ def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
 
 @once_per_version
 def is_intact(path: Path) -> bool:
-    """True for a file that is as it was written, or has no checksum."""
+    """Return True for a file that is as it was written, or has no checksum."""
     with path.open("rb") as file:
         head = file.read(USER_BLOCK)
     return not head.startswith(_MARK) or head == _user_block(path)
 
 
 def has_checksum(path: Path | str) -> bool:
-    """True for a file with a checksum, which files of older versions and files with damaged first bytes lack."""
+    """Return True for a file with a checksum, which files of older versions and files with damaged first bytes lack."""
     with Path(path).open("rb") as file:
         return file.read(len(_MARK)) == _MARK
 
@@ -102,7 +102,7 @@ def _user_block(path: Path) -> bytes:
 
 
 def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
-    """The files that have changed since `keep_checksums`; a file without a checksum has not.
+    """Return the files that have changed since `keep_checksums`; a file without a checksum has not.
 
     names: of files, of folders, or patterns such as `references/*.csv`, relative to the folder.
     """
@@ -113,7 +113,7 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def is_as_written(path: Path) -> bool | None:
-    """True for a file of a run folder that is as it was at `keep_checksums`; None for a file without a checksum."""
+    """Tell if a file of a run folder is as it was at `keep_checksums`; None for a file without a checksum."""
     path = path.resolve()
     for folder in path.parents[:2]:  # a run folder and those in it: figures, references
         if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
@@ -138,7 +138,7 @@ def remove_texts(folder: Path, names: Iterable[str]) -> None:
 
 
 def _known(folder: Path) -> dict[str, str]:
-    """Checksum by name; a damaged line names no file, or reports an intact file as changed."""
+    """Return checksum by name; a damaged line names no file, or reports an intact file as changed."""
     path = folder / CHECKSUMS
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
     pairs = (line.partition("  ") for line in lines)
@@ -153,14 +153,14 @@ def _files(folder: Path, names: Iterable[str]) -> Iterator[str]:
 
 
 def content_hash(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """The folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
+    """Lock the folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
 
     ElastidError, too, where it is a file, or the file of the lock is a link. On a disk whose system knows no locks
     it is not guarded. Temporary files of a killed writer are removed.
@@ -199,7 +199,7 @@ def _locked(path: Path) -> Iterator[BinaryIO]:
 
 
 def _lock(file: BinaryIO) -> bool:
-    """True where the lock was free; it is held then until the file is closed."""
+    """Return True if the lock was free; it then lasts until the file is closed."""
     try:
         if os.name == "posix":
             import fcntl

@@ -35,7 +35,7 @@ write_friction_records = writer(
 
 
 def read_friction_records(path: Path | str) -> FrictionRecords:
-    """Everything in records.h5."""
+    """Read all of records.h5."""
     with opened(path, RECORDS) as file:
         return read_dataclass(file, FrictionRecords)
 
@@ -47,7 +47,7 @@ def write_friction_result(
     log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
 ) -> None:
-    """friction.h5: the numbers of all joints as a table, a group with everything, comparison with logs."""
+    """Write friction.h5: the numbers of all joints as a table, a group with everything, comparison with logs."""
     parts = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),

@@ -29,7 +29,7 @@ write_responses = writer(
 
 
 def read_records(path: Path | str, configuration: str | None = None) -> Iterator[Record]:
-    """The records in records.h5, of one configuration or all, one at a time: `list(read_records(path))` holds all.
+    """Yield records of records.h5, of one configuration or all, one at a time; `list(read_records(path))` has all.
 
     DataError names the configurations that there are where it is none of them.
     """
@@ -46,21 +46,21 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
 
 
 def read_configurations(path: Path | str) -> tuple[str, ...]:
-    """The names of the configurations in records.h5, in the order measured."""
+    """List configurations in records.h5, in the order measured."""
     with opened(path, RECORDS):
         return tuple(dict.fromkeys(name for _, name in _entries(path)))
 
 
 @once_per_version
 def _entries(path: Path) -> tuple[tuple[str, str], ...]:
-    """Names of the records and of their configurations in an intact records.h5."""
+    """Return names of the records and of their configurations in an intact records.h5."""
     with opened(path, RECORDS) as file:
         records = file["records"]
         return tuple((name, str(records[name]["configuration"].attrs["name"])) for name in entry_names(records))
 
 
 def read_responses(path: Path | str) -> Responses:
-    """The responses in frf.h5."""
+    """Read the responses in frf.h5."""
     return Responses(read_part(path, RESPONSES, "responses", tuple[Response, ...]))
 
 
@@ -71,14 +71,14 @@ read_friction: Callable[[Path | str], CompensatedFriction | None] = reader(
 
 
 def write_modes(path: Path | str, modes: "tuple[Modes, ...]", stamp: Stamp = NO_STAMP) -> None:
-    """modes.h5: the modes of each response, with shapes, synthesis and stabilisation diagram."""
+    """Write modes.h5: the modes of each response, with shapes, synthesis and stabilisation diagram."""
     from elastid.modal.modes import Modes  # brings SciPy's linear algebra
 
     write_artefact(path, "modes", stamp, {"modes": (modes, tuple[Modes, ...])}, {"modes": "configuration"})
 
 
 def read_modes(path: Path | str) -> "tuple[Modes, ...]":
-    """The modes of each response in modes.h5."""
+    """Read the modes of each response in modes.h5."""
     from elastid.modal.modes import Modes  # as above
 
     return read_part(path, "modes", "modes", tuple[Modes, ...])

@@ -45,7 +45,7 @@ def write_run(
     path: Path, reference: Reference, inputs: Sequence[str], sliding: Sequence[str] = (),
     injected: FloatArray | None = None,
 ) -> None:  # fmt: skip
-    """A whole run as CSV, the movement of each input; the periods begin at time 0.
+    """Write a whole run as CSV, the movement of each input; the periods begin at time 0.
 
     sliding: inputs that translate.  injected (n, n_u): torque on top; without it the scale of that of the periods.
     """
@@ -62,7 +62,7 @@ def write_run(
 
 
 def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
-    """One period of the torques to inject as CSV, repeated from time 0 of the movement on, and backwards before it."""
+    """Write one period of the torques to inject as CSV, repeated from time 0 of the movement, and backwards."""
     columns = [f"{place} ({'N' if place in plan.sliding else 'N*m'}, link side)" for place in plan.inputs]
     _write_csv(path, ["time_s", *columns], plan.torque(experiment), plan.rate_hz)
 
@@ -96,7 +96,7 @@ def write_references(path: Path, plan: Plan, experiment: Experiment, simulated: 
 
 
 def write_signals(path: Path, rate_hz: float, **signals: FloatArray) -> None:
-    """Signals (n,) by name as CSV, such as a reference of a joint for a robot controller, SI, link side."""
+    """Write signals (n,) by name as CSV, such as a reference of a joint for a robot controller, SI, link side."""
     _write_csv(path, ["t_s", *signals], np.column_stack([*signals.values()]), rate_hz)
 
 

@@ -23,7 +23,7 @@ _NUMBERS = {bool: "b", int: "iu", float: "f"}
 
 
 def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) -> Any:
-    """The value of a type below a group; KeyError, TypeError or ValueError where it is not one of that type."""
+    """Read the value of a type below a group; KeyError, TypeError or ValueError where it is not one of that type."""
     kind = kind_of_annotation(annotation)
     if kind.form == "optional":
         return read_value(group, name, kind.parts[0], label) if name in group or name in group.attrs else None
@@ -33,14 +33,14 @@ def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) 
 
 
 def read_dataclass(group: Any, kind: type[T]) -> T:
-    """A dataclass of whose fields a group is."""
+    """Read a dataclass from a group of its fields."""
     there = {*group, *group.attrs}
     slots = [field for field in fields_of(kind) if field.name in there or not field.may_be_empty]
     return kind(**{field.name: read_value(group, field.name, field.annotation, field.label) for field in slots})
 
 
 def entry_names(group: Any) -> tuple[str, ...]:
-    """Names of the entries of a group, in the order of writing."""
+    """Return names of the entries of a group, in the order of writing."""
     if NAMES in group:
         return tuple(group_name(name) for name in group[NAMES].asstr()[:].tolist())
     return tuple(str(i) for i in range(len(group)))
@@ -55,7 +55,7 @@ def _scalar(value: Any, kind: Kind) -> Any:
 
 
 def _read_array(dataset: Any, *_: Any) -> Any:
-    """An array, read-only so that nobody copies it; a large one stays in the file."""
+    """Read an array, read-only so that nobody copies it; a large one stays in the file."""
     in_place = mapped(Path(dataset.file.filename), dataset)
     if in_place is not None:
         return in_place
@@ -141,7 +141,7 @@ def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
 
 
 def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = False) -> Callable[[Path | str], T]:
-    """The reader of one part of a file of a kind; annotation: "module:name" where the module is loaded for it alone."""
+    """Make the reader of a part of a file of a kind; annotation: "module:name" of a module loaded for it alone."""
 
     def read(path: Path | str) -> T:
         resolved: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
@@ -152,7 +152,7 @@ def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = Fal
 
 
 def described(path: Path | str) -> str:
-    """Groups, variables with axes, shapes, units and values, and the provenance of a file."""
+    """Return groups, variables with axes, shapes, units and values, and the provenance of a file."""
     kind = kind_of(path) or ""
     with opened(path, kind) as file:
         return "\n".join([f"{path}: {kind}, written by elastid", *_content_lines(file, 1)])

@@ -60,7 +60,7 @@ read_loops: "Callable[[Path | str], Loops]" = reader("loops", "loops", "elastid.
 
 
 def read_gears(path: Path | str | None) -> GearResult | None:
-    """Effects in gears.h5; None without such a file."""
+    """Read effects in gears.h5; None without such a file."""
     return None if path is None else read_part(path, GEARS, "gears", GearResult)
 
 
@@ -80,15 +80,15 @@ class Numbers:
 
     @classmethod
     def of(cls, result: Result) -> "Numbers":
-        """Numbers that were asked for."""
-        asked = result.parameters.of_interest
+        """Return numbers that were asked for."""
+        parameters = result.parameters.of_interest
         parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
-            for p in asked
+            for p in parameters
         ]  # fmt: skip
         columns = np.array(rows).reshape(-1, 7).T
-        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
+        return cls(tuple(p.name for p in parameters), tuple(p.unit for p in parameters), *columns)
 
 
 def write_fit(
@@ -98,7 +98,7 @@ def write_fit(
     modelled: tuple[Response, ...] | None = None,
     figures: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
 ) -> None:
-    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
+    """Write fit.h5: parameters, estimate, covariance, all starts, modification indices, linear models; a table.
 
     modelled: responses of the fitted model at the lines of each measured one.  figures: values and types of the page.
     """
@@ -109,7 +109,7 @@ def write_fit(
 
 
 def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
-    """map.csv: a row for each posture with all quantities, SI, and their standard deviations and intervals."""
+    """Write map.csv: a row for each posture with all quantities, SI, their standard deviations and intervals."""
     blocks = [(q.name, (q.value, q.std, *q.interval)) for q in workspace.quantities]
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
     heads += [f"{name}{end}" for name, _ in blocks for end in ("", " std", " low", " high")]
@@ -127,14 +127,14 @@ def write_comparison(path: Path, comparison: "Comparison", stamp: Stamp) -> None
 
 
 def read_comparison(path: Path, stamp: Stamp) -> "Comparison | None":
-    """Comparison in compare.json; None without one, or for other frequency responses."""
+    """Read the comparison in compare.json; None without one, or for other frequency responses."""
     try:
         content = json.loads(path.read_bytes())
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):
             return None
         names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
-        of_file = {name: content[key] for name, key in names.items()}
-        comparison: Comparison = from_json(of_file, resolve_name("elastid.validation.comparison:Comparison"))
+        entries = {name: content[key] for name, key in names.items()}
+        comparison: Comparison = from_json(entries, resolve_name("elastid.validation.comparison:Comparison"))
     except (OSError, ValueError, TypeError, KeyError, AttributeError):  # missing or damaged
         return None
     return comparison
@@ -178,5 +178,5 @@ class Checkpoint(UserDict[str, Any]):
 
 
 def _digest(value: Any) -> str:
-    """SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
+    """Return SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
     return hashlib.sha256(json.dumps(value).encode()).hexdigest()

@@ -16,7 +16,7 @@ def write_trajectory(path: Path, joints: Sequence[str], time_s: FloatArray, **si
     rows = zip(nanoseconds, *(signal.tolist() for signal in signals.values()), strict=True)
     lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: {json.dumps([*joints])}", "points:"]
     for time, *values in rows:
-        named = "".join(f"{name}: {value}, " for name, value in zip(signals, values, strict=True))
-        lines.append(f"- {{{named}time_from_start: {{sec: {time // 10**9}, nanosec: {time % 10**9}}}}}")
+        values_text = "".join(f"{name}: {value}, " for name, value in zip(signals, values, strict=True))
+        lines.append(f"- {{{values_text}time_from_start: {{sec: {time // 10**9}, nanosec: {time % 10**9}}}}}")
     write_text(path, "\n".join([*lines, ""]))
     return path

@@ -60,7 +60,7 @@ class FieldKind:
 
 
 def _kind_of_annotation(annotation: Any) -> Kind:
-    """The kind of an annotated value; TypeError for a type that has no place in a file."""
+    """Return the kind of an annotated value; TypeError for a type that has no place in a file."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if annotation in _SCALARS:
         return Kind("scalar", annotation)
@@ -105,7 +105,7 @@ fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
 
 @cache
 def needs_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
-    """True if each value of a tuple has a group: dataclasses with arrays, unless the label requests rows."""
+    """Return True if each value of a tuple has a group: dataclasses with arrays, unless the label requests rows."""
     kind = kind_of_annotation(annotation)
     return kind.form == "union" or (kind.form == "fields" and not label.rows and _has_arrays(annotation))
 
@@ -117,13 +117,13 @@ def _has_arrays(annotation: Any) -> bool:
 
 
 def text_of(value: Any, indent: int | None = None) -> str:
-    """Section of a study as JSON, without default values."""
+    """Return section of a study as JSON, without default values."""
     kind: Any = type(value)
     return str(_adapter(kind).dump_json(value, indent=indent, exclude_defaults=True), "utf-8")
 
 
 def from_text(text: str, kind: Any) -> Any:
-    """Section from the text of `text_of`; raise ValueError for other text."""
+    """Return section from the text of `text_of`; raise ValueError for other text."""
     return _adapter(kind).validate_json(text)
 
 
@@ -135,17 +135,17 @@ def _adapter(kind: Any) -> Any:
 
 
 def or_null(number: float) -> float | None:
-    """A finite number, and null in place of others, which JSON lacks."""
+    """Return a finite number, and null in place of others, which JSON lacks."""
     return number if math.isfinite(number) else None
 
 
 def or_text(number: float) -> float | str | None:
-    """A finite number, null in place of NaN, and an infinite one as text."""
+    """Return a finite number, null in place of NaN, and an infinite one as text."""
     return None if math.isnan(number) else number if math.isfinite(number) else str(number)
 
 
 def json_value(value: Any, number: Callable[[float], Any] = or_null) -> Any:
-    """Lists of tuples and arrays, objects of mappings and dataclasses; number: of every floating-point number.
+    """Return lists of tuples and arrays, objects of mappings and dataclasses; number: of every floating-point number.
 
     float: to be read again by `from_json`; arrays then have their shape.
     """
@@ -166,12 +166,12 @@ def json_value(value: Any, number: Callable[[float], Any] = or_null) -> Any:
 
 
 def write_json(path: Path, content: Any, number: Callable[[float], Any] = or_null) -> None:
-    """Values as a file of JSON, whole or absent; number: of every floating-point number."""
+    """Write values as a file of JSON, whole or absent; number: converts every floating-point number."""
     write_text(path, json.dumps(json_value(content, number), indent=1, allow_nan=False) + "\n")
 
 
 def from_json(content: Any, annotation: Any) -> Any:
-    """Value of a type from JSON; raise KeyError, TypeError or ValueError for content of another type."""
+    """Return value of a type from JSON; raise KeyError, TypeError or ValueError for content of another type."""
     kind = kind_of_annotation(annotation)
     match kind.form:
         case "optional":
@@ -214,7 +214,7 @@ class _Scope:
 def write_value(
     group: Any, name: str, value: Any, annotation: Any = None, label: Label = NO_LABEL, above: tuple[_Scope, ...] = ()
 ) -> Any:
-    """A value below a group, of its own type or of an annotation; TypeError for a type that has no place in a file.
+    """Write a value below a group, by its type or an annotation; TypeError for a type that no file can have.
 
     A tuple of entries with groups of their own may be any iterable, of which each is written before the next is taken.
     Returns the dataset that may be an axis of others, or None.
@@ -234,12 +234,8 @@ def _write_scalar(group: Any, name: str, value: Any, kind: Kind, *_: Any) -> Non
         group.attrs[name] = kind.type(value)
 
 
-def _write_text(group: Any, name: str, value: Any, *_: Any) -> None:
-    group.create_dataset(name, data=text_of(value), dtype=TEXT)
-
-
 def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:
-    """The fields of a dataclass in a group; those that are dataclasses last, since their axes may be in this one."""
+    """Write a dataclass to a group; fields that are dataclasses come last, since their axes may be in this one."""
     group = group.create_group(name)
     scopes = (_Scope(group, value), *above)
     inner, labelled = [], []
@@ -312,13 +308,14 @@ def _write_mapping(group: Any, name: str, value: Any, kind: Kind, label: Label, 
 
 
 _WRITERS: dict[str, Callable[..., Any]] = {
-    "scalar": _write_scalar, "text": _write_text, "array": _write_array, "union": _write_union, "fields": _write_fields,
+    "scalar": _write_scalar, "array": _write_array, "union": _write_union, "fields": _write_fields,
     "sequence": _write_sequence, "record": _write_record, "mapping": _write_mapping,
+    "text": lambda group, name, value, *_: group.create_dataset(name, data=text_of(value), dtype=TEXT),
 }  # fmt: skip
 
 
 def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any, label: Label, above: Any) -> Any:
-    """Values of one type in a row; returns the dataset that may be an axis."""
+    """Write values of one type as a column; return the dataset that may be an axis."""
     kind = kind_of_annotation(annotation)
     if kind.form == "scalar" and kind.type is str:
         return _described(group.create_dataset(name, data=list(values), dtype=TEXT), name, label, above)
@@ -378,7 +375,7 @@ def _attach(dataset: Any, axes: tuple[str, ...], scopes: tuple[_Scope, ...]) -> 
 
 
 def _scale(name: str, scopes: tuple[_Scope, ...]) -> Any:
-    """Dataset of an axis in this group or a parent group; an axis from a property is written at its first use."""
+    """Find the dataset of an axis in this group or above; an axis from a property is written at its first use."""
     for scope in scopes:
         if name not in scope.axes and isinstance(getattr(type(scope.value), name, None), property):
             values = getattr(scope.value, name)
@@ -417,13 +414,13 @@ class Writer:
     parts: Mapping[str, tuple[Any, Any]]
 
     def __call__(self, path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
-        """A file at a path, in place of one that is there."""
-        given = dict(zip(self.parts, (value, *others), strict=False)) | named
-        content = {name: (given.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
+        """Write a file at a path, in place of one that is there."""
+        values = dict(zip(self.parts, (value, *others), strict=False)) | named
+        content = {name: (values.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
         content = {n: (tuple(part) if isinstance(part, list) else part, type_) for n, (part, type_) in content.items()}
         write_artefact(path, self.kind, stamp, content, self.entries)
 
 
 def writer(kind: str, entries: Mapping[str, str] = MappingProxyType({}), **parts: tuple[Any, Any]) -> Writer:
-    """The writer of files of a kind with these parts."""
+    """Return the writer of files of a kind with these parts."""
     return Writer(kind, dict(entries), parts)

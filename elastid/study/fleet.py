@@ -46,7 +46,7 @@ class Fleet:
 
 
 def load_fleet(path: Path) -> Fleet:
-    """A fleet of a YAML file; StudyError with a line for each error, and where a robot has one date twice."""
+    """Read a fleet of a YAML file; StudyError with a line for each error, and where a robot has one date twice."""
     source = read_source(path, str(path))
     if not isinstance(source.data, dict):
         raise StudyError(
@@ -55,17 +55,17 @@ def load_fleet(path: Path) -> Fleet:
     spec, problems = validate(source.data, FleetSpec)
     if problems:
         raise make_error(source, problems)
-    study, by = path.parent / spec.study, "members" if spec.members else "table"
+    study, key = path.parent / spec.study, "members" if spec.members else "table"
     for key, file in (("study", spec.study), ("table", spec.table)):
         if file is not None and not os.path.isfile(path.parent / file):
             raise make_error(source, [Problem((key,), f"no such file (looked for {path.parent / file})")])
     members = sorted(_members(spec, path), key=lambda member: (member.robot, member.date))
     names = Counter(member.label for member in members)
     if not members:
-        raise make_error(source, [Problem((by,), "there are no members. Give a row for each")])
+        raise make_error(source, [Problem((key,), "there are no members. Give a row for each")])
     if twice := [words for words, count in names.items() if count > 1]:
-        given = f"{', '.join(twice)} {'occurs' if len(twice) == 1 else 'occur'} twice"
-        raise make_error(source, [Problem((by,), f"{given}. Omit one, or correct its date")])
+        text = f"{', '.join(twice)} {'occurs' if len(twice) == 1 else 'occur'} twice"
+        raise make_error(source, [Problem((key,), f"{text}. Omit one, or correct its date")])
     return Fleet(spec.name, study, tuple(members), spec.false_discovery_rate)
 
 

@@ -19,22 +19,22 @@ _SINGLE = ("mass", "deflection", "std")  # deflections and their std also of dia
 
 
 def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
-    """The study with the tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
+    """Read the study with tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
     loads = source.data["loads"]
     place, path = source.place(("loads", "file"), of_value=True), folder / loads["file"]
     if not path.is_file():
         raise StudyError(
             "files/missing", f"loads.file: no such file (looked for {path}; the path is relative to the study)", place
         )
-    listed = loads.get("tests") or []
-    if not isinstance(listed, list):
+    entries = loads.get("tests") or []
+    if not isinstance(entries, list):
         return source
     robot = source.data.get("robot")
     tests = list(_tests(path, _joints(robot)))
     places: dict[KeyPath, tuple[Place, Place]] = {
-        ("loads", "tests", i): (place, place) for i, (place, _) in enumerate(tests, start=len(listed))
+        ("loads", "tests", i): (place, place) for i, (place, _) in enumerate(tests, start=len(entries))
     }
-    data = {**source.data, "loads": {**loads, "tests": [*listed, *(test for _, test in tests)]}}
+    data = {**source.data, "loads": {**loads, "tests": [*entries, *(test for _, test in tests)]}}
     return YamlSource(data, {**source.places, **places}, source.text)
 
 
@@ -80,7 +80,7 @@ def _test(cells: Mapping[str, str], joints: Sequence[str]) -> dict[str, Any]:
 
 
 def _value(text: str) -> float | str:
-    """A number of a cell without a unit; else the text, which the section reads or refuses."""
+    """Return a number of a cell without a unit; else the text, which the section reads or refuses."""
     try:
         return float(text)
     except ValueError:

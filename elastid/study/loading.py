@@ -34,13 +34,13 @@ _TRUTH: KeyPath = ("experiment", "simulated", "truth")
 
 
 def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
-    """Study with every quantity as float in SI, and problems: unknown names, wrong units, errors of `choose`."""
+    """Convert every quantity of a study to float in SI; return also problems: names, units, `choose`."""
     if study.robot is None:
         return study, []
     problems: list[Problem] = []
     numbers = {**study.robot.parameters(study.robot.on_demand), **friction_numbers(study.robot)}
-    named = named_on_demand(study.fit.parameters, study.robot)
-    table: Table = {**study.robot.parameters(named), DELAY: (0.0, "s")}
+    names = named_on_demand(study.fit.parameters, study.robot)
+    table: Table = {**study.robot.parameters(names), DELAY: (0.0, "s")}
     parameters = {
         name: _convert_parameter(spec, name, table, numbers, problems) for name, spec in study.fit.parameters.items()
     }
@@ -57,9 +57,9 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
 
 
 def _convert_parameter(
-    spec: ParameterSpec, pattern: str, table: Table, every: Table, problems: list[Problem]
+    spec: ParameterSpec, pattern: str, table: Table, all_numbers: Table, problems: list[Problem]
 ) -> ParameterSpec:
-    """Specification in SI. table: the parameters. every: including geometry and gains that no key names."""
+    """Convert a specification to SI. table: parameters. all_numbers: including geometry and gains that no key names."""
     path = (*_FIT, pattern)
     names = list(matching(pattern, table))
 
@@ -67,7 +67,7 @@ def _convert_parameter(
         return _convert(value, names, (*path, *keys), table, problems)
 
     if not names:
-        advice = did_you_mean(pattern, table, every)
+        advice = did_you_mean(pattern, table, all_numbers)
         problems.append(Problem(path, f"the robot has no parameter '{pattern}'; {advice}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")
@@ -82,7 +82,7 @@ def _convert_parameter(
 
 
 def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, problems: list[Problem]) -> float:
-    """A number of parameters of one unit in SI; 0 where there is a problem."""
+    """Convert a number of parameters of one unit to SI; 0 where there is a problem."""
     units = sorted({table[name][1] for name in names})
     if not units:
         message = f"the robot has no parameter '{path[-1]}'; {did_you_mean(str(path[-1]), table)}"
@@ -99,7 +99,7 @@ def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, pro
 
 
 def with_usual_tolerances(study: Study) -> Study:
-    """The study whose robot has the tolerances of its fit, where its file leaves them to the study.
+    """Return the study whose robot has the tolerances of its fit, where its file leaves them to the study.
 
     Common ones where responses are measured, of torque constants where they turn currents into torques.  A simulated
     rig is as exact as its file, unless its truth has another value of a number that the fit holds.
@@ -115,10 +115,10 @@ def with_usual_tolerances(study: Study) -> Study:
         if tolerances is None and any(kind_of(paths[name]) for name in fixed):
             tolerances = Tolerances()
     else:
-        of_current = any(channel.quantity == "current" for channel in experiment.channels)
+        has_current = any(channel.quantity == "current" for channel in experiment.channels)
         tolerances = tolerances or Tolerances()
         if tolerances.torque_constant is None:
-            tolerances = replace(tolerances, torque_constant=OF_CURRENT if of_current else EXACT)
+            tolerances = replace(tolerances, torque_constant=OF_CURRENT if has_current else EXACT)
     return replace(study, robot=replace(robot, tolerances=tolerances))
 
 
@@ -130,12 +130,12 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     # Together they may be possible where one alone is not, as the three inertias of a slender body.
     if (refusal := _refusal(robot, values)) is None:
         return []
-    error, name = next(filter(None, (_refusal(robot, tried) for tried in (*singles, friction))), refusal)
+    error, name = next(filter(None, (_refusal(robot, trial) for trial in (*singles, friction))), refusal)
     return [Problem((*_TRUTH, name), f"no robot has this value: {error}")]
 
 
 def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str] | None:
-    """The error of a robot with these numbers, and the first of their names; None for a robot that can be."""
+    """Return the error of a robot with these numbers, and the first of their names; None for a robot that can be."""
     try:
         with_numbers(robot, values)
     except ValueError as error:
@@ -144,19 +144,19 @@ def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str
 
 
 def _check_choice(study: Study) -> list[Problem]:
-    """The refusal by `choose` of all parameters together, at the key that its message names."""
+    """Return the refusal by `choose` of all parameters together, at the key that its message names."""
     try:
         choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError as error:
         message = str(error).removeprefix("fit.parameters").lstrip(".: ")
-        named = re.match(r"[^\s:.]+", message)
-        given = study.fit.parameters
-        keys = [key for key in given if named and is_match(named[0].partition(SEPARATOR)[0], key)]
-        keys += [key for key in given if named and named[0] == key]
+        match = re.match(r"[^\s:.]+", message)
+        parameters = study.fit.parameters
+        keys = [key for key in parameters if match and is_match(match[0].partition(SEPARATOR)[0], key)]
+        keys += [key for key in parameters if match and match[0] == key]
         for key in keys[-1:]:
             if message.startswith((f"{key}:", f"{key}.")):
                 message = message.removeprefix(key).lstrip(".: ")
-            inner = ("bounds",) if "bound" in message and given[key].bounds is not None else ()
+            inner = ("bounds",) if "bound" in message and parameters[key].bounds is not None else ()
             return [Problem((*_FIT, key, *inner), message)]
         return [Problem(_FIT, message)]
     return []
@@ -179,7 +179,7 @@ class LoadedStudy:
 
 
 def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
-    """The study of a YAML file, `overrides`, each as 'key.path=value', taking the place of its keys.
+    """Load the study of a YAML file, `overrides`, each as 'key.path=value', taking the place of its keys.
 
     Raises StudyError with a line `file:line:col: key.path: message (got value)` for each error.
     """
@@ -187,12 +187,12 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
 
 
 def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """The keys of a study as its file and overrides have them, for a study that is made of another."""
+    """Return the keys of a study as its file and overrides have them, for a study that is made of another."""
     return dict(_read(Path(path), tuple(overrides))[0].data)
 
 
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
-    """Study with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
+    """Load a study and open its logs; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))
     from elastid.study.checks.logs import check_logs  # brings the reader of logs
 
@@ -216,30 +216,30 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
 
 
 def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
-    """Problems, the first missing log with its origin from the first comment of the study, `The record: ...`."""
+    """Return problems, the first missing log with its origin from the first comment of the study, `The record: ...`."""
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     comment = " ".join(line.removeprefix("#").strip() for line in lines)
-    stated = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
+    origin_match = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
     missing = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
-    origin = f" (origin stated in the study: {stated[1]})" if stated else ""
+    origin = f" (origin stated in the study: {origin_match[1]})" if origin_match else ""
     return [replace(p, message=p.message + origin * (i == missing)) for i, p in enumerate(problems)]
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:
-    """The study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
-    recorded, left_out = study.experiment.recorded, study.validation.configurations
-    if study.friction is not None or not left_out:
+    """Return the study that leaves the postures of `validation.configurations` out at all of their amplitudes."""
+    recorded, postures = study.experiment.recorded, study.validation.configurations
+    if study.friction is not None or not postures:
         return study
     planned = 1 if study.excitation is None else len(study.excitation.amplitudes)
-    amplitudes = {name: list(range(1, planned + 1)) for name in left_out}
+    amplitudes = {name: list(range(1, planned + 1)) for name in postures}
     if recorded is not None:
-        amplitudes = {q: sorted({f.amplitude for f in recorded.files if f.configuration == q}) for q in left_out}
-    names = tuple(at_amplitude(name, amplitude) for name in left_out for amplitude in amplitudes[name])
+        amplitudes = {q: sorted({f.amplitude for f in recorded.files if f.configuration == q}) for q in postures}
+    names = tuple(at_amplitude(name, amplitude) for name in postures for amplitude in amplitudes[name])
     return replace(study, validation=replace(study.validation, configurations=names))
 
 
 def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
-    """Study, robot and overrides as one source; and the errors of the robot's file."""
+    """Return study, robot and overrides as one source; and the errors of the robot's file."""
     source, robot_errors = read_source(path, str(path)), ""
     if not isinstance(source.data, dict):
         text = "a study is a mapping with the keys name, robot, experiment ...; `elastid new DIR` writes one"

@@ -41,7 +41,7 @@ class Problem:
 
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
-    """The section `root` made of plain data, and no problems; or None and the problems, each once."""
+    """Make the section `root` of plain data, and no problems; or None and the problems, each once."""
     problems: list[Problem] = []
     value: Any = None
     try:
@@ -68,7 +68,7 @@ def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> li
 
 
 def _find_booleans(data: Any, value: Any, root: type, path: KeyPath = ()) -> list[Problem]:
-    """Values true or false at keys of another type; pydantic takes them for the numbers 1 and 0."""
+    """Find values true or false at keys of another type; pydantic takes them for the numbers 1 and 0."""
     if isinstance(data, dict | list):
         entries = data.items() if isinstance(data, dict) else enumerate(data)
         return [problem for key, entry in entries for problem in _find_booleans(entry, value, root, (*path, key))]
@@ -80,7 +80,7 @@ def _find_booleans(data: Any, value: Any, root: type, path: KeyPath = ()) -> lis
 
 
 def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
-    """pydantic's location as a path through the data, and the path of the outermost union on its way."""
+    """Return pydantic's location as a path through the data, and the path of the outermost union on its way."""
     path: list[str | int] = []
     union: KeyPath | None = None
     for place, step in enumerate(error["loc"], start=1):
@@ -121,7 +121,7 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
 def _union_problems(
     union: KeyPath, members: list[tuple[KeyPath, PydanticError]], root: type, data: Any
 ) -> list[Problem]:
-    """The errors of the branches that got into the data; where none did, the types that the union takes."""
+    """Return the errors of the branches that got into the data; where none did, the types that the union takes."""
     is_mapping = isinstance(value_at(data, union), dict)
     deeper = [
         _problem(error, path, root, data)
@@ -138,7 +138,7 @@ def _union_problems(
 
 
 def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
-    """The key, or the named entry of a list, that a sentence about a section names first; else the section."""
+    """Return the key, or the named entry of a list, that a sentence about a section names first; else the section."""
     if not isinstance(section, dict):
         return path
     entries = {
@@ -148,10 +148,10 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
         if isinstance(entry, dict) and entry.get("name")
     }
     places = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}
-    named = {name: place.start() for name, place in places.items() if place is not None}
-    if not named:
+    starts = {name: place.start() for name, place in places.items() if place is not None}
+    if not starts:
         return path
-    first = min(named, key=named.__getitem__)
+    first = min(starts, key=starts.__getitem__)
     if first in section:
         return (*path, first)
     key, i = entries[first]
@@ -159,7 +159,7 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
 
 
 def value_at(data: Any, path: KeyPath) -> Any:
-    """Value at a key path of plain data or of a section; None if it is missing."""
+    """Return value at a key path of plain data or of a section; None if it is missing."""
     for step in path:
         if isinstance(step, int):
             data = data[step] if isinstance(data, list | tuple) else None
@@ -171,7 +171,7 @@ def value_at(data: Any, path: KeyPath) -> Any:
 
 
 def make_error(source: YamlSource, problems: Iterable[Problem], robot_errors: str = "") -> StudyError:
-    """One line for each problem, in the order of the sources; last the errors of the robot's file."""
+    """Return one line for each problem, in the order of the sources; last the errors of the robot's file."""
     lines = [message for _, message in sorted({_line(source, problem) for problem in problems})]
     return StudyError("study/invalid", "\n".join(filter(None, [first_of(lines), robot_errors])))
 

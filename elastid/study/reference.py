@@ -56,7 +56,7 @@ class StudyKey:
 
 
 def keys_of(section: type, path: str = "") -> Iterator[StudyKey]:
-    """The keys of one section.  path: before their names."""
+    """Yield the keys of one section.  path: before their names."""
     hints = _hints(section)
     for f in fields(section):
         key = next(mark for mark in hints[f.name].__metadata__ if isinstance(mark, Key))
@@ -70,7 +70,7 @@ def _hints(section: type) -> dict[str, Any]:
 
 
 def keys_below(annotation: Any, path: str) -> Iterator[StudyKey]:
-    """Every key of the sections that an annotation allows, and of those below them; path: before their names."""
+    """Yield every key of the sections that an annotation allows, and of those below them; path: before their names."""
     for option in _options(annotation):
         arguments, origin = get_args(option), get_origin(option)
         if origin is tuple:
@@ -84,42 +84,42 @@ def keys_below(annotation: Any, path: str) -> Iterator[StudyKey]:
 
 
 def list_keys() -> Iterator[StudyKey]:
-    """Every key of a study and of a robot's file in each of its forms, in the order of the sections."""
+    """Yield every key of a study and of a robot's file in each of its forms, in the order of the sections."""
     yield from keys_below(Study, "")
     for form in ROBOT_FORMS[1:]:
         yield from keys_below(form, "robot.")
 
 
 def list_sections() -> Mapping[str, type]:
-    """Every class that a study is made of, by its name."""
+    """Return every class that a study is made of, by its name."""
     return {section.__name__: section for section in (Study, *ROBOT_FORMS, *(key.section for key in list_keys()))}
 
 
 def text_of(section: type) -> str:
-    """The text of a section, in one line."""
+    """Return the text of a section, in one line."""
     return " ".join((inspect.getdoc(section) or "").split())
 
 
 def type_at(root: Any, path: KeyPath) -> Any:
-    """The type of the value at a path below a section; Any where no section has such a key."""
+    """Return the type of the value at a path below a section; Any where no section has such a key."""
     for step in path:
         root = _child(root, step)
     return root
 
 
 def names_in(annotation: Any) -> list[str]:
-    """The keys of the sections that an annotation allows."""
+    """Return the keys of the sections that an annotation allows."""
     sections = [option for option in _options(annotation) if is_dataclass(option) and isinstance(option, type)]
     return [f.name for section in sections for f in fields(section)]
 
 
 def literal_choices(annotation: Any) -> list[str]:
-    """The fixed words that an annotation allows."""
+    """Return the fixed words that an annotation allows."""
     return [str(w) for option in _options(annotation) if get_origin(option) is Literal for w in get_args(option)]
 
 
 def describe(annotation: Any) -> str:
-    """A type in words.
+    """Return a type in words.
 
     >>> describe(tuple[float, float] | None)
     'a list of 2, each a number'
@@ -147,7 +147,7 @@ def _describe(option: Any, with_example: bool = True) -> str:
 
 
 def _options(annotation: Any) -> list[Any]:
-    """The members of a union, None and texts of keys left out; one option where it is no union."""
+    """Return the members of a union, None and texts of keys left out; one option where it is no union."""
     if get_origin(annotation) is Annotated and not any(isinstance(m, InUnit) for m in annotation.__metadata__):
         return _options(annotation.__origin__)
     if get_origin(annotation) in (Union, UnionType):
@@ -170,7 +170,7 @@ def _child(annotation: Any, step: str | int) -> Any:
 
 @cache
 def make_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a study file for editors: every key with its text, unit and default."""
+    """Return JSON Schema (draft 2020-12) of a study file for editors: every key with its text, unit and default."""
     document = TypeAdapter(Study).json_schema()
     definitions = document.pop("$defs")
     for form in ROBOT_FORMS:
@@ -206,35 +206,35 @@ def _for_editors(node: Any) -> Any:
     return plain
 
 
-def explain(asked: str) -> str:
-    """The explanation of a key by its path, or of all keys that end so; StudyError for one that does not exist.
+def explain(query: str) -> str:
+    """Return the explanation of a key by its path, or of all keys that end so; StudyError for one that does not exist.
 
     Names that a study chooses and numbers of entries may be given or left out: experiment.recorded.files[0].samples.
     """
-    if "/" in asked:
-        if asked not in codes():
-            text = renamed(asked) or f"no error or note has the code {asked}; {did_you_mean(asked, codes())}"
+    if "/" in query:
+        if query not in codes():
+            text = renamed(query) or f"no error or note has the code {query}; {did_you_mean(query, codes())}"
             raise StudyError("study/unknown-key", text)
-        return f"{asked}\n  {codes()[asked].meaning}\n  {codes()[asked].remedy}"
+        return f"{query}\n  {codes()[query].meaning}\n  {codes()[query].remedy}"
     keys = {key.path: key for key in all_keys()}
-    steps, wanted = {path: _steps(path) for path in keys}, _steps(asked)
-    if any(_agree(parts[: len(wanted)], wanted) and parts[len(wanted) - 1] == "<name>" for parts in steps.values()):
-        wanted = wanted[:-1]  # of a name the mapping that holds it
-    exact = [key for path, key in keys.items() if _agree(steps[path], wanted)]
-    matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(wanted) :], wanted)]
-    if not matches and (same := [code for code in codes() if code.endswith(f"/{asked}")]):
+    steps, target = {path: _steps(path) for path in keys}, _steps(query)
+    if any(_agree(parts[: len(target)], target) and parts[len(target) - 1] == "<name>" for parts in steps.values()):
+        target = target[:-1]  # of a name the mapping that holds it
+    exact = [key for path, key in keys.items() if _agree(steps[path], target)]
+    matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(target) :], target)]
+    if not matches and (same := [code for code in codes() if code.endswith(f"/{query}")]):
         return "\n\n".join(map(explain, same))
     if not matches:
         names = {".".join(parts[-n:]): ".".join(parts) for parts in reversed(steps.values()) for n in (len(parts), 1)}
-        close = get_close_matches(".".join(wanted), names, n=1)
+        close = get_close_matches(".".join(target), names, n=1)
         nearest = f"did you mean '{names[close[0]]}'?" if close else f"there are {', '.join(names_in(Study))}"
-        owner = "a fleet" if asked.startswith("fleet.") else "a study"
-        raise StudyError("study/unknown-key", renamed_key(wanted) or f"{owner} has no key {asked}; {nearest}")
+        owner = "a fleet" if query.startswith("fleet.") else "a study"
+        raise StudyError("study/unknown-key", renamed_key(target) or f"{owner} has no key {query}; {nearest}")
     return "\n\n".join(map(_explanation, matches))
 
 
 def overview() -> str:
-    """The sections of a study in its order, a line each, and the commands that explain more."""
+    """Return the sections of a study in its order, a line each, and the commands that explain more."""
     keys = list(keys_of(Study))
     width = max(len(key.name) for key in keys)
     lines = [
@@ -251,19 +251,19 @@ def overview() -> str:
 def _explanation(key: StudyKey) -> str:
     below = names_in(key.annotation)
     entries = [get_args(o)[1 if get_origin(o) is dict else 0] for o in _options(key.annotation) if get_args(o)]
-    of_each = [name for entry in entries for name in names_in(entry)]
+    entry_keys = [name for entry in entries for name in names_in(entry)]
     text, *rule = re.split(r" \(default: ([^)]+)\)", key.text, maxsplit=1)
     default = rule[0] if rule else _default(key.default)
     paragraphs = [text + "".join(rule[1:]), f"Value: {describe(key.annotation)}.", f"Default: {default}."]
     paragraphs += [key.full_advice] if key.advice else []
     paragraphs += [f"Keys below it: {', '.join(below)}."] if below else []
-    paragraphs += [f"Keys of each: {', '.join(of_each)}."] if of_each else []
+    paragraphs += [f"Keys of each: {', '.join(entry_keys)}."] if entry_keys else []
     layout: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "  ", "break_on_hyphens": False}
     return "\n".join([key.path, *(fill(paragraph, 100, **layout) for paragraph in paragraphs)])
 
 
 def _default(value: Any) -> str:
-    """A default as a study would write it.
+    """Return a default as a study would write it.
 
     >>> _default((1.0, 2.0)), _default(None), _default(MISSING), _default(True)
     ('[1, 2]', 'none', 'none, it must be given', 'true')
@@ -282,7 +282,7 @@ def _default(value: Any) -> str:
 
 
 def all_keys() -> Iterator[StudyKey]:
-    """Every key of a study, of a robot's file and of a fleet's."""
+    """Yield every key of a study, of a robot's file and of a fleet's."""
     yield from list_keys()
     yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
     yield from keys_below(FleetSpec, "fleet.")
@@ -292,8 +292,8 @@ def _steps(path: str) -> list[str]:
     return re.sub(r"\[\d*\]", "", path).split(".")
 
 
-def _agree(steps: list[str], wanted: list[str]) -> bool:
-    return len(steps) == len(wanted) and all(a in ("<name>", b) for a, b in zip(steps, wanted, strict=True))
+def _agree(steps: list[str], target: list[str]) -> bool:
+    return len(steps) == len(target) and all(a in ("<name>", b) for a, b in zip(steps, target, strict=True))
 
 
 # Beginnings of the names of parameters, each with the key of a robot's file that holds the number.
@@ -310,7 +310,7 @@ _FAMILIES = dict(
 
 
 def explain_parameter(name: str, robot: Robot | None = None) -> str:
-    """Meaning, side, joint and nominal value of a parameter, or meaning of its family; empty for any other name."""
+    """Explain a parameter: meaning, side, joint and nominal value, or its family; empty for any other name."""
     unit, steps = ({} if robot is None else robot.numbers | robot.geometry).get(name, ("", ()))
     meaning = channel_meaning(name)
     if meaning and not steps:

@@ -25,7 +25,7 @@ _YAML_1_1_WORDS = ("yes", "no", "on", "off", "y", "n")
 
 
 def load_robot(path: Path | str) -> Robot:
-    """The robot of a YAML file; StudyError with a line `file:line:col: key: message` for each error."""
+    """Read the robot of a YAML file; StudyError with a line `file:line:col: key: message` for each error."""
     path = Path(path)
     source = with_robot(read_robot(path), path.parent)
     robot = source.data["robot"]
@@ -33,7 +33,7 @@ def load_robot(path: Path | str) -> Robot:
 
 
 def read_robot(path: Path) -> YamlSource:
-    """The file's content under the key `robot`, which the places of its keys do not show."""
+    """Read the file's content under the key `robot`, which the places of its keys do not show."""
     part = read_source(path, str(path), rank=1)
     if not isinstance(part.data, dict):
         raise StudyError("robot/file", "a robot is a mapping with the keys name and bodies", f"{path}:1:1")
@@ -48,7 +48,7 @@ def read_robot(path: Path) -> YamlSource:
 
 
 def with_robot(source: YamlSource, folder: Path) -> YamlSource:
-    """A Robot made of `links` or a `urdf` under `robot`, paths from folder on; StudyError, a line for each error."""
+    """Make a Robot of `links` or a `urdf` under `robot`, paths from folder on; StudyError, a line for each error."""
     data = source.data.get("robot")
     if not isinstance(data, dict) or "bodies" in data:
         return source
@@ -76,7 +76,7 @@ def _validated(source: YamlSource, kind: type) -> Any:
 
 
 def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
-    """YAML of a robot, of any section of a study, or of a mapping with such sections and plain data.
+    """Return YAML of a robot, of any section of a study, or of a mapping with such sections and plain data.
 
     In SI, keys at their defaults left out.  comments: lines at its head.
     """
@@ -89,7 +89,7 @@ def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Mappings, lists, numbers and texts; a number keeps all its digits."""
+    """Return mappings, lists, numbers and texts; a number keeps all its digits."""
     if is_dataclass(value):
         from elastid.store.values import text_of  # brings h5py
 

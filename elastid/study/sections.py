@@ -105,7 +105,7 @@ class Study:
         return Display(f"Study '{self.name}' (kind: {self.kind}), seed {self.seed}", ("section", "content"), rows)
 
     def as_robot(self) -> Robot:
-        """The robot; StudyError for a study without one."""
+        """Return the robot; StudyError for a study without one."""
         if self.robot is None:
             stages = "estimate" if self.experiment.responses is not None else "measure, estimate"
             raise StudyError(
@@ -117,7 +117,7 @@ class Study:
         return self.robot
 
     def as_friction(self) -> FrictionSpec:
-        """The section `friction`; StudyError for a study of the other kind."""
+        """Return the section `friction`; StudyError for a study of the other kind."""
         if self.friction is None:
             raise StudyError("study/stage", f"study {self.name} has no section friction: it identifies elasticity")
         return self.friction
@@ -125,10 +125,10 @@ class Study:
     @property
     def friction_joints(self) -> tuple[Joint, ...]:
         """Joints whose friction is identified, in the robot's order, by default all driven joints."""
-        driven, asked = self.as_robot().driven, self.as_friction().joints
+        driven, choice = self.as_robot().driven, self.as_friction().joints
         names = [joint.name for joint in driven]
-        chosen = [joint_called(name, names) for name in asked]
-        return tuple(joint for joint in driven if not asked or joint.name in chosen)
+        chosen = [joint_called(name, names) for name in choice]
+        return tuple(joint for joint in driven if not choice or joint.name in chosen)
 
     @property
     def places(self) -> Places:
@@ -145,7 +145,7 @@ class Study:
         return "frf-responses" if self.experiment.responses is not None else "frf"
 
     def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
-        """Responses for the fit, without validation configurations."""
+        """Return responses for the fit, without validation configurations."""
         return tuple(
             response for response in responses if response.configuration.name not in self.validation.configurations
         )
@@ -193,18 +193,16 @@ class FleetSpec:
         "values of the member.", "for paths of logs with {robot} and {date}, and for settings of the whole fleet such "
         "as fewer starts.")] = field(default_factory=dict)
     false_discovery_rate: Annotated[float, Key("Expected fraction of false alarms among the reported differences and "
-        "trends.", "0.01 if each finding stops a robot; higher if an inspection is cheap.")] = 0.05
+        "trends.", "0.01 if each finding stops a robot; higher if an inspection is cheap.", above=0, below=1)] = 0.05
     # fmt: on
 
     def __post_init__(self) -> None:
         if bool(self.members) == bool(self.table):
             raise ValueError("give either members or table")
-        if not 0 < self.false_discovery_rate < 1:
-            raise ValueError(f"false_discovery_rate is {self.false_discovery_rate:g}; it must be between 0 and 1")
 
 
 def joint_called(name: str, driven: Sequence[str]) -> str | None:
-    """Driven joint by name or by number from 1; None if it does not exist."""
+    """Return driven joint by name or by number from 1; None if it does not exist."""
     if name in driven:
         return name
     return driven[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(driven) else None

@@ -45,7 +45,7 @@ class YamlSource:
     text: str = ""
 
     def place(self, path: KeyPath, of_value: bool = False) -> Place:
-        """Place where a key path is written, or else the nearest key above it."""
+        """Return place where a key path is written, or else the nearest key above it."""
         for length in range(len(path), -1, -1):
             if path[:length] in self.places:
                 key, value = self.places[path[:length]]
@@ -54,7 +54,7 @@ class YamlSource:
 
 
 def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
-    """A YAML file, named `name` in messages; StudyError where it is missing or not YAML."""
+    """Read a YAML file, named `name` in messages; StudyError where it is missing or not YAML."""
     try:
         raw = path.read_bytes()
     except FileNotFoundError:
@@ -72,7 +72,7 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
 
 
 def parse(text: str, name: str, rank: int = 0) -> YamlSource:
-    """YAML text of a source called `name`; StudyError lists broken YAML, duplicate keys and tags by place."""
+    """Parse YAML text of a source called `name`; StudyError lists broken YAML, duplicate keys and tags by place."""
     root = Place(rank, 1, 1, name)
     if _half_character(text):
         raise StudyError("study/yaml", "not a text in UTF-8", f"{name}:1:1")
@@ -100,7 +100,7 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
 
 
 def first_of(lines: Sequence[str]) -> str:
-    """Lines of errors, the first of many and a count of the others."""
+    """Return lines of errors, the first of many and a count of the others."""
     most = 20  # correcting them corrects most others
     more = len(lines) - most
     return "\n".join([*lines[:most], *([f"... and {more} further errors"] if more > 0 else [])])
@@ -111,7 +111,7 @@ def _line_column(before: str) -> tuple[int, int]:
 
 
 def _half_character(text: str) -> bool:
-    """True for a text with a surrogate, which an escape or an option can bring in and no file can hold."""
+    """Return True for a text with a surrogate, which an escape or an option can bring in and no file can hold."""
     return any("\ud800" <= c <= "\udfff" for c in text)
 
 
@@ -131,7 +131,7 @@ class _Reader:
         self.problems.append(f"{self.place(node)}: {one_line(message)}")
 
     def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
-        """Value of a YAML node, the places of its keys noted; StudyError where aliases repeat without end."""
+        """Return value of a YAML node, the places of its keys noted; StudyError where aliases repeat without end."""
         self.places[path] = (key_place, self.place(node))
         if id(node) in self._open or len(self.places) > 200_000:  # aliases may repeat nodes without end
             raise StudyError("study/yaml", "aliases are recursive, or make the file too large", f"{self.place(node)}")
@@ -146,7 +146,7 @@ class _Reader:
         return data
 
     def entries(self, node: MappingNode) -> Iterator[tuple[str, Node, Place]]:
-        """Key, value and place of each entry of a mapping; keys that are no names, or given twice, become problems."""
+        """Yield key, value and place of each entry of a mapping; keys that are no names, or duplicates, fail."""
         first: dict[str, int] = {}
         for key_node, item in node.value:
             if not isinstance(key_node, ScalarNode):
@@ -166,7 +166,7 @@ class _Reader:
             yield key, item, self.place(key_node)
 
     def scalar(self, node: Node) -> Any:
-        """A leaf as plain data: null, a boolean, a number or a text; any other tag is a problem."""
+        """Return a leaf as plain data: null, a boolean, a number or a text; any other tag is a problem."""
         kind = str(node.tag).removeprefix(_TAG)
         text = node.value
         if _half_character(str(text)):

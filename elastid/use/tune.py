@@ -81,7 +81,7 @@ class TwinLoop:
         """
         clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
         spec, posture = SimulatedSpec(model=commanded.spec, saturation=clips), Configuration("start", start)
-        plant = true_plant(robot, spec, rate_hz, posture, samples=samples, is_free=True, of_numbers=True)
+        plant = true_plant(robot, spec, rate_hz, posture, samples=samples, is_free=True, has_theta=True)
         gains = tune(commanded.model, commanded.rigid_posture(start), bandwidth_hz, DAMPING_RATIO)
         return cls(commanded, robot, plant, gains)
 

@@ -40,7 +40,7 @@ def test_a_joint_with_a_zero_stands_where_one_is_at_its_position_plus_that() -> 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Gear(load=1.0), "takes all of its torque"),
+        (lambda: Gear(load=1.0), "load: it must be below 1"),
         (lambda: Joint("1", motor=Motor(1e-3, 100.0), gear=Gear()), "the joint has no spring"),
         (lambda: Joint("1", spring=Spring(1e5), gear=Gear()), "the joint has no motor"),
     ],

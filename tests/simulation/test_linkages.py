@@ -22,7 +22,7 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path
-from elastid.simulation.dynamics import constrained_acceleration, projection
+from elastid.simulation.dynamics import free_acceleration, projection
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")
@@ -94,7 +94,7 @@ def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name: str):
     bar = [reference.joints[reference.getJointId(name)].idx_q for name in ("bar y", "bar x")]
     start = np.zeros(model.n_q)
     start[:n_l] = assembled(robot, np.array(POSE[name]))
-    accelerate = constrained_acceleration(model)
+    accelerate = free_acceleration(model)
     for _ in range(5):
         q, v = on_the_loops(model, start + random.normal(0, 0.05, model.n_q), random.normal(0, 1, model.n_q))
         torque = np.r_[random.normal(0, 500, n_l), np.zeros(model.n_q - n_l)]
@@ -175,7 +175,7 @@ def test_accelerations_of_a_linkage_have_its_frequency_response():
         model = formulate(one)
         point = equilibrium(model, model.theta, at)
         x, u = ca.SX.sym("x", 2 * model.n_q), ca.SX.sym("u", 2)
-        a = constrained_acceleration(model)(x[: model.n_q], x[model.n_q :], ca.DM(model.B) @ u)
+        a = free_acceleration(model)(x[: model.n_q], x[model.n_q :], ca.DM(model.B) @ u)
         rate = ca.vertcat(x[model.n_q :], a)
         values = ca.Function("A", [x, u], [ca.jacobian(rate, x), ca.jacobian(rate, u)])
         A, B = (np.array(part.full()) for part in values(np.r_[point.q, np.zeros(model.n_q)], point.u))

@@ -59,7 +59,7 @@ class PassLimits:
         return 3.0 / (2 * math.pi * self.bandwidth_hz)
 
     def settling_s(self, speed: float) -> float:
-        """Time after a ramp to a speed before the joint slides steadily."""
+        """Return time after a ramp to a speed before the joint slides steadily."""
         return self.loop_settling_s + self.lag / speed
 
 
@@ -93,7 +93,7 @@ class PassReference:
 def plan_passes(
     speeds: Sequence[float], repeat: int, limits: PassLimits, seed: int, reference_every_s: float = 300.0
 ) -> tuple[PlannedPass, ...]:
-    """Every speed `repeat` times in random order, and the middle speed first, last and every reference_every_s between.
+    """Plan each speed `repeat` times in random order, the middle speed first, last and every reference_every_s.
 
     A speed that is given several times has as many passes.  Raises StudyError that names the speed for one that is too
     fast for the joint or its window.
@@ -113,17 +113,17 @@ def plan_passes(
 
 
 def ramp_time(speed: float, limits: PassLimits) -> float:
-    """Seconds from rest to a speed."""
+    """Return seconds from rest to a speed."""
     return RAMP_PEAK * speed / limits.acceleration
 
 
 def pass_time(planned: PlannedPass, limits: PassLimits) -> float:
-    """Seconds of one pass there and back."""
+    """Return seconds of one pass there and back."""
     return 2 * (planned.plateau_s + limits.settling_s(planned.speed) + 2 * ramp_time(planned.speed, limits) + PAUSE_S)
 
 
 def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> PassReference:
-    """Trapezoids of velocity with smooth ramps, there and back, at rest at both ends."""
+    """Compute trapezoids of velocity with smooth ramps, there and back, at rest at both ends."""
     ramp_s = ramp_time(planned.speed, limits)
     settling_s = limits.settling_s(planned.speed)
     steady_s = planned.plateau_s + settling_s
@@ -139,7 +139,7 @@ def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> 
 
 
 def fastest_speed(limits: PassLimits) -> float:
-    """The highest speed whose pass fits into the window, within the joint's velocity."""
+    """Find the highest speed whose pass fits into the window, within the joint's velocity."""
     room = limits.window[1] - limits.window[0] - limits.turn - limits.lag
     a, t = limits.acceleration / RAMP_PEAK, limits.loop_settling_s + SHORTEST_S
     if room <= 0:
@@ -149,7 +149,7 @@ def fastest_speed(limits: PassLimits) -> float:
 
 
 def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
-    """One pass about the middle of the window; StudyError where it has no room."""
+    """Plan one pass about the middle of the window; StudyError where it has no room."""
     if speed > limits.velocity:
         raise StudyError(
             "friction/plan",

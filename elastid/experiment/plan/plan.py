@@ -39,7 +39,7 @@ class ClosedLoopResponse:
     reference: ComplexArray
 
     def stacked(self, signals: tuple[Signal, ...]) -> ComplexArray:
-        """The responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
+        """Return the responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
         return np.concatenate([getattr(self, signal) for signal in signals], axis=1)
 
 
@@ -56,7 +56,7 @@ def torque_spectra(
     spectrum: FloatArray | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> ComplexArray:
-    """R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
+    """Compute R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
     spectrum, closed_loop: as `make_plan` takes them.  Flat in torque until `flat: information` has its spectrum; with
     torque_rms: limits every motor has a share of its torque limit, to be scaled.  Raises StudyError where fewer lines
@@ -70,8 +70,8 @@ def torque_spectra(
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = relative_amplitudes(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
-    is_found = excitation.flat in ("torque", "information")
-    if not is_found or excitation.compress != ("torque",) or excitation.inject != "torque":
+    is_torque = excitation.flat in ("torque", "information")
+    if not is_torque or excitation.compress != ("torque",) or excitation.inject != "torque":
         if closed_loop is None:
             raise StudyError(
                 "excitation/power",
@@ -80,7 +80,7 @@ def torque_spectra(
                 "excitation.inject), or set all three to torque",
                 "excitation",
             )
-        if not is_found:
+        if not is_torque:
             nearby = [getattr(closed_loop(configuration, freq_hz * factor), excitation.flat) for factor in _NEARBY]
             # |T_ii| (F, n_u): of each motor to its own torque.
             relative = relative / np.max(np.abs(np.diagonal(nearby, axis1=2, axis2=3)), axis=0)
@@ -92,7 +92,7 @@ def torque_spectra(
 
 
 def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
-    """RMS (n_u,) of the injected torques in Nm; with `limits` shares of the torque limits, in the right proportion.
+    """Compute RMS (n_u,) of injected torques in Nm; with `limits` shares of the torque limits, in the right proportion.
 
     The first of several amplitudes.
     """
@@ -205,11 +205,11 @@ class Plan:
         return tuple(np.any(self.R != 0, axis=(2, 3, 4)).sum(axis=1).tolist())
 
     def torque(self, experiment: Experiment) -> FloatArray:
-        """One period of the planned torque (period_samples, n_u), link-side Nm."""
+        """Return one period of the planned torque (period_samples, n_u), link-side Nm."""
         return synthesise(self.lines, self._spectrum(experiment)[1], self.period_samples)
 
     def reference(self, experiment: Experiment) -> FloatArray:
-        """One period of the reference by which this torque acts (period_samples, n_u), link-side rad or rad/s."""
+        """Compute one period of the reference of this torque (period_samples, n_u), link-side rad or rad/s."""
         q, R = self._spectrum(experiment)
         return synthesise(self.lines, (self.S_inverse[q] @ R[:, :, None])[:, :, 0], self.period_samples)
 
@@ -258,7 +258,7 @@ def make_plan(
     spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
-    """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
+    """Make the plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine.
 
     With several amplitudes each configuration is measured at every one, under a name of its own (`at_amplitude`).
 
@@ -268,13 +268,13 @@ def make_plan(
     further configuration or realisation leaves the others as they were (but for optimised phases, the first other
     realisation).  Raises StudyError where the robot cannot do it.
     """
-    given = [DesignedConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
+    picks = [DesignedConfiguration(c, experiment.realisations) for c in experiment.postures.values()]
     everyone = [
         (
             index,
             replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, index))),
         )
-        for pick in (*given, *chosen)
+        for pick in (*picks, *chosen)
         for index in range(1, len(excitation.amplitudes) + 1)
     ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
@@ -283,11 +283,11 @@ def make_plan(
     for q, (index, choice) in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
         spectrum = (spectra or {}).get(choice.configuration.name)
-        every = torque_spectra(
+        R_q = torque_spectra(
             excitation.at_amplitude(index), robot, lines.excited, choice.configuration, draws, spectrum,
             closed_loop,
         )  # fmt: skip
-        R[q, : len(draws)] = every[:, :E]
+        R[q, : len(draws)] = R_q[:, :E]
     configurations, inputs = tuple(choice.configuration for _, choice in everyone), robot.motor_locations
     timing = excitation.rate_hz, excitation.period_samples, experiment.periods, experiment.transient_periods
     cycle, references = 1, dict[str, Any]()

@@ -23,14 +23,14 @@ HOLDING_ERROR = 0.12  # relative error of a holding torque; masses of files are 
 
 
 def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: FloatArray, has_carrier: bool) -> str:
-    """Contradiction between a record and its plan as a sentence; an empty text without one.
+    """Return contradiction between a record and its plan as a sentence; an empty text without one.
 
     coulomb (n_u,): friction of the motors, as known.  The record has the positions of all motors.
     """
     assert record.r is not None
-    planned, of_motors = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
+    planned, columns = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
     N = plan.period_samples
-    r, u, y = (mean_period(x, N) for x in (record.r, record.u, record.y[:, of_motors]))
+    r, u, y = (mean_period(x, N) for x in (record.r, record.u, record.y[:, columns]))
     position, torque = (mean_period(x[plan.measured], N) for x in (rehearsal.position, rehearsal.torque))
     spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(planned, axis=0).conj(), axis=1)
     lag = int(np.argmax(np.fft.irfft(spectrum, len(r))))  # a start that all signals share is no contradiction
@@ -52,23 +52,23 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
 
 
 def _first_inconsistent_motor(
-    plan: Plan, what: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
+    plan: Plan, noun: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
 ) -> str:
-    """The first motor whose mean period does not follow the expected one, has another size, or a mean off by more."""
+    """Find the first motor whose mean period does not follow the expected one, or has another size or mean."""
     X, planned = (np.fft.rfft(x, axis=0)[plan.lines] for x in (signal, expected))
     norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(planned, axis=0)
     rho, gain = np.real(np.sum(X.conj() * planned, axis=0)) / np.maximum(norms * sizes, 1e-300), norms / sizes
-    means, wanted = signal.mean(axis=0), expected.mean(axis=0)
-    wrong = (rho < same) | (gain > size) | (gain < 1 / size) | (np.abs(means - wanted) > offset)
+    means, offsets = signal.mean(axis=0), expected.mean(axis=0)
+    wrong = (rho < same) | (gain > size) | (gain < 1 / size) | (np.abs(means - offsets) > offset)
     for i in np.flatnonzero(wrong)[:1]:
         return (
-            f"the {what} of {plan.inputs[i]} differs from the plan: correlation {rho[i]:.2f}, gain "
-            f"{number(float(gain[i]), 3)}, mean {means[i]:.4g} instead of {wanted[i]:.4g}. Check that it is this run, "
+            f"the {noun} of {plan.inputs[i]} differs from the plan: correlation {rho[i]:.2f}, gain "
+            f"{number(float(gain[i]), 3)}, mean {means[i]:.4g} instead of {offsets[i]:.4g}. Check that it is this run, "
             "channels, signs, units, posture, payload"
         )
     return ""
 
 
 def mean_period(signals: FloatArray, N: int) -> FloatArray:
-    """The mean (N, c) of the whole periods of signals (n, c)."""
+    """Return the mean (N, c) of the whole periods of signals (n, c)."""
     return np.asarray(folded(signals, N).mean(axis=0))

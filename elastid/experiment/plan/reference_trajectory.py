@@ -45,7 +45,7 @@ class Movement:
 
 
 def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
-    """Motion of every run of a plan, from and to zero velocity, at the controller's rate."""
+    """Return motion of every run of a plan, from and to zero velocity, at the controller's rate."""
     n_u = len(plan.inputs)
     s, ds, dds = _ramps(plan)
     if carrier is None:
@@ -59,7 +59,7 @@ def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
 
 
 def max_excursion(carrier: CarrierSpec, n_u: int, period_s: float, before_s: float) -> FloatArray:
-    """Largest excursion (n_u,) of each joint to either side, rad or m.
+    """Return largest excursion (n_u,) of each joint to either side, rad or m.
 
     before_s: at full velocity from the start of a run to the middle of its measured periods.
     """
@@ -69,7 +69,7 @@ def max_excursion(carrier: CarrierSpec, n_u: int, period_s: float, before_s: flo
 
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
-    """StudyError for a carrier of other motors, among the analysed lines, or beyond the joints' limits, with ramps."""
+    """Raise StudyError for a carrier of other motors, on analysed lines, or beyond joint limits, with ramps."""
     if refused := carrier.refusal(len(plan.inputs), int(min(*plan.lines, *plan.detection))):
         raise StudyError("experiment/simulated", refused, "experiment.simulated.carrier")
     low, high = np.array([end(movement(carrier, plan).position, axis=0) for end in (np.min, np.max)])
@@ -85,7 +85,7 @@ def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
 
 
 def _ramps(plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """s (n,) and its first two derivatives in 1/s, 1/s^2: hold, ramp, periods, ramp, hold."""
+    """Compute s (n,) and its first two derivatives in 1/s, 1/s^2: hold, ramp, periods, ramp, hold."""
     ramp = plan.ramp_samples
     tau = np.arange(ramp) / max(ramp, 1)
     rate = plan.rate_hz / max(ramp, 1)
@@ -105,7 +105,7 @@ def _ramps(plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _sine(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """p, p', p'' (n, n_u)."""
+    """Compute p, p', p'' (n, n_u)."""
     omega = 2 * np.pi * carrier.cycles * plan.rate_hz / plan.period_samples
     phase, a = (omega * _time(plan))[:, None], carrier.amplitudes(len(plan.inputs))
     sine, cosine = np.sin(phase), np.cos(phase)  # of all motors
@@ -113,7 +113,7 @@ def _sine(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, Flo
 
 
 def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
-    r"""p, p', p'' (n, n_u) with p' = (4 v / pi) sum_h sin(h omega t) / h / (1 + (h f / f_c)^4)^(1/2), h odd.
+    r"""Compute p, p', p'' (n, n_u) with p' = (4 v / pi) sum_h sin(h omega t) / h / (1 + (h f / f_c)^4)^(1/2), h odd.
 
     The second-order filter has no phase; harmonics on analysed lines, those of detection too, are left out.
     """
@@ -162,7 +162,7 @@ class Reference:
     scale: FloatArray = labelled("factor on the torque of the experiment, 0 at rest", "", "time_s")
 
     def injected(self, period: FloatArray) -> FloatArray:
-        """r (n, n_u) of a whole run from one period (N, n_u) of torque."""
+        """Return r (n, n_u) of a whole run from one period (N, n_u) of torque."""
         return _repeated(period, self.scale, self.first_sample)
 
 
@@ -179,15 +179,15 @@ def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, 
     if plan.inject == "torque":
         return np.zeros((0, len(plan.inputs)))
     path = movement(carrier, plan)
-    moved = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
+    signal = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
     period = factor * plan.reference(experiment)
-    return (moved + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
+    return (signal + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
 
 
 def reference(
     plan: Plan, carrier: CarrierSpec | None, feed_forward: FeedForward, configuration: Configuration
 ) -> Reference:
-    """The reference of one configuration."""
+    """Return the reference of one configuration."""
     path = movement(carrier, plan)
     signals = path.position, path.velocity, path.acceleration, path.scale
     once, place = np.unique(_first_of_its_kind(plan, carrier), return_inverse=True)
@@ -198,15 +198,15 @@ def reference(
 
 
 def _first_of_its_kind(plan: Plan, carrier: CarrierSpec | None) -> IntArray:
-    """The first sample (n,) with the movement that each has: at rest one for all, in the periods one of a cycle."""
-    every, first = np.arange(plan.run_samples), plan.first_sample
+    """Find the first sample (n,) of the same movement: at rest one for all, in the periods one of a cycle."""
+    sample, first = np.arange(plan.run_samples), plan.first_sample
     if carrier is None:
-        return np.zeros_like(every)
+        return np.zeros_like(sample)
     if carrier.kind == "offset":
-        return every
+        return sample
     cycle = plan.period_samples // math.gcd(plan.period_samples, carrier.cycles)
-    in_periods = (every >= first) & (every < plan.run_samples - first)
-    return np.where(in_periods, first + (every - first) % cycle, every)
+    in_periods = (sample >= first) & (sample < plan.run_samples - first)
+    return np.where(in_periods, first + (sample - first) % cycle, sample)
 
 
 @frozen_value
@@ -236,7 +236,7 @@ class Rehearsal:
 
 
 def derivatives(x: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """First and second derivative (n, c) of x (n, c), of sixth order; the run begins and ends at rest."""
+    """Compute first and second derivative (n, c) of x (n, c), of sixth order; the run begins and ends at rest."""
     padded = np.pad(x, ((3, 3), (0, 0)), mode="edge")
     f = [padded[i : i + len(x)] for i in range(7)]
     first = (45 * (f[4] - f[2]) - 9 * (f[5] - f[1]) + f[6] - f[0]) * (rate_hz / 60)

@@ -48,14 +48,14 @@ class FrictionRun:
     temperature: FloatArray | None
 
     def simulated(self, controller: ControllerSpec, rate_hz: float, noise: Noise) -> Trajectory:
-        """The motion in closed loop; DataError where the joint is lost."""
+        """Simulate the motion in closed loop; DataError where the joint is lost."""
         model, point, n = self.plant.model, self.plant.point, len(self.path.position)
-        moved, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
+        offset, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
         injected[:, self.index] = 0.0 if self.motion.torque is None else self.motion.torque
-        moved[:, self.index] = self.path.position - point.configuration.angles[self.index]
+        offset[:, self.index] = self.path.position - point.configuration.angles[self.index]
         velocity[:, self.index], acceleration[:, self.index] = self.path.velocity, self.path.acceleration
-        torque = injected + feed_forward(model, point.q, moved, velocity, acceleration)
-        position = point.configuration.angles + moved
+        torque = injected + feed_forward(model, point.q, offset, velocity, acceleration)
+        position = point.configuration.angles + offset
         position[:, self.index] = self.path.position  # to the last bit
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
         bandwidth_hz = controller.bandwidth_hz
@@ -76,7 +76,7 @@ class FrictionRun:
             ) from None
 
     def _friction(self) -> FloatArray:
-        """Friction parameters (n, 9 n_f) along the path, at the temperature of the moving joint."""
+        """Return friction parameters (n, 9 n_f) along the path, at the temperature of the moving joint."""
         contacts, sides = self.plant.loop.contacts, (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
 
         n = len(self.path.position)
@@ -102,7 +102,7 @@ _Activity: TypeAlias = tuple[float, float, FloatArray]
 
 
 def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    r"""Times (n + 1,), temperature (n + 1,) in degC of a joint of the true robot, and power (n,) in W in between.
+    r"""Simulate times (n + 1,), temperature (n + 1,) in degC of a joint of the true robot, and power (n,) in W.
 
     .. math:: C \dot T = P - h (T - T_a), \qquad
               T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
@@ -217,7 +217,7 @@ class SimulatedFrictionRig:
         )
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
-        """The heat of each joint that was warmed, from the start of its warm-up to its last test."""
+        """Return the heat of each joint that was warmed, from the start of its warm-up to its last test."""
         return tuple(self._warm_up(warm_up) for warm_up in self.plan.warm_ups)
 
     def _run(self, motion: PlannedMotion) -> FrictionRun:
@@ -247,7 +247,7 @@ class SimulatedFrictionRig:
         return float(np.abs(torque @ np.linalg.inv(self.robot.mixing)[:, run.index]).mean())
 
     def _thermometer(self, run: FrictionRun, number: int) -> FloatArray | None:
-        """Temperatures as they are logged (n,), with one error for the motion."""
+        """Return temperatures as they are logged (n,), with one error for the motion."""
         heat = self.simulated.heat
         if heat is None or run.temperature is None or heat.thermometer_std is None:
             return None

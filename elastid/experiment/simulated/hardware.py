@@ -39,12 +39,12 @@ _SECOND_DERIVATIVE = np.array([*_WEIGHTS[::-1], -2 * sum(_WEIGHTS), *_WEIGHTS])
 
 
 def logged_quantity(place: str) -> Motion:
-    """The quantity that is logged at a place: the acceleration of points, the position of joints, motors and bodies."""
+    """Return the quantity logged at a place: acceleration of points, position of joints, motors and bodies."""
     return "acceleration" if is_point(place) else "position"
 
 
 def output_stds(noise: NoiseSpec, outputs: Sequence[str]) -> FloatArray:
-    """Standard deviation (n_y,) of the noise on each output, in its unit."""
+    """Return standard deviation (n_y,) of the noise on each output, in its unit."""
     return np.array([noise.acceleration_std if is_point(place) else noise.angle_std for place in outputs])
 
 
@@ -57,7 +57,7 @@ def sense(
     rate_hz: float,
     period_samples: int,
 ) -> FloatArray:
-    """Logged outputs (n, n_y) of a motion q (n, n_q), without noise; reading (n, n_u): encoder positions.
+    """Return logged outputs (n, n_y) of a motion q (n, n_q), without noise; reading (n, n_u): encoder positions.
 
     Joint angles in full, of bodies and frames the small angle C (q - q0) from the equilibrium q0.
     """
@@ -74,11 +74,11 @@ def sense(
 
 
 def sense_movement(
-    moved: FloatArray, model: ElasticModel, q0: FloatArray, outputs: Sequence[str], rate_hz: float, period_samples: int
+    offset: FloatArray, model: ElasticModel, q0: FloatArray, outputs: Sequence[str], rate_hz: float, period_samples: int
 ) -> FloatArray:
-    """Contribution (n, n_y) of the planned movement, moved (n, n_u) from the configuration, to the logged outputs."""
+    """Compute the contribution (n, n_y) of a planned movement, offset (n, n_u), to the logged outputs."""
     start = model.B.T @ q0
-    path = rigid_path(model, q0, start, start + moved)
+    path = rigid_path(model, q0, start, start + offset)
     y = (path - q0) @ model.output_jacobian(q0, outputs).T
     for column, place in enumerate(outputs):
         if is_point(place):
@@ -89,7 +89,7 @@ def sense_movement(
 def point_acceleration(
     q: FloatArray, model: ElasticModel, q0: FloatArray, place: str, rate_hz: float, period_samples: int
 ) -> FloatArray:
-    """m/s^2 (n,) at `frame <name> <axis>` or `accelerometer <name> <axis>` along a motion q (n, n_q).
+    """Compute m/s^2 (n,) at `frame <name> <axis>` or `accelerometer <name> <axis>` along a motion q (n, n_q).
 
     Before its first sample the motion is extrapolated linearly, after its last one from a period earlier.
     """
@@ -127,7 +127,7 @@ class Noise:
 def draw_noise(
     spec: NoiseSpec, n: int, rate_hz: float, n_u: int, outputs: Sequence[str], seed: tuple[int, ...]
 ) -> Noise:
-    """The noise of a run of n samples; white and colored parts come from the same seed, one after the other."""
+    """Draw the noise of a run of n samples; white and colored parts come from the same seed, one after the other."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     signals = {
         "torque": spec.torque_std * random.standard_normal((n, n_u)),
@@ -150,7 +150,7 @@ def draw_noise(
 
 
 def drives(robot: Robot, encoder_counts: int, torque_ripple: Sequence[TorqueRippleSpec], saturation: bool) -> Drives:
-    """The drives of a robot, link side; StudyError where torques are to be clipped and no joint has a limit."""
+    """Return the drives of a robot, link side; StudyError where torques are to be clipped and no joint has a limit."""
     ratio = np.array([robot.ratio(joint.name) for joint in robot.driven])
     limit = np.array([joint.limits.torque if saturation else math.inf for joint in robot.driven])
     if saturation and not np.isfinite(limit).any():
@@ -170,7 +170,7 @@ def drives(robot: Robot, encoder_counts: int, torque_ripple: Sequence[TorqueRipp
 
 
 def friction_coefficients(contacts: Contacts, robot: Robot, point: OperatingPoint) -> FloatArray:
-    """Friction coefficients (9 n_f,) in a configuration: the load on a joint is the torque that holds it there.
+    """Compute friction coefficients (9 n_f,) in a configuration: the load on a joint is the torque that holds it there.
 
     StudyError where the load gives coefficients that no friction law has.
     """
@@ -182,7 +182,7 @@ def friction_coefficients(contacts: Contacts, robot: Robot, point: OperatingPoin
 
 
 def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:
-    """The load in Nm, link side, on each contact: the holding torque of a driven joint, the spring's of another."""
+    """Compute loads in Nm, link side, of contacts: the holding torque of a driven joint, the spring's of another."""
     driven, loads = robot.driven_names, list[float]()
     for law in contacts.laws:
         name = law.place.split(" ", 1)[1]
@@ -193,7 +193,7 @@ def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[fl
 
 
 def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
-    """Motions (n, n_y), at rest before they begin, behind the low-pass filter of the robot's chain.
+    """Filter motions (n, n_y), at rest before they begin, by the low-pass filter of the robot's chain.
 
     The filter is the continuous one, by the spectrum of the motion continued smoothly to its mirror image.
     """

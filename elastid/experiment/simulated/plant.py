@@ -41,7 +41,7 @@ from elastid.simulation.controller import feed_forward, filters_of, gains_of, sa
 from elastid.simulation.dynamics import MAX_SUBSTEPS, contacts, least_steps, poles
 from elastid.simulation.spec import ControllerSpec
 
-MAX_CLIPPED_SHARE = 0.5  # of the samples, beyond which a motor cannot control the robot
+MAX_CLIPPED_FRACTION = 0.5  # of the samples, beyond which a motor cannot control the robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Plant:
 
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
-    """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
+    """Return the robot with the true parameters; StudyError for a name that it does not have."""
     if not truth:
         return robot
     numbers = robot.parameters(robot.on_demand) | friction_numbers(robot)
@@ -69,7 +69,7 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
 
 
 def model_of(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
-    """The equations of a robot, built once in a process."""
+    """Return the equations of a robot, built once in a process."""
     return _model_of(robot, spec)  # a cache takes a default and the same value for two keys
 
 
@@ -90,25 +90,25 @@ def _loop_of(
     controller: ControllerSpec,
     samples: int,
     is_free: bool,
-    of_numbers: bool,
+    has_theta: bool,
 ) -> ClosedLoop:
-    """The closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
+    """Return the closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
     limits = np.array([(-np.inf, np.inf) if is_free else joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
     filters = filters_of(robot.driven_names, controller, rate_hz)
-    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, of_numbers, filters)
+    return closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, has_theta, filters)
 
 
 def true_plant(
     robot: Robot, spec: SimulatedSpec, rate_hz: float, start: Configuration, highest_hz: float = 0.0, samples: int = 0,
-    is_free: bool = False, of_numbers: bool = False
+    is_free: bool = False, has_theta: bool = False
 ) -> Plant:  # fmt: skip
-    """The plant of a section `simulated`, with its truth, at rest in `start`.
+    """Return the plant of a section `simulated`, with its truth, at rest in `start`.
 
     highest_hz: the end of the band, if any.  samples: about how many the whole plan has, for which steps are compiled
-    where the section asks for it.  is_free: without limits of the motors' angles.  of_numbers: each run has numbers of
+    where the section asks for it.  is_free: without limits of the motors' angles.  has_theta: each run has numbers of
     its own, for whose poles a fifth is to spare.  StudyError where the integration steps are too long for the fastest
     pole.
     """
@@ -116,7 +116,7 @@ def true_plant(
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
     s, fastest = poles(model, contacts(model, frictions(robot)), point.q)
-    needed = least_steps(1.2 * s if of_numbers else s, 1 / rate_hz)
+    needed = least_steps(1.2 * s if has_theta else s, 1 / rate_hz)
     # The rate of a recorded log cannot be raised: it has the steps in a second of a log of 1 kHz.
     most = spec.substeps or max(MAX_SUBSTEPS, int(1000.0 / rate_hz * MAX_SUBSTEPS) if is_free else 0)
     if needed > most:
@@ -129,41 +129,41 @@ def true_plant(
     substeps = max(needed, spec.steps(rate_hz, highest_hz))
     hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
-    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, of_numbers), point)
+    return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, has_theta), point)
 
 
 def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
-    """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
-    moved = np.zeros((len(position), model.n_u))
-    moved[:, index] = position - point.configuration.angles[index]
-    still = np.zeros_like(moved)
-    return feed_forward(model, point.q, moved, still, still)
+    """Return u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
+    offset = np.zeros((len(position), model.n_u))
+    offset[:, index] = position - point.configuration.angles[index]
+    still = np.zeros_like(offset)
+    return feed_forward(model, point.q, offset, still, still)
 
 
 def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) -> Iterator[Note]:
-    """A note for each of some motors whose torque u (n, n_u) was clipped, or went beyond its limit.
+    """Yield a note for each of some motors whose torque u (n, n_u) was clipped, or went beyond its limit.
 
     DataError where most of it was clipped.
     """
     for i in motors:
         joint, drive, torque = plant.model.robot.driven[i], float(plant.loop.drives.torque[i]), np.abs(u[:, i])
-        place, unit, share = f"{run}, motor {joint.name}", drive_unit(joint.slides), float(np.mean(torque >= drive))
-        text = f"saturated at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples"
-        if share > MAX_CLIPPED_SHARE:
+        place, unit, fraction = f"{run}, motor {joint.name}", drive_unit(joint.slides), float(np.mean(torque >= drive))
+        text = f"saturated at its torque limit of {drive:.4g} {unit} in {max(fraction, 1e-4):.2%} of the samples"
+        if fraction > MAX_CLIPPED_FRACTION:
             raise DataError(
                 "experiment/diverged",
                 f"{text} and cannot control the robot. Lower excitation.torque_rms, choose a configuration with less "
                 "gravity torque, or correct limits.torque",
                 place,
             )
-        if share > 0:
+        if fraction > 0:
             yield Note("experiment/limits", f"{text}; {_LOWER}", place)
         elif torque.max() > joint.limits.torque:
             yield beyond(place, torque.max(), joint.limits.torque, unit)
 
 
 def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
-    """A note on a motor that went beyond a limit which its drive does not keep."""
+    """Return a note on a motor that went beyond a limit which its drive does not keep."""
     return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", place)
 
 
@@ -173,7 +173,7 @@ _LOWER = "lower excitation.torque_rms, or the highest speed of passes"
 def closed_loop_of(
     robot: Robot, controller: ControllerSpec, rate_hz: float, inject: Injected = "torque"
 ) -> PredictClosedLoop:
-    """The closed-loop response of the nominal robot under a controller sampled at rate_hz, as `make_plan` takes it.
+    """Return the closed-loop response of the nominal robot and a controller at rate_hz, as `make_plan` takes it.
 
     It raises StudyError where a configuration has no equilibrium, or references are injected without their path.
     """
@@ -206,7 +206,7 @@ def _closed_loop_response(
 
 
 def feed_forward_of(model: ElasticModel) -> FeedForward:
-    """The feed-forward torque of a rigid robot, as `reference` takes it."""
+    """Return the feed-forward torque of a rigid robot, as `reference` takes it."""
 
     def torque(configuration: Configuration, path: Movement) -> FloatArray:
         q0 = equilibrium(model, model.theta, configuration).q
@@ -218,7 +218,7 @@ def feed_forward_of(model: ElasticModel) -> FeedForward:
 
 @lru_cache(maxsize=16)
 def _feed_forward(model: ElasticModel, q0: tuple[float, ...], shape: tuple[int, ...], path: bytes) -> FloatArray:
-    """The torque (n, n_u) along a path (3, n, n_u), kept since all runs of a configuration follow the same one."""
+    """Compute the torque (n, n_u) along a path (3, n, n_u), cached: all runs of a configuration follow the same."""
     return frozen(feed_forward(model, np.array(q0), *np.frombuffer(path).reshape(shape)))
 
 
@@ -232,7 +232,7 @@ BAND = (0.01, 0.4)
 
 
 def true_modes() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Natural frequencies in rad/s, damping ratios, and mode shapes (3, 3) of unit modal mass, column by column."""
+    """Compute natural frequencies in rad/s, damping ratios, and mode shapes (3, 3) of unit modal mass by column."""
     root = np.diag(1 / np.sqrt(MASSES))
     k = np.array([*STIFFNESSES, 0.0])
     K = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
@@ -241,7 +241,7 @@ def true_modes() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def true_response(freq_hz: FloatArray) -> ComplexArray:
-    """G (F, 3, 2): acceleration of each mass per force of each shaker, m/s^2 per N."""
+    """Return G (F, 3, 2): acceleration of each mass per force of each shaker, m/s^2 per N."""
     natural, damping, shapes = true_modes()
     omega = 2 * np.pi * freq_hz[:, None]
     modal = -(omega**2) / (natural**2 - omega**2 + 2j * damping * natural * omega)
@@ -249,7 +249,7 @@ def true_response(freq_hz: FloatArray) -> ComplexArray:
 
 
 def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[FloatArray]:
-    """Forces in N and accelerations in m/s^2 (n, 2 + 3) in both experiments of one realisation of a multisine.
+    """Simulate forces in N and accelerations in m/s^2 (n, 2 + 3) in both experiments of one realisation of a multisine.
 
     In steady state, with sensor noise.  In the second the second shaker pushes with the other sign, so that the two
     separate the shakers at every line.
@@ -259,7 +259,7 @@ def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[
     U = 5.0 * np.sqrt(2 / len(lines)) * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
     G, experiments = true_response(lines * rate_hz / period_samples), []
     for F in (U, U * [1, -1]):
-        of_each = ((F, 0.05), ((G @ F[..., None])[..., 0], 0.1))
-        signals = [(np.tile(synthesise(lines, X, period_samples), (periods, 1)), std) for X, std in of_each]
+        pairs = ((F, 0.05), ((G @ F[..., None])[..., 0], 0.1))
+        signals = [(np.tile(synthesise(lines, X, period_samples), (periods, 1)), std) for X, std in pairs]
         experiments.append(np.hstack([x + std * random.standard_normal(x.shape) for x, std in signals]))
     return experiments

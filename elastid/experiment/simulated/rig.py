@@ -95,46 +95,37 @@ class SimulatedRig:
 
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
-        run = self._prepared(experiment)
-        plant, trajectory = run.plant, self._moved(run, 1.0, self._end)
+        run = self._prepare(experiment)
+        plant, trajectory = run.plant, self._trajectory(run, 1.0, self.plan.measured.stop)
         notes = (
-            *limit_notes(plant, experiment.name, trajectory.u[self.measured], range(plant.model.n_u)),
+            *limit_notes(plant, experiment.name, trajectory.u[self.plan.measured], range(plant.model.n_u)),
             *_too_fast(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
         )
         return self._record(run, trajectory, notes)
 
-    @property
-    def _end(self) -> int:
-        return self.plan.run_samples - self.plan.first_sample
-
-    @property
-    def measured(self) -> slice:
-        """The samples of a run in the measured periods."""
-        return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
-
     def log(self, experiment: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Injected torque and the sensors' torques (n, n_u) and outputs (n, n_y) of a whole run, ramps included."""
-        run = self._prepared(experiment)
+        """Simulate the injected torque and the sensors' torques (n, n_u) and outputs (n, n_y) of a whole run."""
+        run = self._prepare(experiment)
         injected = run.reference.injected(self.plan.torque(experiment))
-        return injected, *self._sensed(run, self._moved(run, 1.0, self.plan.run_samples))
+        return injected, *self._sense(run, self._trajectory(run, 1.0, self.plan.run_samples))
 
-    def _sensed(self, run: _Run, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """u (n, n_u) and y (n, n_y) of the n samples of a trajectory, with noise, filters and gains of the sensors."""
+    def _sense(self, run: _Run, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
+        """Compute u (n, n_u) and y (n, n_y) of a trajectory, with noise, filters and gains of the sensors."""
         plan, end, experiment = self.plan, len(trajectory.u), run.experiment
-        noise, given, robot = run.noise, run.reference, run.plant.model.robot
+        noise, reference, robot = run.noise, run.reference, run.plant.model.robot
         setup = (run.plant.model, run.plant.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
         y = filter_motions(robot, y, plan.rate_hz)
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
-            moved = given.position[:end] - experiment.configuration.angles
-            u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
+            offset = reference.position[:end] - experiment.configuration.angles
+            u, y = u - reference.feed_forward[:end], y - sense_movement(offset, *setup)
         of_inputs, of_outputs = robot.chain.at("u", plan.inputs), robot.chain.at("y", self.outputs)
         return logged(u, plan.rate_hz, of_inputs), logged(y, plan.rate_hz, of_outputs)
 
     def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
         plan, experiment = self.plan, run.experiment
-        u, y = (signal[self.measured] for signal in self._sensed(run, trajectory))
+        u, y = (signal[plan.measured] for signal in self._sense(run, trajectory))
         r = np.tile(plan.torque(experiment), (plan.periods, 1))
         names = experiment.name, experiment.configuration, experiment.realisation, experiment.experiment
         timing, places = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)
@@ -147,56 +138,56 @@ class SimulatedRig:
         )  # fmt: skip
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
-        """A whole run without the errors of its sensors, ramps and holds included, the multisine times `factor`.
+        """Simulate a run without the errors of its sensors, ramps and holds included, the multisine times `factor`.
 
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
-        run = self._prepared(experiment)
-        trajectory = self._moved(run, factor, self.plan.run_samples)
+        run = self._prepare(experiment)
+        trajectory = self._trajectory(run, factor, self.plan.run_samples)
         position, plan = trajectory.q @ run.plant.model.B, self.plan
         rows = references(plan, self.simulated.carrier, experiment, factor)
         return Rehearsal(experiment, plan.rate_hz, plan.first_sample, position, trajectory.u, rows)
 
     def with_gains(self, position: float, velocity: float) -> "SimulatedRig":
-        """Rig whose controller has K_p times `position` and K_v times `velocity`."""
+        """Return rig whose controller has K_p times `position` and K_v times `velocity`."""
         simulated = replace(self.simulated, controller=self.simulated.controller.scaled(position, velocity))
         return replace(self, spec=replace(self.spec, simulated=simulated))
 
-    def _prepared(self, experiment: Experiment) -> _Run:
+    def _prepare(self, experiment: Experiment) -> _Run:
         plan, spec, configuration = self.plan, self.simulated, experiment.configuration
         samples, highest_hz = len(plan.experiments) * plan.run_samples, float(plan.freq_hz[-1])
         plant = true_plant(self.robot, spec, plan.rate_hz, configuration, highest_hz, samples)
-        given = reference(plan, spec.carrier, feed_forward_of(plant.model), configuration)
+        path = reference(plan, spec.carrier, feed_forward_of(plant.model), configuration)
         gains = feedback_of(gains_of(plant.model, plant.point.q, spec.controller), plan.inject)
         q = [c.name for c in plan.configurations].index(configuration.name)
         seed = (self.seed, q, experiment.realisation, experiment.experiment)
         noise = draw_noise(spec.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
-        return _Run(experiment, plant, given, gains, noise)
+        return _Run(experiment, plant, path, gains, noise)
 
-    def _commanded(self, run: _Run, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position, velocity and torque (n, n_u) that enter the loop, the multisine times `factor`.
+    def _commands(self, run: _Run, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position, velocity and torque (n, n_u) that enter the loop, the multisine times `factor`.
 
         A controller that follows references has no other feed-forward than the torque that holds its start.
         """
-        plan, given, experiment = self.plan, run.reference, run.experiment
+        plan, path, experiment = self.plan, run.reference, run.experiment
         if plan.inject == "torque":
-            injected = given.injected(factor * plan.torque(experiment))
-            return given.position, given.velocity, given.feed_forward + injected
+            injected = path.injected(factor * plan.torque(experiment))
+            return path.position, path.velocity, path.feed_forward + injected
         spec = self.simulated.controller.reference
         assert spec is not None  # refused by the plan
         rows = references(plan, self.simulated.carrier, experiment, factor)
         x = ReferencePath(spec, plan.rate_hz).played(rows)
-        holding = np.broadcast_to(given.feed_forward[0], x.shape)
+        holding = np.broadcast_to(path.feed_forward[0], x.shape)
         if plan.inject == "velocity":
-            return given.position[0] + np.cumsum(x, axis=0) / plan.rate_hz, x, holding
+            return path.position[0] + np.cumsum(x, axis=0) / plan.rate_hz, x, holding
         velocity = np.diff(x, axis=0, prepend=x[:1]) * plan.rate_hz
         return x, spec.velocity_feedforward * velocity, holding
 
-    def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:
-        """The first n samples of a run, the multisine times `factor`, from rest where the reference begins."""
+    def _trajectory(self, run: _Run, factor: float, n: int) -> Trajectory:
+        """Simulate n samples of a run, the multisine times `factor`, from rest where the reference begins."""
         plant, noise, experiment = run.plant, run.noise, run.experiment
         curves = friction_coefficients(plant.loop.contacts, plant.model.robot, plant.point)
-        position, velocity, torque = self._commanded(run, factor)
+        position, velocity, torque = self._commands(run, factor)
         commands = Commands(position[:n], velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n])
         (start,) = rigid_path(plant.model, plant.point.q, experiment.configuration.angles, run.reference.position[:1])
         try:

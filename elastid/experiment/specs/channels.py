@@ -50,7 +50,8 @@ class ChannelSpec:
     channel: Annotated[str, Key("Name of the signal in the file: MATLAB variable (`theta_m`, `rec.torque`), CSV "
         "column heading or HDF5 path (default: the key column).", "copy the name from `elastid inspect FILE`.")] = ""
     column: Annotated[int | None, Key("Number of the column in a matrix, from 1 (default: none; then channel).",
-        "number of the signal in a file without headings, or the column of a matrix if `channel` names one.")] = None
+        "number of the signal in a file without headings, or the column of a matrix if `channel` names one.",
+        least=1)] = None
     quantity: Annotated[Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration",
         "temperature"], Key("Quantity of the channel; voltage, and current without torque_constant, only in studies "
         "without a robot.", "the default is torque; prefer logged positions, whose derivative is exact at the DFT "
@@ -68,7 +69,7 @@ class ChannelSpec:
         "gears, `motor` is the shaft of each motor.", "`motor` for raw drive signals: angles are then divided by the "
         "ratio, torques multiplied by it.")] = "link"
     file: Annotated[int, Key("Number of the file that contains the signal: 1 for `path`, 2 for the first of `also`.",
-        "if drive and data logger write separate files, which a common signal aligns.")] = 1
+        "if drive and data logger write separate files, which a common signal aligns.", least=1)] = 1
     rate_hz: Annotated[Frequency | None, Key("Sampling rate of the channel (default: rate_hz of the section); all "
         "channels are resampled to the lowest rate.", "for a temperature at 1 Hz or an accelerometer at 10 kHz, for "
         "example; the lowest rate limits the band.", above=0)] = None
@@ -83,12 +84,8 @@ class ChannelSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.file < 1:
-            raise ValueError(f"file is {self.file}; files of an experiment are numbered from 1")
         if not self.channel and self.column is None:
             raise ValueError("give channel (a name in the file), column (a number from 1), or both")
-        if self.column is not None and self.column < 1:
-            raise ValueError(f"column is {self.column}; columns are numbered from 1")
         fits_motion = self.is_motion == (self.role in ("y", "reference"))
         fits_reference = self.role != "reference" or self.quantity == "position"
         if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):
@@ -138,7 +135,7 @@ class ChannelSpec:
         return ""
 
     def unit_factor(self, slides: bool) -> float:
-        """SI units of the channel's unit; slides: its place translates (m, N). ValueError for a wrong unit."""
+        """Return SI units of the channel's unit; slides: its place translates (m, N). ValueError for a wrong unit."""
         if self.quantity == "temperature":
             return self._temperature[0]
         unit = QUANTITY_UNIT[self.quantity]
@@ -175,7 +172,7 @@ class Structure:
 
     @classmethod
     def from_channels(cls, channels: Sequence[ChannelSpec]) -> "Structure":
-        """The structure that the channels of a study name."""
+        """Return the structure that the channels of a study name."""
         inputs = dict.fromkeys(channel.at for channel in channels if channel.role == "u")
         return cls(tuple(inputs), tuple(dict.fromkeys(channel.at for channel in channels if _translates(channel))))
 
@@ -190,22 +187,22 @@ class Structure:
         return np.eye(len(self.motor_locations))
 
     def ratio(self, joint: str) -> float:
-        """KeyError: it has no gears."""
+        """Raise KeyError, since it has no gears."""
         raise KeyError(f"a structure has no joint {joint}")
 
     def count_refusal(self, count: int) -> str:
-        """Why a configuration cannot have so many angles; empty where it can."""
+        """Return why a configuration cannot have so many angles; empty where it can."""
         return "without a robot, a configuration has no angles. Write [], or give a robot" if count else ""
 
     def check_location(self, location: str) -> None:
-        """Every name is a place."""
+        """Accept every name as a place."""
 
     def slides(self, location: str) -> bool:
-        """True if a place translates, so that it is measured in m and N."""
+        """Return True if a place translates, so that it is measured in m and N."""
         return location in self.translating
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
-        """The places among `locations` that translate."""
+        """Return the places among `locations` that translate."""
         return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
 
 
@@ -214,14 +211,14 @@ Places: TypeAlias = Robot | Structure
 
 
 def input_units(channels: Iterable[ChannelSpec], places: Places) -> tuple[str, ...]:
-    """The unit of each input, where one is a voltage or a current; empty where all are torques and forces."""
+    """Return the unit of each input, where one is a voltage or a current; empty where all are torques and forces."""
     inputs = [channel for channel in channels if channel.role == "u"]
     units = tuple(channel.drive or drive_unit(places.slides(channel.at)) for channel in inputs)
     return units if any(channel.drive for channel in inputs) else ()
 
 
 def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], places: Places) -> tuple[str, str]:
-    """Key of a channel that contradicts the robot model, and the reason; empty texts without one."""
+    """Return key of a channel that contradicts the robot model, and the reason; empty texts without one."""
     if isinstance(places, Robot):
         if channel.quantity == "voltage":
             return "quantity", (
@@ -238,8 +235,8 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
         return "unit", f"without a robot, '{channel.at}' may rotate or translate. {choice}"
     measures = dimension_and_size(channel.unit)[0]
     if dimensions[0] != turning and measures not in dimensions and channel.unit != "g":
-        fitting = ", ".join(name for dimension in dimensions for name in units_of(dimension))
-        return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {fitting}"
+        units = ", ".join(name for dimension in dimensions for name in units_of(dimension))
+        return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {units}"
     turning_too = [c for c in channels if c.at == channel.at and not c.drive and not _translates(c)]
     if not channel.drive and _translates(channel) and turning_too:
         return "at", (

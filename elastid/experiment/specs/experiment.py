@@ -62,7 +62,7 @@ class ExperimentSpec:
             raise ValueError("give exactly one of simulated, recorded and responses; a planned experiment is simulated")
 
     def runs(self, n_u: int) -> int:
-        """How many experiments a realisation has on a robot of n_u motors."""
+        """Return how many experiments a realisation has on a robot of n_u motors."""
         return n_u if self.experiments is None else self.experiments
 
     @property
@@ -91,7 +91,7 @@ class ExperimentSpec:
         return () if isinstance(self.rig, SimulatedSpec) else self.rig.channels
 
     def as_simulated(self) -> SimulatedSpec:
-        """The section `simulated`; StudyError for an experiment of another kind."""
+        """Return the section `simulated`; StudyError for an experiment of another kind."""
         if self.simulated is None:
             raise StudyError(
                 "study/stage", f"designing and simulating need the section simulated, not {self.kind}", "experiment"
@@ -99,13 +99,13 @@ class ExperimentSpec:
         return self.simulated
 
     def as_recorded(self) -> RecordedSpec:
-        """The section `recorded`; StudyError for an experiment of another kind."""
+        """Return the section `recorded`; StudyError for an experiment of another kind."""
         if self.recorded is None:
             raise StudyError("study/stage", f"logs need the section recorded, not {self.kind}", "experiment")
         return self.recorded
 
     def with_truth(self, truth: dict[str, Quantity]) -> "ExperimentSpec":
-        """Experiment with another truth of the simulated robot; an empty one is the nominal robot."""
+        """Return experiment with another truth of the simulated robot; an empty one is the nominal robot."""
         return replace(self, simulated=replace(self.as_simulated(), truth=truth))
 
 

@@ -139,7 +139,7 @@ class RecordedSpec:
         "position, velocity or acceleration (y); add the injected torque (r) for closed-loop estimators. References "
         "of a known controller may replace the torques.")]
     files: Annotated[tuple[FileSpec, ...], Key("Log files.", "one entry per experiment; realisations and experiments "
-        "are numbered from 0 in each configuration.")]
+        "are numbered from 0 in each configuration.", filled=True)]
     period: Annotated[Period | None, Key("Period of the excitation, `find` to estimate it from the torques, or `none` "
         "for an aperiodic record such as noise or a sweep from rest (default: none).", "the period of the signal "
         "generator is best; `find` needs two periods and distinct lines.", most=1e6)] = None
@@ -174,8 +174,6 @@ class RecordedSpec:
         for role, name in (("u", "input"), ("y", "output")):
             if role not in roles and not (role == "u" and self.has_no_torque):
                 raise ValueError(f"no channel has role {role} (an {name})")
-        if not self.files:
-            raise ValueError("files is empty. List at least one log file")
         for file in self.files:
             samples = self.period_of(file)
             if samples is None and self.half_wave:
@@ -198,7 +196,7 @@ class RecordedSpec:
         return "u" not in roles and "reference" in roles and self.controller is not None
 
     def places_of(self, configuration: str, role: str) -> tuple[str, ...]:
-        """Locations of the channels of a role (u, y) in all files of a configuration."""
+        """Return locations of the channels of a role (u, y) in all files of a configuration."""
         files = [file for file in self.files if file.configuration == configuration]
         channels = [channel.at for channel in self.channels if channel.role == role]
         return tuple(dict.fromkeys(file.at.get(at, at) for file in files for at in channels))
@@ -215,7 +213,7 @@ class RecordedSpec:
         return 1.0 if isinstance(self.rate_hz, str) else float(self.rate_hz)
 
     def period_of(self, file: FileSpec) -> float | Literal["find"] | None:
-        """Samples of the period of a file at the study's rate, whole or not; `find` as stated, None without one."""
+        """Return samples of a file's period at the study's rate, whole or not; `find` as stated, None without one."""
         place = self if file.period is None and file.period_samples is None else file
         if place.period_samples is not None:
             return float(place.period_samples)
@@ -224,10 +222,10 @@ class RecordedSpec:
         return "find" if place.period == "find" else float(place.period) * self.known_rate_hz
 
     def repeat_refusal(self, number: int) -> str:
-        """Why a file may not have the numbers of an earlier one; empty where it has further periods, or none has."""
+        """Return why a file may not have the numbers of an earlier one; empty if it has further periods, or no one."""
         file = self.files[number]
         earlier = [before for before in self.files[:number] if before.run == file.run]
-        periods = {self.period_of(of_run) for of_run in (*earlier[:1], file)}
+        periods = {self.period_of(entry) for entry in (*earlier[:1], file)}
         is_repeated = any((before.path, before.samples) == (file.path, file.samples) for before in earlier)
         is_repeated |= any(before.at != file.at for before in earlier)
         if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):
@@ -310,7 +308,7 @@ class ResponsesSpec:
 
     # fmt: off
     files: Annotated[tuple[ResponseFileSpec, ...], Key("Files of the responses, one per configuration.",
-        "several configurations separate springs that one configuration cannot.")]
+        "several configurations separate springs that one configuration cannot.", filled=True)]
     channels: Annotated[tuple[ChannelSpec, ...], Key("Inputs (role u) and outputs (role y) of the files, by column "
         "(from 1) or channel name; not needed for frf.h5.", "list all inputs and outputs in the order of the "
         "files.")] = ()
@@ -333,8 +331,6 @@ class ResponsesSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.files:
-            raise ValueError("files is empty. List at least one file")
         roles = {channel.role for channel in self.channels}
         if self.channels and roles != {"u", "y"}:
             raise ValueError("channels need at least one role u (input) and one role y (output), and no other role")

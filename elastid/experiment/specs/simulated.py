@@ -44,7 +44,7 @@ class ColoredNoiseSpec:
     # fmt: on
 
     def amplitude(self, freq_hz: FloatArray) -> FloatArray:
-        """Relative amplitude density (F,) at freq_hz (F,)."""
+        """Return relative amplitude density (F,) at freq_hz (F,)."""
         return (1 + (freq_hz / self.corner_hz) ** 2) ** (self.slope / 40)
 
 
@@ -87,13 +87,13 @@ class NoiseSpec:
     def variances(
         self, signal: Literal["torque", "angle", "disturbance"], freq_hz: FloatArray, rate_hz: float
     ) -> FloatArray:
-        """Variance (F,) of white noise that has, at each of freq_hz (F,), the power of all noise on a signal."""
+        """Return variance (F,) of white noise that has, at each of freq_hz (F,), the power of all noise on a signal."""
         white = {"torque": self.torque_std, "angle": self.angle_std, "disturbance": self.disturbance_std}[signal]
         total = np.full(freq_hz.shape, white**2)
-        every = np.linspace(0, rate_hz / 2, 10_001)[1:]
+        grid_hz = np.linspace(0, rate_hz / 2, 10_001)[1:]
         for color in self.colored:
             if color.signal == signal:
-                total += color.std**2 * color.amplitude(freq_hz) ** 2 / np.mean(color.amplitude(every) ** 2)
+                total += color.std**2 * color.amplitude(freq_hz) ** 2 / np.mean(color.amplitude(grid_hz) ** 2)
         return total
 
 
@@ -153,10 +153,10 @@ class CarrierSpec:
             raise ValueError("the carrier's velocity is 0 for a joint, which then sticks. Give a velocity other than 0")
 
     def refusal(self, n_u: int, lowest: int) -> str:
-        """Why it does not go with n_u motors and the lowest line, in periods; empty where it does."""
-        given = self.amplitude if self.velocity is None else self.velocity
-        if isinstance(given, tuple) and len(given) not in (1, n_u):
-            return f"{len(given)} numbers for {n_u} motors. Give one for all or one per motor"
+        """Return why it does not go with n_u motors and the lowest line, in periods; empty where it does."""
+        values = self.amplitude if self.velocity is None else self.velocity
+        if isinstance(values, tuple) and len(values) not in (1, n_u):
+            return f"{len(values)} numbers for {n_u} motors. Give one for all or one per motor"
         if self.kind == "offset" or self.cycles < lowest:
             return ""
         return (
@@ -165,14 +165,14 @@ class CarrierSpec:
         )
 
     def velocities(self, n_u: int) -> FloatArray:
-        """The velocity of each of n_u joints; ValueError for a wrong number of them."""
-        given = np.atleast_1d(0.0 if self.velocity is None else self.velocity)
-        return np.broadcast_to(given, (n_u,)).astype(np.float64)
+        """Return the velocity of each of n_u joints; ValueError for a wrong number of them."""
+        values = np.atleast_1d(0.0 if self.velocity is None else self.velocity)
+        return np.broadcast_to(values, (n_u,)).astype(np.float64)
 
     def amplitudes(self, n_u: int) -> FloatArray:
-        """The amplitude of each of n_u joints, 0 of a carrier that is no sine; ValueError for a wrong number."""
-        given = np.atleast_1d(0.0 if self.amplitude is None else self.amplitude)
-        return np.broadcast_to(given, (n_u,)).astype(np.float64)
+        """Return the amplitude of each of n_u joints, 0 of a carrier that is no sine; ValueError for a wrong number."""
+        values = np.atleast_1d(0.0 if self.amplitude is None else self.amplitude)
+        return np.broadcast_to(values, (n_u,)).astype(np.float64)
 
 
 @section
@@ -211,7 +211,7 @@ class SimulatedSpec:
     # fmt: on
 
     def steps(self, rate_hz: float, highest_hz: float) -> int:
-        """Integration steps in a sample, for a band that ends at highest_hz: 3.7e-4 (omega step)^6 is at most 4e-6.
+        """Return integration steps in a sample, for a band up to highest_hz: 3.7e-4 (omega step)^6 is at most 4e-6.
 
         That is the relative error of a frequency by the steps of the rig (`Tableau`).
         """

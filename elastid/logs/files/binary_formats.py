@@ -17,15 +17,15 @@ from elastid.logs.files.log import ArrayLog, StoredArray, seconds
 
 @contextmanager
 def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """MATLAB up to version 7, by SciPy: all variables, members of structs behind a dot, elements of cells in braces.
+    """Open MATLAB up to version 7 by SciPy: variables, members of structs behind a dot, cells in braces.
 
     Objects of classes are left out.
     """
     from scipy.io import loadmat
 
     variables = loadmat(path)
-    named = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
-    arrays = dict(leaf for name, value in named.items() for leaf in _leaves_of_matlab(name, value))
+    values = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
+    arrays = dict(leaf for name, value in values.items() for leaf in _leaves_of_matlab(name, value))
     yield _in_memory(path, arrays)
 
 
@@ -35,18 +35,18 @@ def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:
 
 @contextmanager
 def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
+    """Open NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
 
     Pickled objects are left out; dates and times are s from the first.
     """
-    loaded, named = np.load(path), dict[str, NDArray[Any]]()
+    loaded, arrays = np.load(path), dict[str, NDArray[Any]]()
     for name in [path.stem] if isinstance(loaded, np.ndarray) else loaded.files:
         with suppress(ValueError):
             array = loaded if isinstance(loaded, np.ndarray) else loaded[name]
             fields = array.dtype.names
-            named |= {f"{name}.{field}": array[field] for field in fields} if fields else {name: array}
-    is_time = {name: x.dtype.kind in "mM" and x.size > 0 for name, x in named.items()}
-    yield _in_memory(path, {name: seconds(x, x.flat[0]) if is_time[name] else x for name, x in named.items()})
+            arrays |= {f"{name}.{field}": array[field] for field in fields} if fields else {name: array}
+    is_time = {name: x.dtype.kind in "mM" and x.size > 0 for name, x in arrays.items()}
+    yield _in_memory(path, {name: seconds(x, x.flat[0]) if is_time[name] else x for name, x in arrays.items()})
 
 
 def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -69,7 +69,7 @@ def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]
 
 @contextmanager
 def opened_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
+    """Open Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
 
     A column of lists of one length is a matrix.  Missing values are NaN, time stamps s from the first.
     """
@@ -124,7 +124,7 @@ def _values(table: Any, name: str) -> NDArray[Any]:
 
 @contextmanager
 def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
+    """Open LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
 
     Waveforms whose start times differ are cut to the time that all of them have.
     """
@@ -138,7 +138,7 @@ def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 
 def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[slice]:
-    """Samples of each waveform, by its properties and length, from the latest start to the first end of all.
+    """Return samples of each waveform, by its properties and length, from the latest start to the first end of all.
 
     All samples of waveforms without a time, and if those with a time have no time in common.
     """
@@ -174,8 +174,8 @@ def _channel(channel: Any, part: slice) -> StoredArray:
     is_time = channel.dtype.kind == "M"
     dtype = np.dtype(np.float64) if is_time else channel.dtype
     units = "s" if is_time else str(channel.properties.get("unit_string", ""))
-    read = partial(_read_channel, channel, part)
-    return StoredArray((part.stop - part.start,), dtype, read, units, 1 / step if step > 0 else None, rows=read)
+    rows = partial(_read_channel, channel, part)
+    return StoredArray((part.stop - part.start,), dtype, rows, units, 1 / step if step > 0 else None, rows=rows)
 
 
 def _read_channel(channel: Any, whole: slice, part: slice = slice(None)) -> NDArray[Any]:
@@ -186,7 +186,7 @@ def _read_channel(channel: Any, whole: slice, part: slice = slice(None)) -> NDAr
 
 @contextmanager
 def opened_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> Iterator[ArrayLog]:
-    """All datasets of another program's file, read when they are used; it holds its own data.
+    """Open all datasets of another program's file, read when they are used; it holds its own data.
 
     MATLAB stores column-major, so that axes arrive reversed; members of structs are behind a dot.
     """
@@ -223,9 +223,9 @@ def _dataset(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
     # MATLAB stores texts as numbers.
     is_text = dataset.attrs.get("MATLAB_class") == b"char"
     dtype = np.dtype(str) if is_text else dataset.dtype[field] if field else dataset.dtype
-    read = partial(_read_dataset, dataset, field, is_transposed)
+    rows = partial(_read_dataset, dataset, field, is_transposed)
     units = units.decode() if isinstance(units, bytes) else str(units)
-    return StoredArray(shape[::-1] if is_transposed else shape, dtype, read, units, rows=read)
+    return StoredArray(shape[::-1] if is_transposed else shape, dtype, rows, units, rows=rows)
 
 
 def _read_dataset(dataset: Any, field: str, is_transposed: bool, part: slice | None = None) -> NDArray[Any]:

@@ -40,30 +40,30 @@ class Format:
 
 
 def starts_with(mark: bytes) -> Callable[[Path, bytes], bool]:
-    """True of files that begin with a mark."""
+    """Return a test for files that begin with a mark."""
     return lambda path, head: head.startswith(mark)
 
 
 def is_ros_bag(path: Path, head: bytes) -> bool:
-    """A folder by its metadata; an MCAP file, a ROS 1 bag, and the database of a ROS 2 bag without its folder."""
+    """Recognise a folder by its metadata, an MCAP file, a ROS 1 bag, and the database of a ROS 2 bag."""
     signatures = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\x00")
     return os.path.isfile(path / "metadata.yaml") or head.startswith(signatures)
 
 
 def is_hdf5(path: Path, head: bytes) -> bool:
-    """True by the signature, at the start or behind a user block, the size of which is a power of two."""
+    """Recognise the signature, at the start or behind a user block, the size of which is a power of two."""
     return any(head.startswith(b"\x89HDF\r\n\x1a\n", offset) for offset in (0, 512, 1024, 2048, 4096))
 
 
 def is_matlab(path: Path, head: bytes) -> bool:
-    """True if the header identifies the format; files of version 4 have no header and are identified by suffix."""
+    """Recognise the header, or the suffix of files of version 4, which have no header."""
     # Version and byte order stand behind the free text of a header, little or big endian.
     signatures = (b"\x00\x01IM", b"\x01\x00MI")
     return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"
 
 
 def is_numpy(path: Path, head: bytes) -> bool:
-    """True by the signature of an array, and for an archive by the suffix, too."""
+    """Recognise the signature of an array, and of an archive the suffix, too."""
     return head.startswith(b"\x93NUMPY") or (head.startswith(b"PK") and path.suffix.lower() == ".npz")
 
 
@@ -87,18 +87,18 @@ FORMATS = (
 
 
 def is_log(path: Path) -> bool:
-    """True if a path is a log: a file, or a folder that a format recognises, such as a ROS bag."""
-    *of_folders, _ = all_formats()  # text, the last, takes everything
-    return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in of_folders))
+    """Return True if a path is a log: a file, or a folder that a format recognises, such as a ROS bag."""
+    *formats, _ = all_formats()  # text, the last, takes everything
+    return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in formats))
 
 
 def all_formats() -> tuple[Format, ...]:
-    """Formats, specialised packages first; raise StudyError for a format that cannot be imported."""
+    """Return formats, specialised packages first; raise StudyError for a format that cannot be imported."""
     return (*registered("elastid.readers", Format), *FORMATS)
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
-    """Every numeric signal of a log file, by name, with its shape; a text log without headings: its column numbers."""
+    """Return numeric signals of a log file, name to shape; numbers of columns for a text without headings."""
     with opened_log(path, text) as log:
         return log.shapes()
 
@@ -106,7 +106,7 @@ def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
 def size_in_pieces(
     path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec
 ) -> tuple[int, np.dtype[np.floating[Any]]]:
-    """Samples of the channels in a file, and the precision that holds them; none of a file that has no pieces."""
+    """Return the number of samples of channels in a file, 0 if it has no pieces, and their precision."""
     with opened_log(path, text) as log:
         if isinstance(log, TextLog) and log.is_large:
             return len(log.number_lines) - log.first, np.dtype(np.float64)
@@ -118,7 +118,7 @@ def size_in_pieces(
 def read_channels(
     path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec, part: slice = slice(None)
 ) -> FloatArray:
-    """Raw values (n_samples, len(channels)) of the requested channels.
+    """Read raw values (n_samples, len(channels)) of the requested channels.
 
     part: of the samples; no more than that is read where the format allows it.
     Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
@@ -129,7 +129,7 @@ def read_channels(
 
 @contextmanager
 def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
-    """A log file, whatever its format; arrays are read while it is open."""
+    """Open a log file, whatever its format; arrays are read while it is open."""
     if not is_log(path):
         problem = "is a folder but not a ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
         raise StudyError(
@@ -162,5 +162,5 @@ def _refused(message: Callable[[Exception], str]) -> Iterator[None]:
 
 
 def naming(path: Path, advice: str) -> AbstractContextManager[None]:
-    """DataError with the file and the next step instead of any exception that is no message for the user yet."""
+    """Raise DataError with the file and the next step instead of any exception that is no message for the user yet."""
     return _refused(lambda e: f"{path}: {advice} ({type(e).__name__}{f': {e}' if str(e) else ''})")

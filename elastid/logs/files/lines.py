@@ -30,7 +30,7 @@ class FileLines(Sequence[str]):
 
     @classmethod
     def of(cls, path: Path, encoding: str, plain: Callable[[str], str]) -> "FileLines":
-        """The lines of a file as it is now."""
+        """Return the lines of a file as it is now."""
         about = path.stat()
         starts, n = _starts(path, about.st_size, about.st_mtime_ns)
         return cls(path, encoding, starts, n, plain)
@@ -43,7 +43,7 @@ class FileLines(Sequence[str]):
     @overload
     def __getitem__(self, place: slice) -> list[str]: ...
     def __getitem__(self, place: int | slice) -> str | list[str]:
-        """A line, or neighbouring lines; IndexError beyond the last one, ValueError for every second line."""
+        """Return a line, or neighbouring lines; IndexError beyond the last one, ValueError for every second line."""
         if not isinstance(place, slice):
             index = range(self.n)[place]
             return self[index : index + 1][0]
@@ -63,7 +63,7 @@ class FileLines(Sequence[str]):
 
 @lru_cache(maxsize=8)
 def _starts(path: Path, size: int, changed_ns: int) -> tuple[IntArray, int]:
-    """Starts of every _STEP-th line and the end, and the number of lines; size and time of change are of the key."""
+    """Find starts of every _STEP-th line, the end, and the number of lines; size and time of change are the key."""
     starts, n, offset = [np.zeros(1, np.int64)], 0, 0
     last = b"\n"
     with path.open("rb") as file:
@@ -71,5 +71,5 @@ def _starts(path: Path, size: int, changed_ns: int) -> tuple[IntArray, int]:
             ends = np.flatnonzero(np.frombuffer(chunk, np.uint8) == ord("\n"))
             starts.append(offset + 1 + ends[(-n - 1) % _STEP :: _STEP])
             n, offset, last = n + len(ends), offset + len(chunk), chunk[-1:]
-    kept = np.concatenate(starts)
-    return np.append(kept[kept < size], size), n + (last != b"\n")
+    all_starts = np.concatenate(starts)
+    return np.append(all_starts[all_starts < size], size), n + (last != b"\n")

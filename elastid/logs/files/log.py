@@ -34,10 +34,10 @@ class Log(Protocol):
         return {}
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Every numeric signal with its shape; column numbers where a text has no headings."""
+        """Return every numeric signal with its shape; column numbers where a text has no headings."""
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
-        """Raw values (n_samples, n_c) of the channels, or of a range of samples.
+        """Return raw values (n_samples, n_c) of the channels, or of a range of samples.
 
         DataError where one cannot be read; no more is read or understood than the format needs.
         """
@@ -70,7 +70,7 @@ class StoredArray:
         return "".join(chr(v) if values.dtype.kind in "ui" else str(v) for v in values).strip()
 
     def blocks(self) -> Iterator[NDArray[Any]]:
-        """The values in pieces along the first axis, or in one where the format cannot be read in pieces."""
+        """Yield the values in pieces along the first axis, or in one where the format cannot be read in pieces."""
         if self.rows is None or len(self.shape) == 0:
             yield self.read()
             return
@@ -95,7 +95,7 @@ class ArrayLog:
     arrays: Mapping[str, StoredArray]
 
     def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> "ArrayLog":
-        """Log in which every read runs under a guard."""
+        """Return log in which every read runs under a guard."""
 
         def read_guarded(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
             with guard():
@@ -108,11 +108,11 @@ class ArrayLog:
         return ArrayLog(self.path, {name: guarded(array) for name, array in self.arrays.items()})
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Every numeric signal with its shape."""
+        """Return every numeric signal with its shape."""
         return {name: array.shape for name, array in self.arrays.items() if array.is_signal}
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
-        """Values (n_samples, n_c) of the channels, or a part of the samples.
+        """Return values (n_samples, n_c) of the channels, or a part of the samples.
 
         Raises DataError for a channel that is missing, not numeric, of another length, or without the stated column.
         """
@@ -135,20 +135,20 @@ class ArrayLog:
         if name not in self.arrays:
             raise DataError("records/channels", missing_channel(self.path, channel, shapes))
         if name not in shapes:
-            what = f"not a signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
-            raise self._refusal(f"channel {name} is {what}; there are {', '.join(shapes) or 'none'}")
+            kind = f"not a signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
+            raise self._refusal(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
     def _signal(self, channel: ChannelSpec, part: slice, stored: dict[str, FloatArray]) -> FloatArray:
         name, array = self.array_of(channel)
         if not channel.channel and len(self.shapes()) > 1:
             channel = replace(channel, channel=name, column=None)
-        is_part = part != slice(None) and array.rows is not None and array.has_pieces
+        is_range = part != slice(None) and array.rows is not None and array.has_pieces
         if name not in stored:
-            values = array.rows(part) if is_part and array.rows is not None else np.squeeze(np.asarray(array))
+            values = array.rows(part) if is_range and array.rows is not None else np.squeeze(np.asarray(array))
             stored[name] = np.asarray(values, dtype=np.float64)
         values = stored[name]
-        if is_part:
+        if is_range:
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
@@ -178,15 +178,15 @@ class ArrayLog:
 
 
 def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
-    """The message about a channel that is not in a file, with those that are."""
-    listed = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
-    more = f" and {len(listed) - 40} more" if len(listed) > 40 else ""
+    """Return the message about a channel that is not in a file, with those that are."""
+    names = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
+    more = f" and {len(names) - 40} more" if len(names) > 40 else ""
     close = difflib.get_close_matches(channel.channel, shapes, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     problem = f"there is no channel '{channel.channel}'" if channel.channel else "give the name of a channel"
-    return f"{path}: {problem}; {hint}There are {', '.join(listed[:40]) or 'no signals in it'}{more}"
+    return f"{path}: {problem}; {hint}There are {', '.join(names[:40]) or 'no signals in it'}{more}"
 
 
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:
-    """Dates and times (n,) as s from the first one; missing ones are NaN."""
+    """Return dates and times (n,) as s from the first one; missing ones are NaN."""
     return np.asarray((stamps - first) / np.timedelta64(1, "s"), dtype=np.float64)

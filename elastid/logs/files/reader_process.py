@@ -46,7 +46,7 @@ class _File:
     version: tuple[tuple[str, int, int, int], ...]
 
     def opened(self) -> AbstractContextManager[ArrayLog]:
-        """The log, in the process that reads."""
+        """Return the log, in the process that reads."""
         os.chdir(self.folder)
         log: AbstractContextManager[ArrayLog] = getattr(import_module(self.module), self.name)(
             self.path, TextFormatSpec()
@@ -59,7 +59,7 @@ Opener: TypeAlias = Callable[[Path, TextFormatSpec], AbstractContextManager[Arra
 
 
 def guarded(reader: Opener) -> Opener:
-    """The function that opens a file, carried out in the guarded process."""
+    """Return the function that opens a file, carried out in the guarded process."""
 
     @contextmanager
     def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
@@ -75,7 +75,7 @@ def guarded(reader: Opener) -> Opener:
 
 
 def _ask(file: _File, name: str = "", part: slice | None = None) -> Any:
-    """Descriptions of the signals of a file, or the values of one; the reader's error, ValueError where it died."""
+    """Ask for the signals of a file, or for values of one; raise the reader's error, ValueError if it died."""
     where = os.pathsep.join(place or os.getcwd() for place in sys.path)
     with _one_request:
         try:
@@ -92,7 +92,7 @@ def _ask(file: _File, name: str = "", part: slice | None = None) -> Any:
 
 
 def _exchange(reader: subprocess.Popen[bytes], request: tuple[_File, str, slice | None]) -> Any:
-    """The reply; EOFError of a reader that died."""
+    """Return the reply; EOFError of a reader that died."""
     assert reader.stdin is not None
     assert reader.stdout is not None
     with suppress(BrokenPipeError):
@@ -132,7 +132,7 @@ def _end(reader: subprocess.Popen[bytes]) -> int:
 
 
 def serve() -> None:
-    """The process that reads answers requests until the program ends."""
+    """Answer requests in the process that reads, until the program ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's, which ends this process
     limit = limit_memory()
     warnings.simplefilter("ignore")
@@ -151,8 +151,8 @@ def serve() -> None:
                 opened.close()
                 last, signals = None, dict(opened.enter_context(file.opened()).arrays)
                 last = file
-            stated = {n: (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None) for n, x in signals.items()}
-            reply = _values(signals[name], part) if name else stated
+            descriptions = {n: (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None) for n, x in signals.items()}
+            reply = _values(signals[name], part) if name else descriptions
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
             reply = ValueError(f"its reader needs {amount} memory")
@@ -166,7 +166,7 @@ def serve() -> None:
 
 
 def limits_memory() -> bool:
-    """True if the system limits the memory of a process: not on Windows, and not on macOS, which ignores the limit."""
+    """Return True if the system limits the memory of a process: not Windows, nor macOS, which ignores the limit."""
     return hasattr(os, "sysconf") and sys.platform != "darwin"
 
 

@@ -25,12 +25,12 @@ _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-    """All numeric topics; the messages of a topic are read once, when its first signal is used."""
+    """Open all numeric topics; the messages of a topic are read once, when its first signal is used."""
     reading = installed("rosbags.highlevel", "ros", path)
     types = installed("rosbags.typesys", "ros", path)
     # Bags of older releases do not hold the definitions of their messages.
-    usual = types.get_typestore(types.Stores.ROS2_HUMBLE)
-    with reading.AnyReader([path], default_typestore=usual) as bag:
+    typestore = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    with reading.AnyReader([path], default_typestore=typestore) as bag:
         arrays: dict[str, StoredArray] = {}
         for name, topic in bag.topics.items():
             arrays |= _Topic(bag, name, topic.connections, topic.msgtype or "").arrays()
@@ -71,7 +71,7 @@ class _Topic:
 
     @cached_property
     def _columns(self) -> tuple[NDArray[Any], dict[str, tuple[list[int], list[NDArray[Any]]]]]:
-        """Times (n,), and for each column the messages that hold it with its values in them."""
+        """Times (n,) in s from the first message, and for each column the messages that hold it, and its values."""
         stamps: list[int] = []
         columns: dict[str, tuple[list[int], list[NDArray[Any]]]] = {}
         for number, (stamp, message) in enumerate(self._messages()):
@@ -80,10 +80,11 @@ class _Topic:
                 numbers, values = columns.setdefault(column, ([], []))
                 numbers.append(number)
                 values.append(value)
-        return _seconds(stamps), columns
+        # Differences come first, since ns since 1970 exceed float64.
+        return np.array([stamp - stamps[0] for stamp in stamps]) * 1e-9, columns
 
     def _column(self, field: str) -> NDArray[Any]:
-        """Values (n,) or (n, columns); ValueError if a sequence changes its length."""
+        """Return values (n,) or (n, columns); ValueError if a sequence changes its length."""
         times, columns = self._columns
         values = columns[field][1]
         if len(values) < len(times) or len({value.shape for value in values}) > 1:
@@ -99,7 +100,7 @@ class _Topic:
 
 
 def _of_joints(message: Any) -> dict[str, NDArray[Any]]:
-    """Numbers of a JointState, whose field that a robot does not measure is empty."""
+    """Return numbers of a JointState, in which fields without a sensor are empty."""
     pairs = (
         (field, *pair) for field in _JOINT_FIELDS for pair in zip(message.name, getattr(message, field), strict=False)
     )
@@ -107,7 +108,7 @@ def _of_joints(message: Any) -> dict[str, NDArray[Any]]:
 
 
 def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Numbers and sequences of up to 64 (longer ones are images and maps) by the path of their field; no stamps."""
+    """Find numbers and sequences of up to 64 (longer: images and maps) by the path of their field; no stamps."""
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(message):
         value, name = getattr(message, field.name), f"{prefix}{field.name}"
@@ -124,9 +125,3 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
 
 def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "") -> StoredArray:
     return StoredArray(shape, np.dtype(np.float64), read, units)
-
-
-def _seconds(stamps: list[int]) -> NDArray[Any]:
-    """Stamps in ns -> s from the first; the difference is taken first, since ns since 1970 need more than float64."""
-    ns = np.array(stamps, dtype=np.int64)
-    return np.asarray((ns - ns[0]) * 1e-9) if len(ns) else np.zeros(0)

@@ -19,13 +19,13 @@ from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.encodings import decoded, encoding_of, packing, raw_bytes, wide_encoding
 from elastid.logs.files.lines import LARGE_BYTES, FileLines
 from elastid.logs.files.log import Log, missing_channel
+from elastid.logs.repair import MAX_WRONG_FRACTION
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
 _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
 _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace", "|") for mark in _DECIMALS if mark != sign]
 
 
-MAX_WRONG_FRACTION = 0.01  # of rows with a cell that is no number, which are missing samples
 _HEAD_LINES, _LEAST_PROPERTIES = 100, 3  # lines in which data start, and those with a property and its numbers
 _SAMPLE_TIME = "SampleTime[ms]"  # property of TwinCAT Scope, below its column of times in ms
 _TIMES = re.compile(r"time \d+ \[ms\]")  # headings of these columns
@@ -53,63 +53,63 @@ class TextLog(Log):
     sample_ms: tuple[float, ...] = ()
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Every column with its length, by heading or else by number."""
+        """Return every column with its length, by heading or else by number."""
         return dict(self.named_columns())
 
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
-        """Columns by heading, which may occur twice."""
+        """Return columns by heading, which may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
         return [(name, (self._length(i),)) for i, name in enumerate(names)]
 
     def numbers_of(self, heading: str) -> list[int]:
-        """Numbers from 1 of the columns with a heading."""
+        """Return numbers from 1 of the columns with a heading."""
         return [i for i, (name, _) in enumerate(self.named_columns(), start=1) if name == heading]
 
     def _length(self, column: int) -> int:
-        """Samples of a column, all columns starting at the same time."""
+        """Return samples of a column, all columns starting at the same time."""
         n = len(self.number_lines) - self.first
         return int((n - 1) * min(self.sample_ms) / self.sample_ms[column] + 1e-6) + 1 if self.sample_ms and n else n
 
     def _start_ms(self, column: int) -> float:
-        """First stamp of the times that belong to a column."""
+        """Return first stamp of the times that belong to a column."""
         times = [i for i in range(column + 1) if _TIMES.fullmatch(self.headings[i])]
         return float(_fields(self.number_lines[self.first], self.format)[times[-1]]) if times else 0.0
 
     def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
-        """Values (n_samples, n_c) of the channels; DataError for one that is not in the file, or of another rate."""
-        wanted = [self._column(channel) for channel in channels]
-        if len({self._length(column) for column in wanted}) > 1:
-            listed = ", ".join(f"{self.headings[i]} {self.sample_ms[i]:g} ms" for i in wanted)
-            problem = f"the sample times differ: {listed}. Give each channel its rate_hz"
+        """Return values (n_samples, n_c) of channels; DataError for one that is missing, or of another rate."""
+        columns = [self._column(channel) for channel in channels]
+        if len({self._length(column) for column in columns}) > 1:
+            sample_times = ", ".join(f"{self.headings[i]} {self.sample_ms[i]:g} ms" for i in columns)
+            problem = f"the sample times differ: {sample_times}. Give each channel its rate_hz"
             raise DataError("records/clock", problem, self.path)
-        if self.sample_ms and wanted and (lead := self._start_ms(wanted[0]) - self._start_ms(0)):
+        if self.sample_ms and columns and (lead := self._start_ms(columns[0]) - self._start_ms(0)):
             order = f"{abs(lead):g} ms {'after' if lead > 0 else 'before'}"
-            problem = f"{self.headings[wanted[0]]} starts {order} {self.headings[0]}"
+            problem = f"{self.headings[columns[0]]} starts {order} {self.headings[0]}"
             raise DataError("records/clock", f"{problem}. Export both with one sample time", self.path)
-        return self.columns(wanted, part)
+        return self.columns(columns, part)
 
     @property
     def is_large(self) -> bool:
         """True if its lines remain in the file, so that a part of them counts as so many samples."""
         return isinstance(self.number_lines, FileLines)
 
-    def columns(self, wanted: Sequence[int], part: slice = slice(None)) -> FloatArray:
-        """Columns (n_samples, len(wanted)), counted from 0.
+    def columns(self, columns: Sequence[int], part: slice = slice(None)) -> FloatArray:
+        """Return columns (n_samples, len(wanted)), counted from 0.
 
         A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
         such cells.
         """
-        needed, end = sorted(set(wanted)), self.first + max(map(self._length, wanted))
+        needed, end = sorted(set(columns)), self.first + max(map(self._length, columns))
         if self.is_large:
             rows = range(self.first, end)[part]
             parts = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
             data = np.concatenate([self._read(needed, rows.start, rows.stop) for rows in parts or [range(0)]])
         else:
             data = self._read(needed, self.first, end, part.stop if (part.stop or 0) > 0 else None)[part]
-        return data[:, [needed.index(column) for column in wanted]]
+        return data[:, [needed.index(column) for column in columns]]
 
     def _read(self, needed: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
-        """Columns (n_samples, len(needed)) of some lines, at most so many samples."""
+        """Return columns (n_samples, len(needed)) of some lines, at most so many samples."""
         lines = self.number_lines[first:end]
         if not lines:
             return np.zeros((0, len(needed)))
@@ -126,33 +126,33 @@ class TextLog(Log):
     def _numbers(
         self, needed: Sequence[int], lines: Sequence[str], most: int | None = None
     ) -> tuple[FloatArray | None, str]:
-        """Columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
+        """Return columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
         delimiter = _delimiter(self.format)
-        read = partial(
+        load = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
             ndmin=2, max_rows=most
         )  # fmt: skip
         try:
-            return read(lines), ""
+            return load(lines), ""
         except ValueError:
             try:
-                return read(_with_nan(lines, delimiter)), ""
+                return load(_with_nan(lines, delimiter)), ""
             except ValueError as error:
                 return None, str(error)
 
     def _with_missing_cells(self, needed: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
-        """Columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows that lack numbers.
+        """Return columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows that lack numbers.
 
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
-        every = [fields for line in lines if (fields := _fields(line, self.format))]
-        rows = [fields for fields in every if not all(map(_is_word, fields))]
+        nonempty = [fields for line in lines if (fields := _fields(line, self.format))]
+        rows = [fields for fields in nonempty if any(_is_number(field) or _STAMP.fullmatch(field) for field in fields)]
         columns = [_values([row[i] if i < len(row) else "" for row in rows]) for i in needed]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
-        return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(every) - len(rows)
+        return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
 
     def wrong_cell(self, columns: Sequence[int], part: slice) -> str:
-        """Message on the first cell without a number in a range of rows; empty without such a cell."""
+        """Return message on the first cell without a number in a range of rows; empty without such a cell."""
         rows = range(self.first, len(self.number_lines))[part]
         lines = self.number_lines[rows.start : rows.stop]
         if not lines or not columns or self._numbers(columns, lines)[0] is not None:
@@ -189,13 +189,13 @@ class TextLog(Log):
                 missing = missing_channel(self.path, channel, self.shapes())
                 raise DataError("records/channels", missing + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
-                listed = ", ".join(map(str, headed))
+                places = ", ".join(map(str, headed))
                 raise DataError(
                     "records/channels",
-                    f"{self.path}: several columns have the heading '{channel.channel}', {listed}. Give column, too"
+                    f"{self.path}: several columns have the heading '{channel.channel}', {places}. Give column, too"
                     if column is None
                     else (
-                        f"{self.path}: the heading '{channel.channel}' is not in column {column} but in column {listed}"
+                        f"{self.path}: the heading '{channel.channel}' is not in column {column} but in column {places}"
                     ),
                 )
             return (column or headed[0]) - 1
@@ -211,19 +211,15 @@ class TextLog(Log):
 
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
-    """A text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
+    """Open a text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
     delimiter = _delimiter(text)
+    problem = ""
     if delimiter == text.decimal:
-        raise StudyError(
-            "study/recorded",
-            f"delimiter and decimal are both '{text.decimal}'; they must differ. With decimal commas set delimiter to "
-            "';'",
-            "text",
-        )
-    if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
-        raise StudyError(
-            "study/recorded", f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace", "text"
-        )
+        problem = f"delimiter and decimal are both '{text.decimal}'. With decimal commas set delimiter to ';'"
+    elif delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
+        problem = f"delimiter is '{text.delimiter}'. Give a single character, tab or whitespace"
+    if problem:
+        raise StudyError("study/recorded", problem, "text")
     lines, numbers = _lines(path, text)
     numbers = _without_end(numbers, text)
     first = _data_start(numbers, text.header_lines, text)
@@ -246,7 +242,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
 
 
 def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
-    """Lines up to the last one with a number: EOF or a remark may follow it."""
+    """Return lines up to the last one with a number: EOF or a remark may follow it."""
     last = numbers[-_HEAD_LINES:]
     filled = [i for i, line in enumerate(last, start=1) if any(map(_is_number, _fields(line, text)))]
     n = len(numbers) - len(last) + filled[-1] if filled else len(numbers)
@@ -257,7 +253,7 @@ _ARCHIVES = {b"PK\3\4": "a zip archive", b"\x28\xb5\x2f\xfd": "a file compressed
 
 
 def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[str]]:
-    """Lines of a text, and these with points as decimals, of a large one those that are asked for.
+    """Return lines of a text, and these with points as decimals, of a large one those that are asked for.
 
     DataError for a file that is no text.
     """
@@ -300,16 +296,12 @@ def plain_numbers(content: str, text: TextFormatSpec) -> str:
     groups = (_DECIMAL_COMMA,) if has_comma else (_APOSTROPHES,) if text.delimiter == "," else (_APOSTROPHES, _COMMAS)
     for separators, pattern in groups:
         if any(separator in content for separator in separators):
-            content = pattern.sub(_digits, content)
+            content = pattern.sub(lambda number: number[1] + re.sub(r"\D", "", number[2]), content)
     return content.replace(",", ".") if has_comma else content
 
 
-def _digits(number: re.Match[str]) -> str:
-    return number[1] + re.sub(r"\D", "", number[2])
-
-
 def guess_format(path: Path) -> TextFormatSpec:
-    """The format of a text log: the delimiter and decimal with which most of its fields are numbers."""
+    """Guess the format of a text log: the delimiter and decimal with which most of its fields are numbers."""
     return TextFormatSpec() if path.is_dir() else _best_format(path)[1]
 
 
@@ -328,7 +320,7 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:
-    """The end of a message about a log that cannot be read as stated: the format that it seems to have, if another."""
+    """Return the end of a message on an unreadable log: the format that it seems to have, if another."""
     surplus, seems = _best_format(path)
     if surplus <= 0 or (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
         return ""
@@ -336,12 +328,12 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
 
 
 def described_format(text: TextFormatSpec) -> str:
-    """A format as a study states it."""
+    """Return a format as a study states it."""
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
 
 
 def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int:
-    """The first line from `first` on with a number, after rows of properties such as `SampleTime[ms]  1`, if any.
+    """Find the first line from `first` on with a number, after any rows of properties such as `SampleTime[ms]  1`.
 
     These begin with a word, where the rows of data begin with a number.
     """
@@ -361,7 +353,7 @@ def _data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) -> int
 
 
 def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:
-    """The first line without numbers after header_lines; else the last header line; else the last comment."""
+    """Return the first line without numbers after header_lines; else the last header line; else the last comment."""
     after = head[text.header_lines :]
     plain = [_fields(_MARK.sub("", line), text) for line in [*after, *reversed(head[: text.header_lines])]]
     comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
@@ -378,7 +370,7 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
 
 
 def _sample_times(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[float, ...]:
-    """Sample times in ms of the columns of a TwinCAT Scope export, a column of times before its channels; else none."""
+    """Return sample times in ms of the columns of a TwinCAT Scope export, times before their channels; else none."""
     rows = (fields for line in head if (fields := _fields(line, text)) and fields[0] == _SAMPLE_TIME)
     fields = next((fields for fields in rows if len(fields) == n_columns), [])
     following = [fields[i + 1] if field == _SAMPLE_TIME else field for i, field in enumerate(fields)]
@@ -387,7 +379,7 @@ def _sample_times(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> 
 
 
 def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -> tuple[str, ...]:
-    """Header row other than the headings with units of the columns, in brackets or not; None without such a row."""
+    """Find the header row other than the headings with units of columns, in brackets or not; None without one."""
     rows = [fields for line in head if len(fields := _fields(line, text)) == len(headings)]
     if is_scope := any(fields[0] == _SAMPLE_TIME for fields in rows):
         rows = [fields for fields in rows if fields[0] == "Unit"]
@@ -412,24 +404,20 @@ def _with_nan(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:
 
 
 def _fields(line: str, text: TextFormatSpec) -> list[str]:
-    """The fields of a line, quoted ones whole; none of a comment or an empty line."""
+    """Split a line into fields, quoted ones whole; none of a comment or an empty line."""
     # The sign of an inch is a lone quotation mark, and quotes nothing.
     is_quoted = line.count('"') > 0 and line.count('"') % 2 == 0
     content = _without_comment(line, text.comment, is_quoted)
     if not content.strip():
         return []
     delimiter = _delimiter(text)
-    row = _quoted(content, delimiter) if is_quoted else [field.strip(' \t"') for field in content.split(delimiter)]
-    fields = [field.strip() for field in row]
+    if is_quoted:
+        content = content if delimiter else re.sub(r"\s", " ", content).strip()
+        fields = [*map(str.strip, next(csv.reader([content], delimiter=delimiter or " ", skipinitialspace=True)))]
+    else:
+        fields = [field.strip(' \t"').strip() for field in content.split(delimiter)]
     # Many loggers end every line of data, but not the headings, with a delimiter.
     return fields if fields[-1] else fields[:-1]
-
-
-def _quoted(content: str, delimiter: str | None) -> list[str]:
-    """The fields of a line with quotes, within which a delimiter has no meaning; None: any white space."""
-    if delimiter is None:
-        content, delimiter = re.sub(r"\s", " ", content).strip(), " "
-    return next(csv.reader([content], delimiter=delimiter, skipinitialspace=True))
 
 
 def _without_comment(line: str, comment: str, is_quoted: bool) -> str:
@@ -444,7 +432,7 @@ _GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})(?= )")
 
 
 def _values(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
-    """Numbers (n,) of cells, NaN for texts, and where these are; dates and times in s since 1970 or midnight."""
+    """Convert cells to numbers (n,), NaN for texts, and flag these; dates and times in s since 1970 or midnight."""
     first = next(filter(None, cells), "")
     if _is_number(first) or not _STAMP.fullmatch(_GERMAN_DATE.sub(r"\3-\2-\1", first)):
         x = np.array([float(cell) if _is_number(cell) else np.nan for cell in cells])
@@ -454,10 +442,6 @@ def _values(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     us = np.array(texts, dtype="datetime64[us]").astype(np.int64)
     is_missing = np.array([stamp is None for stamp in stamps], dtype=np.bool_)
     return np.where(is_missing, np.nan, us * 1e-6), is_missing
-
-
-def _is_word(field: str) -> bool:
-    return not (_is_number(field) or _STAMP.fullmatch(field))
 
 
 def _is_number(field: str) -> bool:

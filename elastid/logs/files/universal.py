@@ -33,7 +33,7 @@ FUNCTIONS = {
 
 
 def is_universal_file(path: Path, head: bytes = b"") -> bool:
-    """True by the first lines, or by the suffix."""
+    """Recognise the first lines, or the suffix."""
     if path.suffix.lower() in (".uff", ".unv"):
         return True
     if head or path.is_dir():
@@ -43,7 +43,7 @@ def is_universal_file(path: Path, head: bytes = b"") -> bool:
 
 
 def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
-    """The data sets of some types; StudyError without pyuff, DataError for a damaged file."""
+    """Read the data sets of some types; StudyError without pyuff, DataError for a damaged file."""
     pyuff = installed("pyuff", "uff", path)
     try:
         with _readable(path) as name:
@@ -56,7 +56,7 @@ def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[str]:
-    """Path of the file, or of a copy whose exponents are written with E in place of Fortran's D."""
+    """Give the path of the file, or of a copy whose exponents are written with E in place of Fortran's D."""
     content = path.read_bytes()
     if _START_OF_BINARY.search(content) or not _EXPONENT.search(content):
         yield str(path)
@@ -75,13 +75,13 @@ def place_of(data_set: dict[str, Any], side: str) -> str:
 
 
 def time_histories(path: Path) -> dict[str, dict[str, Any]]:
-    """Data sets of time histories, by node, direction and, where one has several, number."""
-    named: dict[str, dict[str, Any]] = {}
+    """Return data sets of time histories, by node, direction and, where one has several, number."""
+    histories: dict[str, dict[str, Any]] = {}
     for data_set in sets_of(path, 58):
         if int(data_set["func_type"]) == TIME_HISTORY:
             name = place_of(data_set, "rsp")
-            named[name if name not in named else f"{name} {len(named) + 1}"] = data_set
-    return named
+            histories[name if name not in histories else f"{name} {len(histories) + 1}"] = data_set
+    return histories
 
 
 @contextmanager
@@ -98,8 +98,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 def _array(data_set: dict[str, Any]) -> StoredArray:
     x, step = np.asarray(data_set["data"]), float(data_set.get("abscissa_inc") or 0.0)
     unit = _UNITS.get(int(data_set["ordinate_spec_data_type"]), "")
-    stated = str(data_set.get("ordinate_axis_units_lab", "")).strip()
-    is_stated = stated not in ("", "NONE")
+    label = str(data_set.get("ordinate_axis_units_lab", "")).strip()
+    has_label = label not in ("", "NONE")
     # The text of the file has six digits of the step.
     rate_hz = float(f"{1 / step:.5g}") if step > 0 else None
-    return StoredArray(x.shape, x.dtype, partial(np.asarray, x), stated if is_stated else unit, rate_hz)
+    return StoredArray(x.shape, x.dtype, partial(np.asarray, x), label if has_label else unit, rate_hz)

@@ -11,8 +11,9 @@ from typing import SupportsInt
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, folded
-from elastid.base.errors import Note, Severity
+from elastid.base.errors import DataError, Note, Severity
 
+MAX_WRONG_FRACTION = 0.01  # of samples, cells or steps of a clock that may be wrong, which are then missing
 _CODES = {  # of findings that mend nothing
     "quantised channels": "records/quantised",
     "samples at a limit": "records/clipped",
@@ -28,7 +29,7 @@ class Findings:
     discarded_periods: list[int] = field(default_factory=list)
 
     def at(self, place: str) -> tuple[Note, ...]:
-        """The notes with their place."""
+        """Return the notes with their place."""
         return tuple(replace(note, place=place) for note in self.notes)
 
 
@@ -51,6 +52,10 @@ class Log:
         """Add a note."""
         self.findings.notes.append(Note(code, text, severity=severity))
 
+    def error(self, code: str, text: str) -> DataError:
+        """Return the error of a log that is of no use."""
+        return DataError(code, text, self.where)
+
     def report(self, kind: str, count: SupportsInt, text: str) -> None:
         """Count the samples or repetitions of a fault by kind, and add a note on it unless `text` is empty."""
         if text:
@@ -58,56 +63,56 @@ class Log:
         self.findings.repairs[kind] += int(count)
 
     def after(self, first: int) -> "Log":
-        """The log from a sample on."""
+        """Return the log from a sample on."""
         return replace(self, first=self.first + first, rows=None if self.rows is None else self.rows[first:])
 
     def number(self, sample: SupportsInt) -> int:
-        """The number in the file of a sample, or of the end of all."""
+        """Return the number in the file of a sample, or of the end of all."""
         i = int(sample)
         if self.rows is None:
             return self.first + i
         return int(self.rows[i]) if i < len(self.rows) else int(self.rows[-1]) + 1 + i - len(self.rows)
 
     def time_of(self, sample: SupportsInt) -> str:
-        """A sample by its number in the file and, where the rate is known, its time."""
+        """Return a sample by its number in the file and, where the rate is known, its time."""
         instant = "" if self.rate_hz is None else f" ({(self.first + int(sample)) / self.rate_hz:.6g} s)"
         return f"sample {self.number(sample)}{instant}"
 
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
-    """X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign where sign is -1."""
+    """Fold to X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign if sign is -1."""
     X = folded(x, L)
     return X if sign > 0 else np.asarray(X * float(sign) ** np.arange(len(X))[:, None])
 
 
 def bridged(x: FloatArray) -> FloatArray:
-    """Signal (n,) with straight lines where samples are missing, 0 without any sample."""
-    known = np.flatnonzero(np.isfinite(x))
-    return np.interp(np.arange(len(x)), known, x[known]) if known.size else np.zeros(len(x))
+    """Bridge missing samples of a signal (n,) by straight lines; 0 without any sample."""
+    finite = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), finite, x[finite]) if finite.size else np.zeros(len(x))
 
 
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
-    """X (P, L): the repetitions of a signal, each without its line."""
+    """Fold to X (P, L): the repetitions of a signal, each without its line."""
     X = blocks(x, L, sign)
     return without_line(X) if np.isfinite(X).all() else np.asarray(X - _lines(X, np.linspace(-0.5, 0.5, L)))
 
 
 def without_line(X: FloatArray) -> FloatArray:
-    """X (..., L), each row without its mean and its slope (least squares)."""
+    """Remove from each row of X (..., L) its mean and slope (least squares)."""
     t = np.linspace(-0.5, 0.5, X.shape[-1])
     away = X - X.mean(axis=-1, keepdims=True)
     return np.asarray(away - (away @ t / (t @ t))[..., None] * t)
 
 
 def scaled(drivers: FloatArray, N: int) -> FloatArray:
-    """X (P, N, d): the flat periods of drivers (n, d), each of which has an rms of 1, or is zero."""
+    """Fold to X (P, N, d): the flat periods of drivers (n, d), each of which has an rms of 1, or is zero."""
     X = np.stack([flat(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
     return X / np.where(size > 0, size, 1.0)
 
 
 def _lines(X: FloatArray, t: FloatArray) -> FloatArray:
-    """The straight line through the finite samples of each row of X (P, L)."""
+    """Fit the straight line through the finite samples of each row of X (P, L)."""
     good = np.isfinite(X)
     n = np.maximum(good.sum(axis=1), 1)
     values = np.where(good, X, 0.0)

@@ -59,13 +59,14 @@ def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_s
         if candidate is None or (best is not None and candidate.error >= best.error):
             continue
         values = reference[gap] + candidate.values
-        if _is_continuous(np.concatenate([x[rows[: gap.start]][-1:], values, x[rows[gap.stop :]][:1]]), max_step):
+        joint = np.concatenate([x[rows[: gap.start]][-1:], values, x[rows[gap.stop :]][:1]])
+        if not np.any(np.abs(np.diff(joint)) > _MAX_STEP * max_step):
             best = Interpolation(values, candidate.error)
     return best
 
 
 def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) -> Iterator[FloatArray]:
-    """Means (m,) of other periods at rows (m,), finite in the gap; last, for a short gap, zero.
+    """Yield means (m,) of other periods at rows (m,), finite in the gap; last, for a short gap, zero.
 
     The first period, whose transient adds up over a long gap, is in the reference of one only if no other has the gap.
     """
@@ -86,7 +87,7 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
 
 
 def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation | None:
-    """Polynomial (g,) through the finite samples e (m,) on both sides of a gap, if they are enough."""
+    """Fit a polynomial (g,) through the finite samples e (m,) on both sides of a gap, if they are enough."""
     g = gap.stop - gap.start
     offsets = np.r_[-width:0, g : g + width]
     at = gap.start + offsets
@@ -98,27 +99,23 @@ def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation
         return None
     g_trial = min(g, _TRIAL_GAP)
     trial_offsets = np.where(offsets < 0, offsets, offsets - g + g_trial)
-    error = _trial_error(e, trial_offsets, _weights(trial_offsets, g_trial, degree))
+    error = _trial_error(e, trial_offsets, _weights(tuple(trial_offsets.tolist()), g_trial, degree))
     beside = e[gap.start + offsets]
     # A transient at a few of these samples hardly changes the trial error.
     misfit = float(np.std(beside)) if degree == 0 else 0.0
-    return Interpolation(_weights(offsets, g, degree) @ beside, max(error, misfit))
-
-
-def _weights(offsets: IntArray, g: int, degree: int) -> FloatArray:
-    """Weights (g, k) of the least-squares polynomial through samples at offsets (k,) from the start of a gap of g."""
-    return _cached_weights(tuple(offsets.tolist()), g, degree)
+    return Interpolation(_weights(tuple(offsets.tolist()), g, degree) @ beside, max(error, misfit))
 
 
 @lru_cache(maxsize=256)
-def _cached_weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray:
+def _weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray:
+    """Return weights (g, k) of the least-squares polynomial by samples at offsets (k,) from the start of a gap of g."""
     centred = np.array([*offsets, *range(g)]) - (g - 1) / 2
     powers = np.vander(centred / np.abs(centred).max(), degree + 1)
     return powers[len(offsets) :] @ np.linalg.pinv(powers[: len(offsets)])
 
 
 def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float:
-    """Error of weights (g, k) on gaps that begin at any other sample of e (m,).
+    """Estimate the error of weights (g, k) on gaps that begin at any other sample of e (m,).
 
     From the quantile of 75 %: a few damaged samples nearby do not count, a transient on one side does.
     """
@@ -132,13 +129,8 @@ def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float
     return float(np.quantile(np.abs(errors), 0.75) / QUANTILE_75) if errors.size else np.inf
 
 
-def _is_continuous(values: FloatArray, max_step: float) -> bool:
-    """True if consecutive values, NaN where unknown, change by no more than twice max_step."""
-    return not np.any(np.abs(np.diff(values)) > _MAX_STEP * max_step)
-
-
 def period_noise(x: FloatArray, L: int, sign: int) -> float:
-    """Noise of a signal (P L,), NaN where missing: robust change between two consecutive periods over root two.
+    """Estimate the noise of a signal (P L,), NaN if missing: robust change between consecutive periods over root two.
 
     The smallest of all pairs: a transient adds to the first ones.
     """

@@ -11,16 +11,16 @@ Where other noise is below half a step the error repeats with the signal, so tha
 does not show it (Widrow and Kollar, Quantization Noise, 2008).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, folded
-from elastid.base.errors import DataError
 from elastid.base.statistics import runs
 from elastid.logs.repair import Log, flat, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
+CHECK_CELLS = "Check the column for empty cells and error values such as #N/A, or measure again"
 
 
 # Limits that distinguish rest, a channel that hangs, drops out or is clipped, steps and spikes from a signal.
@@ -82,54 +82,55 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         changes = np.diff(x)
         least = max(LEAP * float(np.nanquantile(np.abs(changes), 0.99)), MIN_STEPS * step(x))
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
-        lost = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
+        gaps = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
         others = np.delete(signals, c, axis=1) / np.delete(size, c)
-        lost = [(a, b) for a, b in lost if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
-        if lost:
-            missing = np.concatenate([np.arange(a, b) for a, b in lost])
-            result[missing, c] = np.nan
-            text = f"{log.names[c]} is constant or 0 for {missing.size} samples in total while other channels vary"
-            log.report(MASKED, missing.size, f"{text}, first at {log.time_of(missing[0])}; treated as missing")
+        gaps = [(a, b) for a, b in gaps if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
+        _mask_constant(result, c, gaps, "channels", log)
     return result
 
 
+def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]], others: str, log: Log) -> None:
+    """Mask (NaN) ranges of channel c of signals (n, c), and report them; others: the signals that vary there."""
+    missing = np.unique([i for start, end in ranges for i in range(start, end)]).astype(int)
+    if missing.size:
+        signals[missing, c] = np.nan
+        text = f"{log.names[c]} is constant or 0 for {missing.size} samples in total while other {others} vary"
+        log.report(MASKED, missing.size, f"{text}, first at {log.time_of(missing[0])}; treated as missing")
+
+
 def samples_before_motion(torques: FloatArray) -> int:
-    """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
+    """Count samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
     width = max(MIN_WINDOW, len(torques) // START_WINDOWS)
     if len(torques) < 3 * width:
         return 0
     scatter = np.stack([_scatter(folded(x, width)) for x in torques.T])
     # The largest may be a spike.
-    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > MAX_STATIONARY_FRACTION * usual) & (usual > 0), axis=0)
+    scale = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
+    moves = np.any((scatter > MAX_STATIONARY_FRACTION * scale) & (scale > 0), axis=0)
     return int(np.argmax(moves)) * width
 
 
 def _scatter(windows: FloatArray) -> FloatArray:
-    """Rms (...) of windows (..., width) without mean and slope; infinite where a sample is missing."""
+    """Compute the rms (...) of windows (..., width) without mean and slope; infinite where a sample is missing."""
     away = without_line(windows)
     return np.where(np.isfinite(away).all(axis=-1), np.sqrt(np.mean(away**2, axis=-1)), np.inf)
 
 
 def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
-    """Signals (n, c), some samples NaN, with NaN where a channel hangs, or drops to 0, and other repetitions do not."""
+    """Mask (NaN) samples of signals (n, c) where a channel hangs, or drops to 0, and other repetitions do not."""
     result = np.copy(signals)
     hold = np.diff(signals, axis=0) == 0
     alike = hold.all(axis=1)
     for c, x in enumerate(signals.T):
-        lost = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
-        least = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
-        lost = [(a, b) for a, b in lost if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
-        lost = [(a, b) for a, b in lost if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
-        stuck = runs(hold[:, c] & ~alike, MIN_RUN - 1).tolist()
-        moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stuck else 0.0
+        gaps = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
+        least = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if gaps else 0.0
+        gaps = [(a, b) for a, b in gaps if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
+        gaps = [(a, b) for a, b in gaps if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
+        stops = runs(hold[:, c] & ~alike, MIN_RUN - 1).tolist()
+        moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stops else 0.0
         # The first value may be a measured one.
-        lost += [(a + 1, b + 1) for a, b in stuck if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
-        if lost:
-            missing = np.unique(np.concatenate([np.arange(a, b) for a, b in lost]))
-            result[missing, c] = np.nan
-            text = f"{log.names[c]} is constant or 0 for {missing.size} samples from {log.time_of(missing[0])} on"
-            log.report(MASKED, missing.size, f"{text}, while other periods vary; treated as missing")
+        gaps += [(a + 1, b + 1) for a, b in stops if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
+        _mask_constant(result, c, gaps, "periods", log)
     return result
 
 
@@ -138,7 +139,7 @@ def _elsewhere(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
 
 
 def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log) -> FloatArray:
-    """Signals (n, c), NaN in each repetition of L samples whose torques stand still for a part.
+    """Mask (NaN) each repetition of L samples of signals (n, c) whose torques are partly constant.
 
     torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
     """
@@ -148,21 +149,18 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
     u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
     scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
     # The largest may be that of the start, or hold a spike.
-    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
-    moving = usual > MIN_MOVING_FRACTION * np.median(usual)
-    bad = (scatter < MAX_STATIONARY_FRACTION * usual)[:, moving].sum(axis=1) > MAX_STATIONARY_FRACTION * moving.sum()
+    scale = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
+    moving = scale > MIN_MOVING_FRACTION * np.median(scale)
+    bad = (scatter < MAX_STATIONARY_FRACTION * scale)[:, moving].sum(axis=1) > MAX_STATIONARY_FRACTION * moving.sum()
     bad[:1] = False
     if not bad.any():
         return signals
     numbers = ", ".join(str(p + 1) for p in np.flatnonzero(bad))
     text = f"repetitions {numbers} of {P} are discarded: their torques are partly constant, as at a stop"
     if P - bad.sum() < 2:
-        raise DataError(
-            "records/missing-samples",
-            f"{text}; two are needed. Measure again, or set samples: [{log.first}, "
-            f"{log.first + int(np.argmax(bad)) * L}] with period: none",
-            log.where,
-        )
+        samples = f"samples: [{log.first}, {log.first + int(np.argmax(bad)) * L}]"
+        text += f"; two are needed. Measure again, or set {samples} with period: none"
+        raise log.error("records/missing-samples", text)
     result, end = np.copy(signals), 1 + int(np.flatnonzero(~bad)[-1])
     for p in np.flatnonzero(bad):
         result[p * L : (p + 1) * L] = np.nan
@@ -215,23 +213,22 @@ def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
         at_limit = _at_limit(x)
         if not at_limit.any():
             continue
-        clipped = np.zeros(len(x), dtype=np.bool_)
+        is_clipped = np.zeros(len(x), dtype=np.bool_)
         for start, end in runs(at_limit, MIN_EQUAL):
-            clipped[start:end] = True
-        share, n_clipped = float(clipped.mean()), int(clipped.sum())
-        if share < MIN_CLIPPED_FRACTION or _visits(x, clipped) < MIN_PLACES * max(1, len(x) // L):
+            is_clipped[start:end] = True
+        fraction, n_clipped = float(is_clipped.mean()), int(is_clipped.sum())
+        if fraction < MIN_CLIPPED_FRACTION or _visits(x, is_clipped) < MIN_PLACES * max(1, len(x) // L):
             continue
-        text = f"{name}: {n_clipped} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
+        text = f"{name}: {n_clipped} of {len(x)} samples ({100 * fraction:.2g} %) are at its limits of "
         text += f"{np.min(x):.4g} and {np.max(x):.4g}"
-        if share > MAX_CLIPPED_FRACTION:
-            raise DataError(
-                "records/clipped", f"{text}; it is clipped. Measure again with less torque or a wider range", log.where
-            )
+        if fraction > MAX_CLIPPED_FRACTION:
+            text += "; it is clipped. Measure again with less torque or a wider range"
+            raise log.error("records/clipped", text)
         log.report(CLIPPED, n_clipped, f"{text}; clipped there. Measure with less torque")
 
 
 def _at_limit(x: FloatArray) -> BoolArray:
-    """Flags (n,) of the samples at a limit, none set where they are too few to be reported or the steps too coarse."""
+    """Flag (n,) samples at a limit, none if they are too few to be reported or the steps too coarse."""
     low, high = np.min(x), np.max(x)
     near = EQUAL_TOLERANCE * (high - low)
     # Exactly 0 is rest, not a limit: of the force of a hammer under a force window.

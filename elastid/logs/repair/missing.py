@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
-from elastid.base.errors import DataError
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, bridged
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log, bridged
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
+    CHECK_CELLS,
     MAX_MISSING_FRACTION,
     MAX_STATIONARY_FRACTION,
     report_clipping,
@@ -30,7 +30,6 @@ from elastid.logs.repair.outliers import outliers_of, without_spikes
 from elastid.logs.repair.periodicity import MIN_PERIODS, grid_samples
 from elastid.logs.repair.time_stamps import at_times, resampled
 
-MAX_FRACTION = 0.01  # of a channel that may be missing, single samples apart, without a period
 MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 FILLED = "missing samples filled"
 REPLACED = "interpolated from other periods and adjacent samples"
@@ -49,81 +48,76 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     good = np.isfinite(periodic)
     if good.all():
         return periodic
-    result, poor = np.copy(periodic), set[int]()
+    result, noisy = np.copy(periodic), set[int]()
     for c in np.flatnonzero(~good.all(axis=0)):
-        missing = np.flatnonzero(~good[:, c])
-        text = f"{_missing(missing, good, log, int(c))}, the first is {log.time_of(missing[0])}"
-        if missing.size > MAX_MISSING_FRACTION * len(good):
-            raise DataError(
-                "records/missing-samples", f"{log.where}: {text}. Measure again, or exclude them with samples"
-            )
-        result[:, c], of_channel = _interpolated(periodic[:, c], L, sign, log, text)
-        poor |= of_channel
-        outliers = outliers_of(log.names[c], missing.size, len(good))
+        count, text = _missing(good[:, c], log, int(c))
+        if count > MAX_MISSING_FRACTION * len(good):
+            raise log.error("records/missing-samples", f"{text}. {CHECK_CELLS}, or exclude them with samples")
+        result[:, c], of_gaps = _interpolated(periodic[:, c], L, sign, log, text)
+        noisy |= of_gaps
+        outliers = outliers_of(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
-        log.report(FILLED, missing.size, "" if is_reported else f"{text}. They are {REPLACED}")
+        log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = sorted(poor | set(np.flatnonzero(lacking > MAX_STATIONARY_FRACTION).tolist()))
-    if not left_out:
+    discarded = sorted(noisy | set(np.flatnonzero(lacking > MAX_STATIONARY_FRACTION).tolist()))
+    if not discarded:
         return result
-    numbers = ", ".join(str(p + 1) for p in left_out)
+    numbers = ", ".join(str(p + 1) for p in discarded)
     text = f"repetitions {numbers} of {P} lack a tenth of a channel, or samples that the others do not predict"
-    if P - len(left_out) < 2:
-        raise DataError(
-            "records/missing-samples",
-            f"{text}, and two complete repetitions are needed. Measure again, or exclude the faulty part with samples",
-            log.where,
-        )
-    log.report("repetitions left out", len(left_out), f"{text}, and are left out")
-    log.findings.discarded_periods += left_out
+    if P - len(discarded) < 2:
+        text += ", and two complete repetitions are needed. Measure again, or exclude the faulty part with samples"
+        raise log.error("records/missing-samples", text)
+    log.report("repetitions left out", len(discarded), f"{text}, and are left out")
+    log.findings.discarded_periods += discarded
     return result
 
 
 def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
-    """Signal (P L,) without NaN, and the repetitions with a long gap that nothing predicts to within the noise."""
-    result, poor = np.copy(x), set[int]()
+    """Interpolate a signal (P L,); return also repetitions with a long gap that is not predictable within noise."""
+    result, noisy = np.copy(x), set[int]()
     limit = MAX_ERROR_OVER_NOISE * np.hypot(period_noise(x, L, sign), step(x) / np.sqrt(12))
     for at, gap in interpolations(x, L, sign):
         n = at.stop - at.start
         if gap is None:
-            raise DataError(
-                "records/missing-samples",
-                f"{log.where}: {text}, and no other period has the {n} from {log.time_of(at.start)} on. "
-                "Measure again, or exclude them with samples",
-            )
+            text += f", and no other period has the {n} from {log.time_of(at.start)} on"
+            raise log.error("records/missing-samples", f"{text}. Measure again, or exclude them with samples")
         result[at] = gap.values
         if n > MAX_BRIDGED and gap.error > limit:
-            poor |= set(range(at.start // L, (at.stop - 1) // L + 1))
-    return result, poor
+            noisy |= set(range(at.start // L, (at.stop - 1) // L + 1))
+    return result, noisy
 
 
-def _missing(missing: IntArray, good: BoolArray, log: Log, c: int) -> str:
-    return f"{log.names[c]}: {missing.size} of {len(good)} samples are missing"
+def _missing(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
+    """Return the number of missing samples of a channel, and a sentence on them."""
+    missing = np.flatnonzero(~good)
+    verb = "is" if missing.size == 1 else "are"
+    text = f"{log.names[c]}: {missing.size} of {len(good)} samples {verb} missing"
+    return missing.size, f"{text}, the first is {log.time_of(missing[0])}"
 
 
-def bridged_gaps(signals: FloatArray, log: Log, max_share: float = MAX_FRACTION) -> FloatArray:
-    """Signals (n, c) without NaN; DataError for long gaps, or too many, with the piece of the log that is complete."""
+def bridged_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
+    """Interpolate short gaps (NaN) of signals (n, c) without a period.
+
+    Raises DataError for long gaps, or too many, with the longest range of the log that is complete.
+    """
     result = np.copy(signals)
     for c in range(signals.shape[1]):
         good = np.isfinite(signals[:, c])
-        missing = np.flatnonzero(~good)
-        if missing.size == 0:
+        if good.all():
             continue
-        text = f"{_missing(missing, good, log, c)}, the first is {log.time_of(missing[0])}"
-        gaps = runs(~good)
-        is_inside = missing[0] > 1 and missing[-1] < len(good) - 2
-        is_short = np.ptp(gaps, axis=1).max() <= MAX_BRIDGED
-        if not (is_inside and is_short and missing.size <= max_share * len(good)):
+        count, text = _missing(good, log, c)
+        is_inside = good[[0, 1, -2, -1]].all()
+        is_short = np.ptp(runs(~good), axis=1).max() <= MAX_BRIDGED
+        if not (is_inside and is_short and count <= max_fraction * len(good)):
             pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
             first, last = max(pieces, key=np.ptp, default=(0, 0))
-            raise DataError(
+            raise log.error(
                 "records/missing-samples",
                 f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
                 f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
-                log.where,
             )
         result[:, c], _ = _interpolated(signals[:, c], len(signals), 1, log, text)
-        log.report(INTERPOLATED, missing.size, f"{text}: interpolated between their neighbours")
+        log.report(INTERPOLATED, count, f"{text}: interpolated between their neighbours")
     return result
 
 
@@ -135,29 +129,29 @@ def repair(
     log: Log,
     check: Callable[[FloatArray], None],
 ) -> FloatArray:
-    """Signals (n, c), some samples NaN, repaired: whole repetitions of a period, or of half of one where half_wave.
+    """Repair signals (n, c), some samples NaN, to whole repetitions of a period, of half of one if half_wave.
 
     roles: the columns of r, u and y, before all others, which need not repeat.  check: refuses drivers (n, d) that are
     not periodic.  DataError without a repair.
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
-    going = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
-    moving = without_standstill(going, L, log)
-    both = _and_missing(moving)
-    clock = resampled(both, both[:, drivers], N, log)
-    of_log = moving if clock is both else _with_missing(clock, signals.shape[1])
-    check(of_log[:, drivers])
+    whole = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
+    masked = without_standstill(whole, L, log)
+    stack = _with_flags(masked)
+    clock = resampled(stack, stack[:, drivers], N, log)
+    on_clock = masked if clock is stack else _with_missing(clock, signals.shape[1])
+    check(on_clock[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
-    full = filled(without_spikes(of_log, L, sign, repeating), L, sign, log)
-    as_logged = full if clock is both else _bridged(going)
+    full = filled(without_spikes(on_clock, L, sign, repeating), L, sign, log)
+    as_logged = full if clock is stack else _bridged(whole)
     report_clipping(as_logged, L, repeating)
     report_steps(as_logged, L, sign, repeating)
     return full
 
 
 def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
-    """Signals (n, c), some samples NaN, with single gaps interpolated; DataError where gaps are longer."""
+    """Interpolate single gaps of signals (n, c), some samples NaN; DataError where gaps are longer."""
     full, n = bridged_gaps(signals, log), len(signals)
     report_clipping(full, n, log)
     report_steps(full, n, 1, log)
@@ -165,13 +159,13 @@ def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
 
 
 def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log: Log) -> FloatArray:
-    """Signals with N samples in a period, and two whole repetitions of L where the second one lacks its end only."""
+    """Resample to N samples in a period; complete a second repetition of L that lacks its end only."""
     result = signals
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)
-        both = at_times(_and_missing(signals), times, period, min(1.0, N / period))
-        result = _with_missing(both, signals.shape[1])
+        stack = at_times(_with_flags(signals), times, period, min(1.0, N / period))
+        result = _with_missing(stack, signals.shape[1])
         log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
     n, lacking = len(result), 2 * L - len(result)
     if n < MIN_PERIODS * L or lacking <= 0:
@@ -185,15 +179,15 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     return np.concatenate([result, end])
 
 
-def _and_missing(signals: FloatArray) -> FloatArray:
-    """Signals (n, c) -> (n, 2 c): straight lines where samples are missing, and 1 where they are; whole ones alone."""
-    known = np.isfinite(signals)
-    return signals if known.all() else np.concatenate([_bridged(signals), ~known], axis=1)
+def _with_flags(signals: FloatArray) -> FloatArray:
+    """Bridge missing samples of signals (n, c), and append flags (n, c) of them; whole signals remain alone."""
+    valid = np.isfinite(signals)
+    return signals if valid.all() else np.concatenate([_bridged(signals), ~valid], axis=1)
 
 
-def _with_missing(both: FloatArray, c: int) -> FloatArray:
-    """The inverse after interpolation: a sample is missing where missing ones have 2 % in it."""
-    return both if both.shape[1] == c else np.where(np.abs(both[:, c:]) > 0.02, np.nan, both[:, :c])
+def _with_missing(stack: FloatArray, c: int) -> FloatArray:
+    """Invert `_with_flags` after interpolation: a sample is missing where missing ones have 2 % in it."""
+    return stack if stack.shape[1] == c else np.where(np.abs(stack[:, c:]) > 0.02, np.nan, stack[:, :c])
 
 
 def _bridged(signals: FloatArray) -> FloatArray:

@@ -84,13 +84,13 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
         near = bridged(np.where(far, np.nan, x))
         least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
-        lone = _spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quiet_share=1.0)
+        lone = _spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0)
         at.append(np.flatnonzero(lone | far))
     return _masked(signals, at, "their neighbours", log)
 
 
 def _is_outlier(x: FloatArray) -> BoolArray:
-    """Runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
+    """Flag runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
     low, middle, high = np.quantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
     result = np.zeros(len(x), dtype=np.bool_)
     for start, end in runs(np.abs(x - middle) > MIN_RANGES * (high - low)).tolist():
@@ -106,7 +106,7 @@ def outliers_of(name: str, count: int, n: int) -> str:
 def _masked(
     signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
 ) -> FloatArray:
-    """outvoted (c,): number of spikes of each channel that only two periods against one show."""
+    """Mask and report spikes. outvoted (c,): number of spikes that only two periods against one show."""
     result = np.copy(signals)
     for c, at in enumerate(spikes):
         if at.size == 0:
@@ -128,23 +128,23 @@ def _masked(
 
 
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
-    """Samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
+    """Find samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
     judged, full, q = np.isfinite(x), _interpolated(x, L, sign), step(x)
-    is_lost, may_be_lost = _lost_messages(x, q)
+    repeats, may_repeat = _lost_messages(x, q)
     is_spike = np.zeros(len(x), dtype=np.bool_)
-    if is_lost.any():
+    if repeats.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
-        full, is_spike = _replaced(full, is_lost, L, sign, to_nearest, are_lost=True)
+        full, is_spike = _replaced(full, repeats, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         judged = _with_second_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
-        of_all, of_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
+        in_all, in_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
         for e in _differences(full, L, sign):
-            if of_all.any() or may_be_lost.any():
+            if in_all.any() or may_repeat.any():
                 new_spikes = _spikes(x, e, judged & ~is_spike, L, least, MAX_RUN, q)
-                of_all, of_any = of_all & new_spikes, of_any | new_spikes
-        candidates = of_all | (may_be_lost & of_any)
+                in_all, in_any = in_all & new_spikes, in_any | new_spikes
+        candidates = in_all | (may_repeat & in_any)
         if not candidates.any():
             break
         chosen = _roughest(full, candidates, judged & ~is_spike, L)
@@ -160,7 +160,7 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
 def _replaced(
     x: FloatArray, suspects: BoolArray, L: int, sign: int, to_nearest: FloatArray, are_lost: bool = False
 ) -> tuple[FloatArray, BoolArray]:
-    """Signal (P L,) with interpolations of the suspects (P L,) that are far from them, and flags of these samples.
+    """Interpolate suspects (P L,) of a signal (P L,) that are far from their interpolation; return their flags, too.
 
     to_nearest (P L,): distance to the nearest of the other periods. Where it is less than half of the distance from
     the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
@@ -193,7 +193,7 @@ def _with_second_period(judged: BoolArray, L: int) -> BoolArray:
 
 
 def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
-    """Differences (P L,) of each period to the next two, and, of more than three, to the median of all.
+    """Compute differences (P L,) of each period to the next two, and, of more than three, to the median of all.
 
     A spike differs from each of them; a sample whose reference has a spike does not.
     """
@@ -205,7 +205,7 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
 
 
 def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
-    """Size of the pulses that a transient in the first period of a signal (P L,) can have; 0 without a transient.
+    """Estimate the size of pulses of a transient in the first period of a signal (P L,); 0 without a transient.
 
     The largest step that all later periods show: there a transient has friction of the other direction for a moment.
     """
@@ -229,40 +229,40 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
 
     roughness = _roughness(x).reshape(-1, L)
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
-    usual = _usual_roughness(roughness)
-    rivals = roughness > np.maximum(2 * highest, usual)
+    scale = _scale_of_roughness(roughness)
+    rivals = roughness > np.maximum(2 * highest, scale)
     rivals &= highest >= 0
     # Beside a spike a signal is rough, too: such a phase waits until the spike is replaced.
     are_highest = rivals & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
-    is_rough = candidates.reshape(-1, L) & (roughness > usual)
+    is_rough = candidates.reshape(-1, L) & (roughness > scale)
     is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
     return np.asarray(is_chosen.ravel() & judged)
 
 
 def _roughness(x: FloatArray) -> FloatArray:
-    """Distance (n,) of each sample of a signal from the cubic through its neighbours."""
+    """Compute the distance (n,) of each sample of a signal from the cubic through its neighbours."""
     return np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
 
 
-def _usual_roughness(roughness: FloatArray) -> float:
+def _scale_of_roughness(roughness: FloatArray) -> float:
     return MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
 
 
 def _is_rough(x: FloatArray) -> BoolArray:
-    """True where a signal (n,) is rougher than usual."""
+    """Return True where a signal (n,) is rougher than usual."""
     roughness = _roughness(x)
-    return roughness > _usual_roughness(roughness)
+    return roughness > _scale_of_roughness(roughness)
 
 
 def _lone_distance(e: FloatArray) -> FloatArray:
-    """Distance (n,) of each sample of a signal from its running median."""
+    """Compute the distance (n,) of each sample of a signal from its running median."""
     from scipy.ndimage import median_filter
 
     return np.asarray(np.abs(e - median_filter(e, MEDIAN_WINDOW, mode="mirror")))
 
 
 def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
-    """Signal (P L,) without NaN, on straight lines where no period has a sample."""
+    """Interpolate a signal (P L,), on straight lines where no period has a sample."""
     result = np.copy(x)
     for at, gap in interpolations(x, L, sign):
         result[at] = np.nan if gap is None else gap.values
@@ -277,9 +277,9 @@ def _spikes(
     smallest: float,
     max_run: int,
     q: float,
-    quiet_share: float = QUIET_FRACTION,
+    quantile: float = QUIET_FRACTION,
 ) -> BoolArray:
-    """Flags (n,) of the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
+    """Flag (n,) the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
 
     e (n,): its difference to a reference, finite, with a noise of its own in each period of L.  smallest: least d of
     a spike.  q: step of the converter.
@@ -298,8 +298,8 @@ def _spikes(
     is_spike = np.zeros(len(e), dtype=np.bool_)
     if not short:
         return is_spike
-    straight, usual, d_x = np.copy(e), _usual(d), _lone_distance(x)
-    usual_x = _usual(d_x)
+    straight, scale, d_x = np.copy(e), _scale(d), _lone_distance(x)
+    scale_x = _scale(d_x)
     for first, end in short:
         straight[first:end] = np.nan
     straight = bridged(straight)
@@ -308,49 +308,49 @@ def _spikes(
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
             continue
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
-        around, around_x = np.quantile(d[sides], quiet_share), np.quantile(d_x[sides], quiet_share)
+        around, around_x = np.quantile(d[sides], quantile), np.quantile(d_x[sides], quantile)
         # In a transient the difference shows the signal of the other period.
         is_transient = around > TRANSIENT_SIGMAS * sigma[first]
-        is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, usual_x)
+        is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, scale_x)
         if is_transient and not is_in_signal and d[first:end].max() < MIN_RATIO_IN_TRANSIENT * around:
             continue
-        distance, scatter = _from_parabola(e, straight, first, end, quiet_share)
-        is_lone = d[first:end].max() > max(MIN_RATIO * around, usual)
+        distance, scatter = _from_parabola(e, straight, first, end, quantile)
+        is_lone = d[first:end].max() > max(MIN_RATIO * around, scale)
         if is_lone and distance > max(least[first], MIN_RATIO * scatter):
             is_spike[first:end] = True
     return is_spike & judged
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
-    """Flags (n,) of repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
+    """Flag (n,) repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
     change = np.abs(np.diff(x, prepend=np.nan))
-    usual, is_lost, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
+    scale, repeats, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
-        is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= usual)))
+        is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= scale)))
         if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            by_chance = n_near * q / max(2 * usual, 1e-300)
+            by_chance = n_near * q / max(2 * scale, 1e-300)
             if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
-                is_lost |= is_equal
-    return is_lost, is_rare
+                repeats |= is_equal
+    return repeats, is_rare
 
 
-def _usual(d: FloatArray) -> float:
-    """Distance that a spike exceeds, by the distances (n,) that are usual in parts of a log."""
+def _scale(d: FloatArray) -> float:
+    """Compute the distance that a spike exceeds, from typical distances (n,) in sections of a log."""
     parts = d[: len(d) // PARTS * PARTS].reshape(PARTS, -1)
     return MIN_OVER_USUAL * float(np.median(np.quantile(parts, USUAL_FRACTION, axis=1)))
 
 
-def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quiet_share: float) -> tuple[float, float]:
-    """Largest distance of a run of e (n,) from a parabola through its neighbours, and quantile of their distances."""
+def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:
+    """Compute the largest distance of a run of e (n,) from its neighbours' parabola, and a quantile of theirs."""
     n = NEIGHBOURS
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]
     away = np.abs(np.r_[beside[sides], e[first:end]] - _PARABOLAS[end - first] @ beside[sides])
-    return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], quiet_share))
+    return float(away[len(sides) :].max()), float(np.quantile(away[: len(sides)], quantile))
 
 
 def _parabola(length: int) -> FloatArray:
-    """Weights (2 n + length, 2 n) of the parabola through n neighbours on each side of a run, at these and in it."""
+    """Compute weights (2 n + length, 2 n) of the parabola by n neighbours on each side of a run, at these and in it."""
     n = NEIGHBOURS
     sides = np.r_[-1 - n : -1, length + 1 : length + 1 + n]
     powers = np.vander((np.r_[sides, 0:length] - (length - 1) / 2) / n, 3)

@@ -14,6 +14,7 @@ from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.repair import Log, flat
+from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION
 from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION, at_times
 
 # Limits of the judgement that a signal repeats.
@@ -63,43 +64,43 @@ _NONE = Repetition(0.0, 0.0, 0.0)
 
 
 def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
-    """How signals (n, c), NaN where missing, repeat after lag samples, with sign -1 as x(t + lag) = -x(t).
+    """Test if signals (n, c), NaN where missing, repeat after lag samples, with sign -1 as x(t + lag) = -x(t).
 
     The signal that repeats best stands for all: not every input is excited in every experiment.  One repetition is
     compared with the next and, to detect a period that is off by a fraction of a sample, with many later ones.  Means
     and ramps of each lag are removed first: a position that drifts still repeats.
     """
-    results = [_repetition(x, lag, sign) for x in signals.T if _moves(x)]
+    results = [_repetition(x, lag, sign) for x in signals.T if _varies(x)]
     return max(results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NONE)
 
 
 def find_period(signals: FloatArray) -> Repetition:
-    """The shortest lag after which one of the signals (n, c) repeats, least drift; best_samples 0 where none does."""
-    return max((_best(x) for x in signals.T if _moves(x)), key=lambda result: result.rank, default=_NONE)
+    """Find the shortest lag after which a signal of (n, c) repeats, least drift; best_samples 0 without one."""
+    return max((_best(x) for x in signals.T if _varies(x)), key=lambda result: result.rank, default=_NONE)
 
 
-def _moves(x: FloatArray) -> bool:
+def _varies(x: FloatArray) -> bool:
     return bool(np.isfinite(x).any() and np.nanmax(x) > np.nanmin(x))
 
 
 def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
-    """The verdict on one signal (n,); starts: its first repetition may hold the start from rest."""
+    """Test one signal (n,); starts: its first repetition may hold the start from rest."""
     # Repetitions at the end that are missing altogether show nothing.
-    known = np.flatnonzero(np.isfinite(x))
-    x = x[: max(int(known.max(initial=-1)) + 1, 2 * lag)]
+    finite = np.flatnonzero(np.isfinite(x))
+    x = x[: max(int(finite.max(initial=-1)) + 1, 2 * lag)]
     n = len(x)
-    if n < MIN_PERIODS * lag or lag < 1 or known.size == 0:
+    if n < MIN_PERIODS * lag or lag < 1 or finite.size == 0:
         return _NONE
-    level = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
-    rho = autocorrelation(level)
-    P = len(level) // lag
-    stated = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
+    residual = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
+    rho = autocorrelation(residual)
+    P = len(residual) // lag
+    result = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
     for repeats in sorted({1, max(1, P // 2)}):
         middle = repeats * lag
         near = sign**repeats * rho[max(1, middle - lag // 2) : middle + lag // 2 + 1]
         correlation = sign**repeats * float(rho[middle]) if middle < len(rho) else 0.0
-        stated = replace(stated, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
-        if not stated.matches_stated_period:
+        result = replace(result, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
+        if not result.matches_stated_period:
             # Estimators leave the first repetition out where it differs.
             if (
                 starts
@@ -107,24 +108,24 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
                 and (later := _repetition(x[lag:], lag, sign, starts=False)).matches_stated_period
             ):
                 return later
-            period = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
+            period = max((_anywhere(residual), _best(x)), key=lambda result: result.rank)
             return replace(period, correlation=correlation)
-    return stated
+    return result
 
 
 def _best(x: FloatArray) -> Repetition:
-    """The lag at which a signal (n,) repeats, with or without a drift."""
+    """Find the lag at which a signal (n,) repeats, with or without a drift."""
     levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
     best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
     return _anywhere(_levelled(x, round(best.best_samples))) if best.best_samples else best
 
 
 def _levelled(x: FloatArray, lag: int) -> FloatArray:
-    """A signal (n,) without its mean and its drift, the mean difference of its repetitions."""
+    """Remove the mean and the drift of a signal (n,), the mean difference of its repetitions."""
     change = x[lag:] - x[:-lag]
     drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
-    level = x - drift * np.arange(len(x))
-    return np.asarray(level - np.nanmean(level))
+    residual = x - drift * np.arange(len(x))
+    return np.asarray(residual - np.nanmean(residual))
 
 
 def _is_as_good(correlation: float, best: float) -> bool:
@@ -132,7 +133,7 @@ def _is_as_good(correlation: float, best: float) -> bool:
 
 
 def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
-    """True if the correlations after one, two, ... repetitions, over half of the log at least, are the same.
+    """Test if the correlations after one, two, ... repetitions, over half of the log at least, are the same.
 
     And if d(t) = x(t + T) - x(t) is noise: its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l) of x(t)^2.
     """
@@ -153,7 +154,7 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
 
 
 def _anywhere(x: FloatArray) -> Repetition:
-    """The shortest lag, two of which fit, after which a signal (n,) repeats as well as after any other."""
+    """Find the shortest lag, two of which fit, after which a signal (n,) repeats as well as after any other."""
     all_lags = autocorrelation(x)
     rho = all_lags[: int(len(x) / MIN_PERIODS) + 1]
     beyond_first_lobe = np.flatnonzero(rho < 0.5)
@@ -177,7 +178,7 @@ def _anywhere(x: FloatArray) -> Repetition:
 
 
 def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
-    """The place, between samples, of a peak of rho, and its height, on a grid of 0.02 samples and a parabola."""
+    """Interpolate place and height of a peak of rho between samples, on a grid of 0.02 samples and a parabola."""
     step = 0.02
     first, last = max(0, peak - 64), min(len(rho), peak + 65)
     times = np.arange(-1, 1 + step / 2, step) + (peak - first)
@@ -199,17 +200,17 @@ def _from_later(rho: FloatArray, period: float) -> float:
 
 
 def autocorrelation(x: FloatArray) -> FloatArray:
-    """rho (n - n // 8,) of x (n,) after 0, 1, ... samples; missing ones (NaN) and their partners do not count."""
+    """Compute rho (n - n // 8,) of x (n,) at lags 0, 1, ...; missing samples (NaN) and partners do not count."""
     n = len(x)
     n_fft = 1 << (2 * n - 1).bit_length()
-    known = np.isfinite(x)
-    X = np.fft.rfft(np.where(known, x, 0.0), n_fft)
+    valid = np.isfinite(x)
+    X = np.fft.rfft(np.where(valid, x, 0.0), n_fft)
     product = np.fft.irfft(np.abs(X) ** 2, n_fft)[:n]
-    if known.all():
+    if valid.all():
         power = np.cumsum(x**2)
         first, last = power[::-1], power[-1] - np.concatenate([[0.0], power[:-1]])
     else:
-        squares, counts = np.fft.rfft(np.where(known, x, 0.0) ** 2, n_fft), np.fft.rfft(known.astype(float), n_fft)
+        squares, counts = np.fft.rfft(np.where(valid, x, 0.0) ** 2, n_fft), np.fft.rfft(valid.astype(float), n_fft)
         first, last = (np.fft.irfft(c, n_fft)[:n] for c in (squares.conj() * counts, counts.conj() * squares))
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.sqrt(np.maximum(first, 0.0) * np.maximum(last, 0.0))
@@ -219,27 +220,35 @@ def autocorrelation(x: FloatArray) -> FloatArray:
 
 
 NO_LINES = (
-    "it is not periodic and gives no FRF at DFT lines. With period: none the whole record is one transient; "
-    "estimator.method local_rational, local_polynomial or h1 then estimate a response where the torque has power"
+    "An aperiodic record has no FRF at DFT lines: with period: none it is one transient, of which estimator.method "
+    "local_rational, local_polynomial or h1 estimate a response where the torque has power"
 )
 
 
+def check_complete(excitation: FloatArray, place: object) -> None:
+    """Raise DataError for an excitation (n, d) with so many missing samples (NaN) that no period can be judged."""
+    missing = float(np.mean(~np.isfinite(excitation).all(axis=1)))
+    if missing > MAX_MISSING_FRACTION:
+        text = f"{missing:.1%} of the excitation's samples are missing (limit {MAX_MISSING_FRACTION:.1%})"
+        raise DataError("records/missing-samples", f"{text}. {CHECK_CELLS}", place)
+
+
 def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drivers: FloatArray) -> float | None:
-    """Samples of the period at rate_hz, not always whole; None without one.
+    """Return samples of the period at rate_hz, not always whole; None without one.
 
     drivers (n, d): torques at that rate, NaN where missing, to be searched if the study says so; DataError without one.
     """
-    stated = recorded.period_of(file)
-    if stated is None:
+    period = recorded.period_of(file)
+    if period is None:
         return None
-    if stated != "find":
-        return rounded_samples(stated * rate_hz / recorded.known_rate_hz)
+    if period != "find":
+        return rounded_samples(period * rate_hz / recorded.known_rate_hz)
     best = find_period(drivers)
     if not best.best_samples:
         raise DataError(
             "records/period-mismatch",
             f"no period was detected (best correlation {best.best_correlation:.2f}; at least "
-            f"{MIN_CORRELATION:g} with two periods): {NO_LINES}",
+            f"{MIN_CORRELATION:g} with two periods). {NO_LINES}",
             file.path,
         )
     N = round(best.best_samples)
@@ -261,45 +270,42 @@ def report_unstated_period(drivers: FloatArray, log: Log) -> None:
 
 
 def grid_samples(period: float, half_wave: bool) -> int:
-    """The whole number of samples nearest to a period; an even one where half of it counts."""
+    """Return the whole number of samples nearest to a period; an even one where half of it counts."""
     return 2 * round(period / 2) if half_wave and period != round(period) else round(period)
 
 
 def rounded_samples(samples: float) -> float:
-    """Samples of a period, whole where they are within one millionth of it."""
+    """Return samples of a period, whole where they are within one millionth of it."""
     N = round(samples)
     return float(N) if abs(samples - N) <= 1e-6 * samples else samples
 
 
 def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_one_of_several: bool = False) -> None:
-    """DataError where the excitation (n, n_u), NaN where missing, does not repeat as stated, or not often enough.
+    """Raise DataError where the excitation (n, n_u), NaN where missing, does not repeat as stated, or not often enough.
 
     is_one_of_several: another log shows if one period repeats.
     """
-    n, path = len(excitation), log.where
+    n = len(excitation)
     repeat, sign = (N // 2, -1) if half_wave else (N, 1)
     if is_one_of_several and N <= n < MIN_PERIODS * repeat:
         return
     if n < MIN_PERIODS * repeat:
         needed = "one is" if half_wave else "two are"
-        raise DataError(
-            "records/period-mismatch",
-            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}",
-            path,
-        )
+        text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}"
+        raise log.error("records/period-mismatch", text)
     result = repetition(excitation, repeat, sign)
-    lost = _lost_samples(excitation, repeat, sign)
-    if result.matches_stated_period and lost is None:
+    shift = _sample_shift(excitation, repeat, sign)
+    if result.matches_stated_period and shift is None:
         return
-    stated = "second half minus first" if half_wave else "one period to the next"
+    pairs = "second half minus first" if half_wave else "one period to the next"
     problem = (
         f"the excitation does not repeat with the stated period of {_span(N, log)} (correlation "
-        f"{result.correlation:.3f}, {stated})"
+        f"{result.correlation:.3f}, {pairs})"
     )
-    if lost is not None:
-        what = f"{abs(lost[0])} samples are {'missing' if lost[0] < 0 else 'duplicated'} near {log.time_of(lost[1])}"
+    if shift is not None:
+        loss = f"{abs(shift[0])} samples are {'missing' if shift[0] < 0 else 'duplicated'} near {log.time_of(shift[1])}"
         text = (
-            f"{what}; before and after, the excitation repeats. Measure again, or exclude the shorter part by samples"
+            f"{loss}; before and after, the excitation repeats. Measure again, or exclude the shorter part by samples"
         )
     elif result.best_samples:
         lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
@@ -313,16 +319,16 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
             f"nor at any other lag (best correlation {result.best_correlation:.3f}); a stated period needs a periodic "
             f"excitation. {NO_LINES}"
         )
-    raise DataError("records/period-mismatch", f"{problem}; {text}", path)
+    raise log.error("records/period-mismatch", f"{problem}; {text}")
 
 
-def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
-    """Change and place of a shift by whole samples between parts that repeat after N samples; None without one.
+def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
+    """Find change and place of a shift by whole samples between parts that repeat after N samples; None without one.
 
     Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
     """
     L, reach = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_LOST))
-    x = excitation[:, [c for c in range(excitation.shape[1]) if _moves(excitation[:, c])]]
+    x = excitation[:, [c for c in range(excitation.shape[1]) if _varies(excitation[:, c])]]
     if not np.isfinite(x).all():
         return None
     power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
@@ -331,17 +337,17 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         return None
     lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
     for start in starts:
-        part = x[start : start + L] - x[start : start + L].mean(axis=0)
+        window = x[start : start + L] - x[start : start + L].mean(axis=0)
         others = np.stack([x[start + N + k : start + N + k + L] for k in range(-reach, reach + 1)])
         others = sign * (others - others.mean(axis=1, keepdims=True))
-        inner = np.einsum("nc,knc->k", part, others)
-        rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
+        inner = np.einsum("nc,knc->k", window, others)
+        rho = inner / np.maximum(np.linalg.norm(window) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
         is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[reach])
         lag = int(np.argmax(rho)) - reach if is_nearer else 0
         lags.append(lag if rho.max() > MIN_CORRELATION else reach + 1)
-    known = [lag for lag in lags if lag <= reach]
-    shifts, changes = set(known) - {0}, np.count_nonzero(np.diff(known))
-    if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(known) - 1 and len(lags) - len(known) <= 3):
+    valid = [lag for lag in lags if lag <= reach]
+    shifts, changes = set(valid) - {0}, np.count_nonzero(np.diff(valid))
+    if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(valid) - 1 and len(lags) - len(valid) <= 3):
         return None
     shift = shifts.pop()
     across = lags.index(shift) * L

@@ -29,8 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
-from elastid.base.errors import DataError
-from elastid.logs.repair import Log, scaled
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log, scaled
 from elastid.logs.repair.interpolation import MAX_BRIDGED
 
 RESAMPLED, JITTER = "samples resampled", "time stamps with jitter"
@@ -64,7 +63,7 @@ MAX_RATE_RATIO = 20.0
 
 
 def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
-    """Delay of the second signal (n,) or signals (n, c), in samples from -N/2 to N/2, and their correlation there.
+    """Estimate the delay of the second signal (n,) or signals (n, c), -N/2 to N/2 samples, and their correlation.
 
     Relative to the first.  Of the mean periods, or of the whole signals without a period (N None); the fraction of a
     sample comes from the phase of their cross-spectrum, summed over the columns.
@@ -77,9 +76,9 @@ def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, 
 
 
 def delay_by_torque(
-    torques: FloatArray, motions: FloatArray, orders: IntArray, N: int | None, stated: float
+    torques: FloatArray, motions: FloatArray, orders: IntArray, N: int | None, shift: float
 ) -> tuple[float, float, float]:
-    r"""Delay of motions (n, c) of some motors against their torques (n, c), agreement there and at the stated delay.
+    r"""Estimate the delay of motions (n, c) against torques (n, c); return also the agreement there and at shift.
 
     .. math:: \max_\tau\, \mathrm{Re} \sum_k e^{j \omega_k \tau} \frac{|U_k|}{|A_k|} A_k^T U_k^*
 
@@ -90,11 +89,11 @@ def delay_by_torque(
     A = Y * (1j * np.arange(len(Y))[:, None]) ** orders
     C = np.sum(A * U.conj(), axis=1) * np.linalg.norm(U, axis=1) / np.maximum(np.linalg.norm(A, axis=1), 1e-300)
     size, tau = max(float(np.linalg.norm(U[1:]) ** 2), 1e-300), _peak(C, N)
-    return tau, correlation(C, N, tau) / size, correlation(C, N, stated) / size
+    return tau, correlation(C, N, tau) / size, correlation(C, N, shift) / size
 
 
 def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[ComplexArray], int]:
-    """Spectra (F, c) of the mean periods of signals (n, c), without a period of padded signals; samples of a period."""
+    """Compute spectra (F, c) of mean periods of signals (n, c), padded without a period; and samples of a period."""
     if N is None:
         N = 2 * max(map(len, signals))
         signals = [np.pad(x - x.mean(axis=0), ((0, N - len(x)), (0, 0))) for x in signals]
@@ -102,19 +101,19 @@ def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[Complex
 
 
 def _peak(C: ComplexArray, N: int) -> float:
-    """The shift with the largest correlation of a cross-spectrum (N // 2 + 1,), whose mean is removed."""
+    """Find the shift with the largest correlation of a cross-spectrum (N // 2 + 1,), whose mean is removed."""
     C[0] = 0.0
     peak = int(np.argmax(np.fft.irfft(C, N)))
     return refined_shift(C, N, float(peak - N if peak > N // 2 else peak))
 
 
 def correlation(C: ComplexArray, N: int, shift: float) -> float:
-    """Re sum_k C_k exp(2 pi j k shift / N) of a cross-spectrum (N // 2 + 1,)."""
+    """Compute Re sum_k C_k exp(2 pi j k shift / N) of a cross-spectrum (N // 2 + 1,)."""
     return float(np.sum((C * np.exp(_turns(C, N) * shift)).real))
 
 
 def refined_shift(C: ComplexArray, N: int, shift: float) -> float:
-    """The maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
+    """Find the maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
     turns = _turns(C, N)
     for _ in range(5):
         phasor = C * np.exp(turns * shift)
@@ -130,7 +129,7 @@ def _turns(C: ComplexArray, N: int) -> ComplexArray:
 
 
 def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
-    """Signals (n, c) at times (m,) in samples, periodic beyond their ends; band: b, below 1 for a lower rate."""
+    """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate."""
     reach = int(np.ceil(HALF_WIDTH / band))
     before = reach + max(0, int(np.ceil(-times.min())))
     after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
@@ -147,7 +146,7 @@ def at_times(signals: FloatArray, times: FloatArray, period: float, band: float 
 
 
 def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
-    """The samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
+    """Compute the samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
     reach = int(np.ceil(HALF_WIDTH / band))
     nearest = np.round(t).astype(np.int64)
     apart = band * ((t - nearest)[:, None] - np.arange(-reach, reach + 1))
@@ -160,9 +159,9 @@ def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
 def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
     n = len(x)
     # Each end and its continuation, taken one period further inside.
-    left = _values_at(x, np.arange(-before, 1.0) + period, period)
-    right = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
-    return np.concatenate([left[:-1] + x[0] - left[-1], x, right[1:] + x[-1] - right[0]])
+    first = _values_at(x, np.arange(-before, 1.0) + period, period)
+    last = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
+    return np.concatenate([first[:-1] + x[0] - first[-1], x, last[1:] + x[-1] - last[0]])
 
 
 def _values_at(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
@@ -185,7 +184,7 @@ class ClockDrift:
 
 
 def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
-    """Excess of the period over N samples, from signals (n, c) that the generator sends."""
+    """Estimate the excess of the period over N samples, from signals (n, c) that the generator sends."""
     Z = np.fft.rfft(scaled(drivers, N), axis=1)
     # The first period may hold a transient.
     Z = Z[1:] if len(Z) > 3 else Z
@@ -216,11 +215,8 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
         T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
     periods = int((len(signals) + MAX_MISSING_END * N) // T)
     if periods < 2:
-        raise DataError(
-            "records/clock",
-            f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods",
-            log.where,
-        )
+        text = f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods"
+        raise log.error("records/clock", text)
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = (
         f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
@@ -232,14 +228,13 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
 
 
 def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
-    """C (F,) of spectra Z (P, F, c), summed over periods and channels, and the power that it cannot exceed."""
+    """Compute C (F,) of spectra Z (P, F, c), summed over periods and channels, and the power that it cannot exceed."""
     a, b = Z[:-lag], Z[lag:]
     C: ComplexArray = np.sum(b * a.conj(), axis=(0, 2))
     return C, float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2)))
 
 
 GAPS, SET_BACK = "samples missing in time", "clock set back"
-MAX_FALLING_FRACTION = 0.01  # of steps, of a clock that is set back or rows that change places
 # Knots that are solved for together, and those beyond either end that are solved for and not used.
 _KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
 _TOLERANCE = 1e-8  # below the noise of any sensor
@@ -253,14 +248,14 @@ LAST = 20
 
 
 def describe_steps(time_s: FloatArray) -> str:
-    """The shortest, median and longest step from one of some stamps (n,) to the next, and the mean rate, in words."""
+    """Describe shortest, median and longest step between stamps (n,), and the mean rate."""
     shortest, median, longest = (f"{1e3 * f(np.diff(time_s)):.6g}" for f in (np.min, np.median, np.max))
     mean_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
     return f"steps of {shortest} to {longest} ms, median {median} ms, mean rate {mean_hz:.6g} Hz"
 
 
 def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
-    """Row of each stamp and rate in Hz of the uniform grid of stamps (n,); None without such a grid.
+    """Find the row of each stamp and the rate in Hz of the uniform grid of stamps (n,); None without such a grid.
 
     Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
     """
@@ -279,7 +274,7 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
 
 
 def _resolution(time_s: FloatArray) -> float:
-    """The decimal step of the last stamps; 0 where they have more than nine digits.
+    """Find the decimal step of the last stamps; 0 where they have more than nine digits.
 
     It is the coarsest: loggers with a fixed number of significant digits write fewer decimals as time goes on.
     """
@@ -289,7 +284,7 @@ def _resolution(time_s: FloatArray) -> float:
 
 
 def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
-    """Signals (n, c) at rate_hz from the first stamp on, with rows of NaN where the stamps (n,) leave samples out.
+    """Bring signals (n, c) to rate_hz from the first stamp on, with rows of NaN for gaps of the stamps (n,).
 
     Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample.
     Rows in another order than their stamps are sorted.  A clock that was set back leaves a gap of unknown length.
@@ -297,17 +292,14 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     """
     time_s, signals = rising(time_s, signals, log)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
-        raise DataError(
-            "records/clock", "its time does not increase. Name another channel as time, or omit time", log.where
-        )
+        raise log.error("records/clock", "its time does not increase. Name another channel as time, or omit time")
     time_s = time_s - time_s[0]
     if not 1 / MAX_RATE_RATIO < (len(time_s) - 1) / (time_s[-1] * rate_hz) < MAX_RATE_RATIO:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
-        raise DataError(
+        raise log.error(
             "records/clock",
             f"its {len(time_s)} time stamps have {describe_steps(time_s)}, the longest after {after}; rate_hz is "
             f"{rate_hz:g}. Give the time in s, correct rate_hz, or exclude a jump by samples",
-            log.where,
         )
     grid = even_grid(time_s)
     even = _logger_jitter(time_s, signals) if grid is None else None
@@ -322,24 +314,24 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     if grid is not None:
         rows, grid_hz = grid
         if abs(grid_hz / rate_hz - 1) <= MAX_CLOCK_ERROR:
-            lost, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
+            count, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
             result[rows] = signals
-            _report_gaps(lost, np.flatnonzero(np.diff(rows) > 1), log)
+            _report_gaps(count, np.flatnonzero(np.diff(rows) > 1), log)
             return result
         time_s = rows / grid_hz
     return _at_instants(time_s, signals, rate_hz, log)
 
 
 def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:
-    """Stamps (n,) that rise, and their signals (n, c).
+    """Sort stamps (n,) and their signals (n, c).
 
     Raises DataError for missing stamps, and for more falling steps than of single faults.
     """
     if not np.isfinite(time_s).all():
         place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
-        raise DataError("records/clock", f"the time is missing at {place}. Exclude that part by samples", log.where)
+        raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
-    if 0 < len(twice) <= max(1.0, MAX_FALLING_FRACTION * len(time_s)) and even_grid(time_s) is None:
+    if 0 < len(twice) <= max(1.0, MAX_WRONG_FRACTION * len(time_s)) and even_grid(time_s) is None:
         place = log.time_of(twice[0])
         log.report(
             "rows with the stamp of another",
@@ -351,9 +343,9 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
     if not len(falls):
         return time_s, signals
     place = log.time_of(falls[0] + 1)
-    if len(falls) > max(1.0, MAX_FALLING_FRACTION * len(time_s)):
+    if len(falls) > max(1.0, MAX_WRONG_FRACTION * len(time_s)):
         text = f"the time runs backwards in {len(falls)} of {len(time_s) - 1} steps, the first at {place}"
-        raise DataError("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples", log.where)
+        raise log.error("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples")
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
     if steps.min() > np.median(steps) / 2:
@@ -387,36 +379,35 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
     return (jitter_s, 1 / float(step)) if ratio > SMOOTHER else None
 
 
-def _report_gaps(lost: int, gaps: IntArray, log: Log) -> None:
-    if lost:
-        text = f"{lost} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
-        log.report(GAPS, lost, text)
+def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
+    if count:
+        text = f"{count} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
+        log.report(GAPS, count, text)
 
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
-    """Resampled from instants (n,) in s, the first of which is 0."""
+    """Resample signals from instants (n,) in s, the first of which is 0."""
     steps_s, steps = np.diff(time_s), describe_steps(time_s)
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
-    of_knots = np.delete(steps_s, gaps)
-    row = min(8, len(of_knots))  # steps, whose mean no knots are closer than
-    knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
+    knot_steps = np.delete(steps_s, gaps)
+    row = min(8, len(knot_steps))  # steps, whose mean no knots are closer than
+    knot_hz = 1 / float(np.convolve(knot_steps, np.full(row, 1 / row), mode="valid").max())
     if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
-        raise DataError(
+        raise log.error(
             "records/clock",
             f"its time has {steps}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz {rate_hz:g} needs "
             f"{PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
-            log.where,
         )
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
-    result, share = _fitted(time_s, signals, grid_s, knot_hz)
+    result, ratio = _fitted(time_s, signals, grid_s, knot_hz)
     missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[missing] = np.nan
     text = (
         f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
-        f"{share.max(initial=0.0):.2g} of its rms, which is noise or faster"
+        f"{ratio.max(initial=0.0):.2g} of its rms, which is noise or faster"
     )
     log.report(RESAMPLED, len(result), text)
     _report_gaps(int(missing.sum()), gaps, log)
@@ -430,40 +421,40 @@ def _fitted(
 
     NaN in blocks of knots without samples, as in a long pause.
     """
-    instants, wanted = time_s * knot_hz, grid_s * knot_hz
+    instants, grid = time_s * knot_hz, grid_s * knot_hz
     result = np.full((len(grid_s), signals.shape[1]), np.nan)
     squares = np.zeros(signals.shape[1])
-    for first in range(0, int(wanted[-1]) + 1, _KNOTS):
+    for first in range(0, int(grid[-1]) + 1, _KNOTS):
         low, high = first - _OVERLAP, first + _KNOTS + _OVERLAP
-        used = slice(*np.searchsorted(instants, [low, high]))
-        asked = slice(*np.searchsorted(wanted, [first, first + _KNOTS]))
-        inside = slice(*np.searchsorted(instants[used], [first, first + _KNOTS]))
+        near = slice(*np.searchsorted(instants, [low, high]))
+        rows = slice(*np.searchsorted(grid, [first, first + _KNOTS]))
+        inside = slice(*np.searchsorted(instants[near], [first, first + _KNOTS]))
         for i in range(signals.shape[1]):
-            t, s = instants[used], signals[used, i]
-            known = np.isfinite(s)
-            if not known.any():
+            t, s = instants[near], signals[near, i]
+            valid = np.isfinite(s)
+            if not valid.any():
                 continue
-            knots = _knots(t[known], s[known], low, high)
-            result[asked, i] = at_times(knots[:, None], wanted[asked] - low, len(knots))[:, 0]
-            left = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
-            squares[i] += float(np.nansum(left**2))
+            knots = _knots(t[valid], s[valid], low, high)
+            result[rows, i] = at_times(knots[:, None], grid[rows] - low, len(knots))[:, 0]
+            residual = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
+            squares[i] += float(np.nansum(residual**2))
     logged = np.isfinite(signals).any(axis=0)
     size = np.maximum(np.nanstd(signals[:, logged], axis=0), 1e-300)
-    share = np.zeros(signals.shape[1])
-    share[logged] = np.sqrt(squares[logged] / len(signals)) / size
-    return result, share
+    ratio = np.zeros(signals.shape[1])
+    ratio[logged] = np.sqrt(squares[logged] / len(signals)) / size
+    return result, ratio
 
 
 def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:
-    """x (high - low + 1,) at whole t from low to high, of samples s (n,) at instants t (n,)."""
+    """Solve for x (high - low + 1,) at whole t from low to high, of samples s (n,) at instants t (n,)."""
     from scipy.sparse import csr_array
     from scipy.sparse.linalg import lsmr
 
     start = np.interp(np.arange(low, high + 1.0), t, s)
     nearest, weights = kernel(t - low)
     columns = np.clip(nearest[:, None] + np.arange(-HALF_WIDTH, HALF_WIDTH + 1), 0, high - low)
-    of_rows = np.arange(0, columns.size + 1, columns.shape[1])
-    K = csr_array((weights.ravel(), columns.ravel(), of_rows), shape=(len(t), high - low + 1))
+    row_starts = np.arange(0, columns.size + 1, columns.shape[1])
+    K = csr_array((weights.ravel(), columns.ravel(), row_starts), shape=(len(t), high - low + 1))
     w = np.sqrt(np.clip(np.gradient(t), 1e-3, 1.0))
     correction = lsmr(K * w[:, None], w * (s - K @ start), _DAMPING, _TOLERANCE, _TOLERANCE, maxiter=60)[0]
     return np.asarray(start + correction)

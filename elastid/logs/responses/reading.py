@@ -17,13 +17,15 @@ from elastid.base.errors import DataError, Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.logs import ResponsesSpec
 from elastid.logs.files.formats import opened_log
-from elastid.logs.files.text import MAX_WRONG_FRACTION, TextLog, guess_format
+from elastid.logs.files.text import TextLog, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
+from elastid.logs.repair import MAX_WRONG_FRACTION
 from elastid.logs.responses.table import (
     ResponseTable,
     dataset_table,
     struct_table,
     structs_in,
+    table_error,
     text_table,
     uff_contents,
     uff_table,
@@ -38,7 +40,7 @@ MAX_ZERO_FRACTION, MIN_SPIKE_RATIO = 0.5, 100.0
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
-    """Frequency response in a file; raise DataError without one of that name."""
+    """Read the frequency response in a file; raise DataError without one of that name."""
     if os.path.isfile(path) and is_universal_file(path):
         return uff_table(path, spec.channels)
     with opened_log(path, spec.text) as log:
@@ -51,7 +53,7 @@ def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
 
 
 def contents_of(path: Path) -> tuple[str, ...]:
-    """A line for each frequency response in a file."""
+    """Return a line for each frequency response in a file."""
     if is_universal_file(path):
         return () if time_histories(path) else uff_contents(path)
     with opened_log(path, guess_format(path)) as log:
@@ -67,7 +69,7 @@ def contents_of(path: Path) -> tuple[str, ...]:
 def link_side_response(
     table: ResponseTable, spec: ResponsesSpec, configuration: Configuration, robot: Places, quantity: Motion
 ) -> Response:
-    """The table's channels in SI on the link side, all outputs as `quantity`.
+    """Convert the table's channels to SI on the link side, all outputs to `quantity`.
 
     Lines at 0 Hz or below and lines that are not finite are left out with a note.  The variance is the file's, else
     (relative_std |G|)^2, else none.  Raises DataError where no line is left or a channel is not in the table.
@@ -78,11 +80,8 @@ def link_side_response(
     order = np.argsort(freq_hz, kind="stable")
     freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
     for i, j in np.argwhere(np.isnan(G).all(axis=0)):
-        raise DataError(
-            "responses/table",
-            f"it lacks the response of {outputs[i].name_in_file} to {inputs[j].name_in_file}",
-            table.path,
-        )
+        lack = f"it lacks the response of {outputs[i].name_in_file} to {inputs[j].name_in_file}"
+        raise table_error(table.path, lack)
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
     is_zero = G == 0  # at all lines of an element that has no response, else of a missing value
@@ -121,7 +120,7 @@ def link_side_response(
 
 
 def _is_spike(size: FloatArray) -> BoolArray:
-    """Lines of magnitudes (F, ...) far above both neighbours, if they are few: of no mode whose damping lines show."""
+    """Flag lines of magnitudes (F, ...) far above both neighbours, if few: of no mode that the lines resolve."""
     result = np.zeros(size.shape, dtype=np.bool_)
     if len(size) > 2:
         result[1:-1] = size[1:-1] > MIN_SPIKE_RATIO * np.maximum(size[:-2], size[2:])
@@ -129,12 +128,12 @@ def _is_spike(size: FloatArray) -> BoolArray:
 
 
 def _hold_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
-    """The rate at which a command is renewed; 0 of an input that is not held."""
+    """Return the rate at which a command is renewed; 0 of an input that is not held."""
     return 0.0 if spec.hold_of(channel) == "band-limited" else channel.rate_hz or spec.rate_hz or 0.0
 
 
 def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> ComplexArray:
-    """H (F, n_u) of the inputs, 1 for one that is not held; DataError for lines above half the rate of a command."""
+    """Compute H (F, n_u) of inputs, 1 if not held; DataError for lines above half the rate of a command."""
     H = np.ones((len(freq_hz), len(inputs)), dtype=np.complex128)
     for j, channel in enumerate(inputs):
         rate_hz = _hold_rate_hz(channel, spec)

@@ -45,6 +45,11 @@ HOW_TO_SAVE = (
 )
 
 
+def table_error(path: Path, text: str) -> DataError:
+    """Return the error of a file without the frequency response that a study needs."""
+    return DataError("responses/table", text, path)
+
+
 @frozen_value
 class ResponseTable:
     """G (F, rows, columns) at freq (F,) in frequency_unit; rows are outputs and columns inputs, by name or number.
@@ -65,30 +70,25 @@ class ResponseTable:
     def __post_init__(self) -> None:
         F, rows, columns = (*self.G.shape, 0, 0, 0)[:3]
         if self.G.ndim != 3 or len(self.freq) != F or F == 0:
-            raise DataError(
-                "responses/table", f"{len(self.freq)} frequencies and a response of shape {self.G.shape}", self.path
-            )
+            raise table_error(self.path, f"{len(self.freq)} frequencies and a response of shape {self.G.shape}")
         for kind, names, n in (("outputs", self.outputs, rows), ("inputs", self.inputs, columns)):
             if names and len(names) != n:
-                raise DataError("responses/table", f"{len(names)} names of {n} {kind}: {', '.join(names)}", self.path)
+                raise table_error(self.path, f"{len(names)} names of {n} {kind}: {', '.join(names)}")
         if self.variance is not None and self.variance.shape != self.G.shape:
-            raise DataError(
-                "responses/table",
-                f"the variance has shape {self.variance.shape}, the response {self.G.shape}",
-                self.path,
-            )
+            shapes = f"the variance has shape {self.variance.shape}, the response {self.G.shape}"
+            raise table_error(self.path, shapes)
 
     def freq_hz(self, unit: str) -> FloatArray:
-        """The frequencies (F,) in Hz; `auto` is the file's own unit.  DataError for an unknown or missing unit."""
+        """Convert the frequencies (F,) to Hz; `auto` is the file's unit.  DataError for an unknown or missing unit."""
         name = self.frequency_unit if unit == "auto" else unit
-        known = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
-        if known not in _IN_HZ:
+        unit_name = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
+        if unit_name not in _IN_HZ:
             problem = f"its unit of frequency is '{name}'" if name else "the unit of its frequencies is unknown"
-            raise DataError("responses/table", f"{problem}. Set frequency_unit to Hz, rad/s, kHz or rpm", self.path)
-        return self.freq * _IN_HZ[known]
+            raise table_error(self.path, f"{problem}. Set frequency_unit to Hz, rad/s, kHz or rpm")
+        return self.freq * _IN_HZ[unit_name]
 
     def index(self, channel: ChannelSpec) -> int:
-        """Row of an output or column of an input; raise DataError with the existing names."""
+        """Return row of an output or column of an input; raise DataError with the existing names."""
         kind, names, n = "output", self.outputs, self.G.shape[1]
         if channel.role == "u":
             kind, names, n = "input", self.inputs, self.G.shape[2]
@@ -97,17 +97,17 @@ class ResponseTable:
             return names.index(name)
         if not channel.channel and channel.column is not None and channel.column <= n:
             return channel.column - 1
-        listed = ", ".join(names) or f"{n}, named by column: 1 to {n}"
-        raise DataError("responses/table", f"no {kind} is '{name}'; there are {listed}", self.path)
+        existing = ", ".join(names) or f"{n}, named by column: 1 to {n}"
+        raise table_error(self.path, f"no {kind} is '{name}'; there are {existing}")
 
 
 def label(channel: ChannelSpec) -> str:
-    """A channel as it is called in a file of responses: by its name, else by its number."""
+    """Return a channel as it is called in a file of responses: by its name, else by its number."""
     return channel.channel or str(channel.column)
 
 
 def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
-    """The elements of all channels of the study; DataError for a missing column, with those that there are."""
+    """Read the elements of all channels of the study; DataError for a missing column, with those that there are."""
     columns = spec.columns
     outputs, inputs = (tuple(label(c) for c in spec.channels if c.role == role) for role in ("y", "u"))
     patterns = (columns.magnitude, columns.phase) if columns.magnitude else (columns.real, columns.imaginary)
@@ -129,53 +129,43 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
 def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     missing = [name for name in names if name not in log.headings]
     if missing:
-        listed = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
-        raise DataError(
-            "responses/table",
-            f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels. "
-            f"There are {listed}",
-            path,
-        )
+        headings = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
+        text = f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels"
+        raise table_error(path, f"{text}. There are {headings}")
     return log.columns([log.headings.index(name) for name in names])
 
 
 def structs_in(leaves: Mapping[str, StoredArray]) -> tuple[str, ...]:
-    """The variables that hold a frequency response; an empty text for one whose fields are variables themselves."""
+    """List variables with a frequency response; an empty text for a struct whose fields are variables themselves."""
     names = (re.fullmatch(rf"(?:(.+)\.)?{_DATA}(?:\.(?:real|imag))?", key) for key in leaves)
     return tuple(dict.fromkeys(match.group(1) or "" for match in names if match))
 
 
 def responses_in(leaves: Mapping[str, StoredArray]) -> list[str]:
-    """Structs and complex arrays that hold a frequency response, by name."""
+    """Return structs and complex arrays that hold a frequency response, by name."""
     arrays = (name for name, array in leaves.items() if array.dtype.kind == "c" and max(array.shape, default=0) > 2)
     return [name or _DATA for name in dict.fromkeys((*structs_in(leaves), *arrays))]
 
 
 def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> ResponseTable:
-    """The response in a struct; DataError where it or one of its fields is missing."""
+    """Read the response in a struct; DataError where it or one of its fields is missing."""
     structs = structs_in(leaves)
     if not name and len(structs) == 1:
         name = structs[0]
     if name not in structs:
-        listed = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
-        raise DataError(
-            "responses/table", f"no response '{name}' in it (name it with response); responses in it: {listed}", path
-        )
+        names = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
+        raise table_error(path, f"no response '{name}' in it (name it with response); responses in it: {names}")
     prefix = f"{name}." if name else ""
     if f"{prefix}Frequency" not in leaves:
-        raise DataError(
-            "responses/table", (f"{prefix}{_DATA} has no {prefix}Frequency. Save the frequencies, too"), path
-        )
+        raise table_error(path, f"{prefix}{_DATA} has no {prefix}Frequency. Save the frequencies, too")
     data = complex_array(leaves, f"{prefix}{_DATA}")
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
     keys = (prefix + key for key in ("FrequencyUnit", "Units", "TimeUnit"))
-    stated, other, time = (leaves[key].text if key in leaves else "" for key in keys)
-    unit = stated or other
+    unit, other, time = (leaves[key].text if key in leaves else "" for key in keys)
+    unit = unit or other
     if "timeunit" in unit.lower() and time.lower() not in ("", "seconds", "s"):
-        raise DataError(
-            "responses/table", f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s", path
-        )
+        raise table_error(path, f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s")
     freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
     outputs, inputs = (_names(leaves, f"{prefix}{side}Name") for side in ("Output", "Input"))
     variance = _variance(path, leaves.get(f"{prefix}CovarianceData"), G)
@@ -183,30 +173,24 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
 
 
 def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: ResponsesSpec) -> ResponseTable:
-    """The response in plain HDF5 datasets (or MATLAB variables), named under `columns`; DataError for a missing one."""
+    """Read the response in HDF5 datasets (or MATLAB variables) named by `columns`; DataError for a missing one."""
     columns = spec.columns
     G = complex_array(leaves, columns.response)
     if G is None or columns.frequency not in leaves:
         lacking = columns.response if G is None else columns.frequency
-        listed = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
-        raise DataError(
-            "responses/table",
-            f"no {lacking} in it. Name response and frequency under columns. There are {listed}",
-            path,
-        )
+        datasets = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
+        raise table_error(path, f"no {lacking} in it. Name response and frequency under columns. There are {datasets}")
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
-        raise DataError(
-            "responses/table", (f"column {columns.std} does not exist. Correct columns.std, or omit it"), path
-        )
+        raise table_error(path, f"column {columns.std} does not exist. Correct columns.std, or omit it")
     G = _frequency_first(path, G, len(freq), spec)
     variance = None if std is None else np.abs(_frequency_first(path, std, len(freq), spec)) ** 2
     return ResponseTable(path, freq, leaves[columns.frequency].units or "Hz", G, variance=variance)
 
 
 def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray | None:
-    """Complex array, or struct with real and imag fields as written by MATLAB; None if it is missing."""
+    """Read a complex array, or struct with real and imag fields as written by MATLAB; None if it is missing."""
     if name in leaves:
         return np.asarray(leaves[name]).astype(np.complex128)
     for parts in (("real", "imag"), ("re", "im"), ("r", "i")):
@@ -219,12 +203,8 @@ def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray 
 def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpec) -> ComplexArray:
     axes = [axis for axis, n in enumerate(array.shape) if n == F]
     if not axes or array.ndim > 3:
-        raise DataError(
-            "responses/table",
-            f"{spec.columns.response} has shape {array.shape} for {F} frequencies; one of at most three axes must "
-            "have this length",
-            path,
-        )
+        text = f"{spec.columns.response} has shape {array.shape} for {F} frequencies"
+        raise table_error(path, f"{text}; one of at most three axes must have this length")
     first = np.moveaxis(array, axes[0], 0)
     if first.ndim == 3:
         return first
@@ -233,13 +213,13 @@ def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpe
 
 
 def _variance(path: Path, covariance: StoredArray | None, G: ComplexArray) -> FloatArray | None:
-    """E|dG|^2 is the sum of the variances of real and imaginary part."""
+    """Return E|dG|^2, the sum of the variances of real and imaginary part."""
     if covariance is None or 0 in covariance.shape:
         return None
     C = np.asarray(covariance, dtype=np.float64)
     F, n_y, n_u = G.shape
     if C.size != F * n_y * n_u * 4 or C.shape[-2:] != (2, 2):
-        raise DataError("responses/table", f"CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}", path)
+        raise table_error(path, f"CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}")
     return np.asarray(np.moveaxis(np.einsum("yukaa->yuk", C.reshape(n_y, n_u, F, 2, 2)), 2, 0))
 
 
@@ -257,7 +237,7 @@ _UNITS = {
 
 
 def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
-    """All responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
+    """Read all responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
     sets = _responses(path)
     outputs, inputs = (tuple(dict.fromkeys(place_of(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
     freq = np.asarray(sets[0]["x"], dtype=np.float64)
@@ -265,12 +245,8 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     for data_set in sets:
         output, input_ = place_of(data_set, "rsp"), place_of(data_set, "ref")
         if not np.array_equal(np.asarray(data_set["x"]), freq):
-            raise DataError(
-                "responses/table",
-                f"the responses of {output} to {input_} and of {outputs[0]} to {inputs[0]} have different "
-                "frequencies. Export all with the same lines",
-                path,
-            )
+            pairs = f"the responses of {output} to {input_} and of {outputs[0]} to {inputs[0]}"
+            raise table_error(path, f"{pairs} have different frequencies. Export all with the same lines")
         sign = np.prod([-1 if int(data_set[f"{side}_dir"]) < 0 else 1 for side in ("rsp", "ref")])
         G[:, outputs.index(output), inputs.index(input_)] = sign * np.asarray(data_set["data"])
         _check_quantity(path, data_set, output, channels)
@@ -279,7 +255,7 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
 
 
 def uff_contents(path: Path) -> tuple[str, ...]:
-    """One line for each response of a universal file."""
+    """Return one line for each response of a universal file."""
     return tuple(
         f"response of {place_of(data_set, 'rsp')} ({_quantity(data_set) or 'unknown quantity'}) "
         f"to {place_of(data_set, 'ref')}: {len(data_set['x'])} lines, {data_set['x'][0]:g} to {data_set['x'][-1]:g} Hz"
@@ -288,25 +264,25 @@ def uff_contents(path: Path) -> tuple[str, ...]:
 
 
 def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Outputs of a universal file with their quantities (acceleration where it is not stated), and its inputs."""
+    """List outputs of a universal file with quantities (default: acceleration), and its inputs."""
     sets = _responses(path)
     outputs = {place_of(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
     return outputs, tuple(dict.fromkeys(place_of(data_set, "ref") for data_set in sets))
 
 
 def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec | None:
-    """Geometry of the first universal file with nodes at locations of the study; None without one."""
+    """Return geometry of the first universal file with nodes at locations of the study; None without one."""
     spec = experiment.responses or experiment.recorded
     if spec is None:
         return None
-    moved = {at for file in getattr(spec, "files", ()) for at in getattr(file, "at", {}).values()}
+    places = {at for file in getattr(spec, "files", ()) for at in getattr(file, "at", {}).values()}
     paths = [path for file in spec.files if (path := folder / file.path).is_file() and is_universal_file(path)]
-    read = (uff_geometry(path, spec.channels, sorted(moved)) for path in paths)
-    return next((geometry for geometry in read if geometry is not None), None)
+    geometries = (uff_geometry(path, spec.channels, sorted(places)) for path in paths)
+    return next((geometry for geometry in geometries if geometry is not None), None)
 
 
 def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[str] = ()) -> GeometrySpec | None:
-    """Nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of its places.
+    """Read nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of places.
 
     channels: of the study, whose places move in the directions of their nodes.  moved: further places, by these names.
     """
@@ -330,7 +306,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[st
 
 
 def _length_and_force(path: Path) -> tuple[float, float]:
-    """Units of length in m and force in N from data set 164, by default SI."""
+    """Return units of length in m and force in N from data set 164, by default SI."""
     units = sets_of(path, 164)
     if not units:
         return 1.0, 1.0
@@ -342,19 +318,19 @@ def _length_and_force(path: Path) -> tuple[float, float]:
 def _in_si(
     path: Path, outputs: Sequence[str], inputs: Sequence[str], channels: Sequence[ChannelSpec]
 ) -> tuple[FloatArray, tuple[Note, ...]]:
-    """Factors (n_y, n_u) of a file that states its units (data set 164), 1 where a channel states one; and a note."""
+    """Return factors (n_y, n_u) by the units of a file (data set 164), 1 where a channel states one; and a note."""
     metre, newton = _length_and_force(path)
-    stated = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
+    in_unit = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
     turns = re.compile(r"\d+r[xyz]")
-    of_outputs = np.array([1.0 if name in stated or turns.fullmatch(name) else metre for name in outputs])
-    of_inputs = np.array([1.0 if n in stated else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
-    if np.all(of_outputs == 1) and np.all(of_inputs == 1):
+    f_y = np.array([1.0 if name in in_unit or turns.fullmatch(name) else metre for name in outputs])
+    f_u = np.array([1.0 if n in in_unit else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
+    if np.all(f_y == 1) and np.all(f_u == 1):
         return np.ones((len(outputs), len(inputs))), ()
     text = (
         f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a "
         "channel with another unit, or with scale, overrides it"
     )
-    return of_outputs[:, None] / of_inputs, (Note("responses/units", text, path.name, severity="information"),)
+    return f_y[:, None] / f_u, (Note("responses/units", text, path.name, severity="information"),)
 
 
 def _responses(path: Path) -> list[dict[str, Any]]:
@@ -362,11 +338,11 @@ def _responses(path: Path) -> list[dict[str, Any]]:
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         counts = Counter(int(data_set["func_type"]) for data_set in sets)
-        named = (
+        types = (
             ", ".join(f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items()) or "none"
         )
-        text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {named}"
-        raise DataError("responses/table", f"{text}. Export frequency responses or time histories", path)
+        text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {types}"
+        raise table_error(path, f"{text}. Export frequency responses or time histories")
     return responses
 
 
@@ -378,8 +354,5 @@ def _check_quantity(path: Path, data_set: dict[str, Any], output: str, channels:
     quantity = _quantity(data_set)
     for channel in channels:
         if channel.role == "y" and label(channel) == output and quantity not in (None, channel.quantity):
-            raise DataError(
-                "responses/table",
-                f"output {output} has quantity {quantity} in the file, {channel.quantity} in its channel",
-                path,
-            )
+            text = f"output {output} has quantity {quantity} in the file, {channel.quantity} in its channel"
+            raise table_error(path, text)

@@ -26,7 +26,7 @@ from elastid.study.source import KeyPath
 
 
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
-    """Every contradiction between the sections of a study whose files are relative to `base`."""
+    """Yield every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
     yield from check_unused(study)
     if study.friction is not None:
@@ -50,9 +50,9 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_simulated(study, experiment.simulated)
     yield from check_fit(study)
     yield from check_loads(study)
-    configurations, left_out = list(experiment.configurations), study.validation.configurations
-    yield from check_names(("validation", "configurations"), "configuration", left_out, configurations)
-    if configurations and study.design is None and set(left_out) >= set(configurations):
+    configurations, validation = list(experiment.configurations), study.validation.configurations
+    yield from check_names(("validation", "configurations"), "configuration", validation, configurations)
+    if configurations and study.design is None and set(validation) >= set(configurations):
         yield Problem(
             ("validation", "configurations"),
             ("every configuration is reserved for validation. Leave at least one for the fit"),
@@ -84,26 +84,26 @@ UNUSED = [tuple(map(str.split, row.partition(": ")[::2])) for row in _UNUSED.rep
 
 
 def check_unused(study: Study) -> Iterator[Problem]:
-    """Problems of sections that nothing reads; none of a simulated study without its robot: its kind is unknown."""
+    """Yield keys that no stage uses; none for a simulated study without its robot, whose kind is unknown."""
     if study.robot is None and study.experiment.simulated is not None:
         return
     for key in (key for kinds, keys in UNUSED if study.kind in kinds for key in keys):
-        for path in _given(study, tuple(key.split("."))):
+        for path in _changed_keys(study, tuple(key.split("."))):
             yield Problem(path, f"no stage of a study of kind {study.kind} uses it. Remove it", at_key=True)
 
 
-def _given(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[KeyPath]:
+def _changed_keys(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[KeyPath]:
     step, *rest = steps
     if value is None:
         return
     if step == "*":
         for i, entry in enumerate(value):
-            yield from _given(entry, tuple(rest), (*path, i))
+            yield from _changed_keys(entry, tuple(rest), (*path, i))
         return
     field = next(member for member in fields(value) if member.name == step)
     default = field.default if field.default_factory is MISSING else field.default_factory()
-    given = getattr(value, step)
+    content = getattr(value, step)
     if rest:
-        yield from _given(given, tuple(rest), (*path, step))
-    elif given != default:
+        yield from _changed_keys(content, tuple(rest), (*path, step))
+    elif content != default:
         yield (*path, step)

@@ -17,22 +17,22 @@ _SIMULATED: KeyPath = ("experiment", "simulated")
 
 
 def check_count(study: Study) -> Iterator[Problem]:
-    """Problems unless a realisation has at most as many experiments as motors, and enough for the estimator."""
+    """Yield problems unless a realisation has at most as many experiments as motors, and enough for the estimator."""
     experiment, estimator = study.experiment, study.estimator
-    given, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
-    if given is None or experiment.simulated is None:
+    count, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
+    if count is None or experiment.simulated is None:
         return
     needed = estimator.experiments_needed(n_u, experiment.realisations)
-    if not needed <= given <= n_u:
+    if not needed <= count <= n_u:
         yield Problem(
             path,
-            f"{given} experiments in each of {experiment.realisations} realisations; estimator.method "
+            f"{count} experiments in each of {experiment.realisations} realisations; estimator.method "
             f"{estimator.method} needs {needed} to {n_u} for {n_u} motors",
         )
 
 
 def check_configurations(study: Study) -> Iterator[Problem]:
-    """One angle for each driven joint, in its unit, within its limits with the carrier's swing; loops close there."""
+    """Check that angles are one for each driven joint, in its unit and limits with the swing, and that loops close."""
     robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
@@ -58,7 +58,7 @@ def check_configurations(study: Study) -> Iterator[Problem]:
 
 
 def check_payload(study: Study) -> Iterator[Problem]:
-    """Configurations without a payload exist, and so does the payload."""
+    """Check that configurations without a payload exist, and so does the payload."""
     names, path = study.experiment.without_payload, ("experiment", "without_payload")
     yield from check_names(path, "configuration", names, list(study.experiment.configurations))
     if names and study.as_robot().payload is None:
@@ -66,7 +66,7 @@ def check_payload(study: Study) -> Iterator[Problem]:
 
 
 def _swings(study: Study) -> list[float]:
-    """Amplitude of the superimposed slow motion at each driven joint; 0 without one, or for a wrong count."""
+    """Return amplitude of the superimposed slow motion at each driven joint; 0 without one, or for a wrong count."""
     n_u, simulated = len(study.as_robot().driven), study.experiment.simulated
     carrier = simulated.carrier if simulated is not None else None
     if carrier is None or carrier.amplitude is None or np.size(carrier.amplitude) not in (1, n_u):
@@ -105,7 +105,7 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
 
 
 def check_structure(study: Study) -> Iterator[Problem]:
-    """Every contradiction between the sections of a study without a robot, its files and channels excepted."""
+    """Yield every contradiction between the sections of a study without a robot, its files and channels excepted."""
     experiment = study.experiment
     if experiment.simulated is not None:
         message = "the experiment is simulated and needs a robot. Give the path of its file"
@@ -153,7 +153,7 @@ _CANDIDATES: KeyPath = ("design", "candidates")
 
 
 def check_design(study: Study) -> Iterator[Problem]:
-    """Candidates are new and in units of the joints."""
+    """Check that candidates are new and in units of the joints."""
     design = study.design
     if design is None:
         if not study.experiment.configurations:

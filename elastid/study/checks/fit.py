@@ -18,7 +18,7 @@ _PARAMETERS: KeyPath = ("fit", "parameters")
 
 
 def check_fit(study: Study) -> Iterator[Problem]:
-    """All of the section that depends on others; the parameters themselves are checked as they get their units."""
+    """Check the keys of the section that depend on others; parameters are checked as they get their units."""
     yield from _check_groups(study)
     names = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
     for i, factor in enumerate(study.fit.weights.factors):
@@ -29,25 +29,25 @@ def check_fit(study: Study) -> Iterator[Problem]:
     except StudyError:
         return  # reported where the parameters are checked
     free, profile = [parameter.name for parameter in parameters.free], study.fit.profile
-    for section, keys in (("focus", study.fit.focus), ("profile", () if isinstance(profile, str) else profile)):
-        for i, key in enumerate(keys):
+    for section, focus in (("focus", study.fit.focus), ("profile", () if isinstance(profile, str) else profile)):
+        for i, key in enumerate(focus):
             if key not in FitSpec().focus and not matching(key, free):
                 message = f"no identified parameter is called {key}; {did_you_mean(key, free)}"
                 yield Problem(("fit", section, i), message)
     # The start of a body's inertias is one that a body can have.
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
         entries = {parameters.names[place] for place in body.places}
-        given = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
-        yield Problem((*_PARAMETERS, *given[-1:]), body.refusal)
+        culprits = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
+        yield Problem((*_PARAMETERS, *culprits[-1:]), body.refusal)
 
 
 def _check_groups(study: Study) -> Iterator[Problem]:
     fit, configurations = study.fit, list_configurations(study)
-    given: list[tuple[KeyPath, Sequence[str]]] = [(("fit", "robots", robot), row) for robot, row in fit.robots.items()]
+    groups: list[tuple[KeyPath, Sequence[str]]] = [(("fit", "robots", robot), row) for robot, row in fit.robots.items()]
     for key, spec in fit.parameters.items():
         per = spec.per if isinstance(spec.per, dict) else {}
-        given += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
-    for path, names in given:
+        groups += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
+    for path, names in groups:
         yield from check_names(path, "configuration", names, configurations)
     measured = {name for names in fit.robots.values() for name in names}
     missing = [name for name in study.experiment.configurations if name not in measured]
@@ -59,7 +59,7 @@ def _check_groups(study: Study) -> Iterator[Problem]:
 
 
 def check_loads(study: Study) -> Iterator[Problem]:
-    """Problems of tests: posture of the robot, frames that it has, and a reading unless the rig is simulated."""
+    """Yield problems of tests: posture of the robot, frames that it has, and a reading unless the rig is simulated."""
     if study.loads is None:
         return
     if not study.loads.tests:

@@ -20,7 +20,7 @@ _RECORDED: KeyPath = ("experiment", "recorded")
 
 
 def check_friction(study: Study, base: Path) -> Iterator[Problem]:
-    """Every contradiction of a study of friction, whose files are relative to `base`."""
+    """Yield every contradiction of a study of friction, whose files are relative to `base`."""
     spec, experiment = study.as_friction(), study.experiment
     if study.robot is None:
         yield Problem(_FRICTION, "a friction study needs a robot. Give the path of its file", at_key=True)
@@ -44,16 +44,16 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
 
 def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
     driven = study.as_robot().driven_names
-    named: dict[str, str] = {}
+    spelling: dict[str, str] = {}
     for i, name in enumerate(spec.joints):
         joint = joint_called(name, driven)
         if joint is None:
             message = f"no driven joint is called '{name}'; {did_you_mean(name, driven)}, or give its number from 1"
             yield Problem((*_FRICTION, "joints", i), message)
-        elif joint in named:
-            yield Problem((*_FRICTION, "joints", i), f"'{name}' and '{named[joint]}' are the same joint. Omit one")
+        elif joint in spelling:
+            yield Problem((*_FRICTION, "joints", i), f"'{name}' and '{spelling[joint]}' are the same joint. Omit one")
         else:
-            named[joint] = name
+            spelling[joint] = name
 
 
 def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
@@ -86,7 +86,7 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
-    """Logs exist and names are known; the stage measure rejects missing rates and channels."""
+    """Check that logs exist and names are known; the stage measure rejects missing rates and channels."""
     yield from check_files(study, recorded.files, _RECORDED, base)
     yield from check_channels(study, recorded.channels, _RECORDED)
     yield from check_controller(study, recorded)
@@ -105,9 +105,9 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
             "no log has a temperature. Add a channel of role t, or give files[].temperature",
         )
     pairs = zip(recorded.log_names, recorded.files, strict=True)
-    motions, left_out = [name for name, file in pairs if file.purpose == "motion"], study.validation.configurations
-    yield from check_names(("validation", "configurations"), "log of a motion", left_out, motions)
-    if set(left_out) >= set(recorded.log_names):
+    motions, validation = [name for name, file in pairs if file.purpose == "motion"], study.validation.configurations
+    yield from check_names(("validation", "configurations"), "log of a motion", validation, motions)
+    if set(validation) >= set(recorded.log_names):
         yield Problem(
             ("validation", "configurations"),
             ("every log is reserved for validation. Leave at least one for identification"),

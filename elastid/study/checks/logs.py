@@ -22,7 +22,7 @@ from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
 from elastid.logs.files.text import WRITTEN_OTHERWISE
 from elastid.logs.repair import Log
-from elastid.logs.repair.periodicity import check_repeat, grid_samples
+from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders
 from elastid.store.files import content_hash
 from elastid.study.checks.names import unknown
@@ -36,7 +36,7 @@ _RECORDED: KeyPath = ("experiment", "recorded")
 
 
 def check_measured(study: Study, base: Path) -> Iterator[Problem]:
-    """Problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
+    """Yield problems of the sections that name files of measurements: logs, responses, and responses at the tool."""
     experiment = study.experiment
     if experiment.recorded is not None:
         yield from _check_recorded(study, experiment.recorded, base)
@@ -82,7 +82,7 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
 
 
 def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    """Gains for each driven joint; `elastid loops` reads them."""
+    """Check gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
         joints = study.as_robot().driven_names
         for keys, refused in recorded.controller.refusals(
@@ -179,13 +179,13 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
     recorded = study.experiment.recorded
     if recorded is None:
         return
-    seen = set[tuple[object, ...]]()
+    contents = set[tuple[object, ...]]()
     for i, file in enumerate(recorded.files):
         source = base / file.path
         samples = content_hash(source) if source.is_file() else file.path, file.samples
-        if samples in seen:
+        if samples in contents:
             yield Problem((*_RECORDED, "files", i, "path"), "samples identical to another log, without noise")
-        seen.add(samples)
+        contents.add(samples)
     chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
     problems: dict[KeyPath, Problem] = {}
     counts: Counter[KeyPath] = Counter()
@@ -294,6 +294,7 @@ def _check_period(
     known_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
     try:
         N = grid_samples(period, recorded.half_wave)
+        check_complete(values[:, drivers], place)
         check_repeat(values[:, drivers], N, recorded.half_wave, Log(str(place), (), known_hz))
     except ElastidError as error:
         keys = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
@@ -314,20 +315,22 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
             yield Problem((*_RECORDED, "time") if recorded.time else where, f"{name} {BACKWARDS}. Sort the rows by it")
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
-        mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
-        rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in time_units(stamps).items()}
+        mean_s, median_s = float(np.mean(steps)), float(np.median(steps))
+        rates = {unit: (1 / (s * mean_s), 1 / (s * median_s)) for unit, s in time_units(stamps).items()}
         unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
-            is_known = all(_differs(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair)
-            advice = "lower rate_hz to that" if is_known else "correct rate_hz, or give the time in s"
+            is_unit_certain = all(
+                _differs(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair
+            )
+            advice = "lower rate_hz to that" if is_unit_certain else "correct rate_hz, or give the time in s"
             yield Problem(where, f"{name} has a mean rate of {rates[unit][0]:.5g} Hz in {unit}. {advice}")
         elif not recorded.time and all(_differs(hz, rate_hz) for pair in rates.values() for hz in pair):
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
         return
-    stated = [getattr(log.arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
+    rates_hz = [getattr(log.arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
     if clashes := [
-        hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _differs(hz, c.rate_hz or rate_hz)
+        hz for hz, c in zip(rates_hz, recorded.channels, strict=True) if hz and _differs(hz, c.rate_hz or rate_hz)
     ]:
         yield Problem(where, f"the log states a rate of {clashes[0]:.6g} Hz for its channels")
 

@@ -10,19 +10,19 @@ from elastid.study.source import KeyPath
 
 
 def unknown(path: KeyPath, noun: str, name: str, valid: Iterable[str]) -> Problem:
-    """A name without a counterpart."""
+    """Make the problem of a name without a counterpart."""
     return Problem(path, f"no {noun} is called '{name}'; {did_you_mean(name, valid)}")
 
 
 def check_names(path: KeyPath, noun: str, names: Sequence[str], valid: Sequence[str]) -> Iterator[Problem]:
-    """Problems of entries in a list of names that are not known."""
+    """Yield problems of entries in a list of names that are not known."""
     for i, name in enumerate(names):
         if name not in valid:
             yield unknown((*path, i), noun, name, valid)
 
 
 def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem]:
-    """A number for all motors, or one for each, has the unit of its joint's motion."""
+    """Check that a number for all motors, or one for each, has the unit of its joint's motion."""
     entries = values if isinstance(values, tuple) else (values,) * len(robot.driven)
     for i, (value, joint) in enumerate(zip(entries, robot.driven, strict=False)):
         refused = joint.refusal_of(value) if isinstance(value, float) else ""
@@ -34,32 +34,32 @@ def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem
 
 
 def list_configurations(study: Study) -> list[str]:
-    """Names of configurations, given ones first, then those that a design may choose."""
-    given = list(study.experiment.configurations)
+    """Return names of configurations, given ones first, then those that a design may choose."""
+    names = list(study.experiment.configurations)
     if study.design is None:
-        return given
+        return names
     # A design that fits as many as it can into a robot_time may use 99 names.
     numbered = (f"c{i + 1}" for i in range(study.design.count or 99))
-    return [*given, *study.design.candidates.given, *numbered]
+    return [*names, *study.design.candidates.given, *numbered]
 
 
 def _locations(study: Study, role: str) -> list[str]:
-    """Locations of the channels of a role, in all files."""
+    """Return locations of the channels of a role, in all files."""
     recorded, channels = study.experiment.recorded, study.experiment.channels
-    moved = (
+    places = (
         [] if recorded is None else [at for name in list_configurations(study) for at in recorded.places_of(name, role)]
     )
-    return list(dict.fromkeys(moved)) or [channel.at for channel in channels if channel.role == role]
+    return list(dict.fromkeys(places)) or [channel.at for channel in channels if channel.role == role]
 
 
 def list_inputs(study: Study) -> list[str]:
-    """Locations of the inputs."""
-    given = _locations(study, "u")
-    return given or list(study.as_robot().motor_locations)
+    """Return locations of the inputs."""
+    inputs = _locations(study, "u")
+    return inputs or list(study.as_robot().motor_locations)
 
 
 def list_outputs(study: Study) -> list[str]:
-    """Locations of the outputs; empty if only the frf.h5 of another run names them."""
+    """Return locations of the outputs; empty if only the frf.h5 of another run names them."""
     simulated, channels = study.experiment.simulated, study.experiment.channels
     if channels or study.experiment.kind == "responses":
         return _locations(study, "y")

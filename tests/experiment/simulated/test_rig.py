@@ -145,6 +145,6 @@ def test_the_log_of_a_whole_run_holds_the_record_in_its_measured_periods() -> No
     r, u, y = simulated.log(run)
     record = simulated.measure(run)
     assert len(r) == len(u) == len(y) == simulated.plan.run_samples
-    np.testing.assert_array_equal(u[simulated.measured], record.u)
-    np.testing.assert_array_equal(y[simulated.measured], record.y)
-    np.testing.assert_allclose(r[simulated.measured], record.r, atol=1e-12)
+    np.testing.assert_array_equal(u[simulated.plan.measured], record.u)
+    np.testing.assert_array_equal(y[simulated.plan.measured], record.y)
+    np.testing.assert_allclose(r[simulated.plan.measured], record.r, atol=1e-12)
