@@ -213,8 +213,17 @@ def runs(flags: BoolArray, least: int = 1) -> IntArray:
     return bounds[bounds[:, 1] - bounds[:, 0] >= least]
 
 
-def mean_of_neighbours(values: Values, width: int) -> Values:
-    """Mean (F, ...) of values over `width` rows, an odd number, about each; fewer of them at the ends."""
+def smallest_step(x: FloatArray) -> float:
+    """Return the smallest difference of two values of x (n,) above rounding, 1e-7 of its range; 0 without any."""
+    steps = np.diff(np.unique(x))
+    return float(np.min(steps[steps > 1e-7 * np.ptp(x)])) if len(steps) else 0.0
+
+
+NEIGHBOURS = 9  # lines over which powers and noise are averaged
+
+
+def mean_of_neighbours(values: Values, width: int = NEIGHBOURS) -> Values:
+    """Return the mean (F, ...) of values over `width` rows, an odd number, about each; fewer of them at the ends."""
     F, half = len(values), width // 2
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     first, end = np.maximum(np.arange(F) - half, 0), np.minimum(np.arange(F) + half + 1, F)

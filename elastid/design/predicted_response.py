@@ -80,7 +80,7 @@ def friction_linearisation(
     """
     v = np.stack([synthesise(lines, spectrum, period_samples) for spectrum in V]) + carrier_velocity
     slope, power = of_sign(v, V, lines)
-    return coulomb * slope, mean_of_neighbours(coulomb**2 * power, 9)  # it comes from few experiments
+    return coulomb * slope, mean_of_neighbours(coulomb**2 * power)  # it comes from few experiments
 
 
 # Of the power of friction's distortion, what is left where it is taken out: 0.1 and 1.4 % in two studies.

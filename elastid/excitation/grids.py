@@ -30,14 +30,14 @@ class Lines:
 
 
 def line_frequencies(lines: IntArray, rate_hz: float, period_samples: int) -> FloatArray:
-    """Frequencies (F,) in Hz of DFT lines (F,)."""
+    """Return frequencies (F,) in Hz of DFT lines (F,)."""
     return (lines * (rate_hz / period_samples)).astype(np.float64)
 
 
 def grid_lines(
     grid: Grid, band_hz: tuple[float, float], rate_hz: float, period_samples: int, ratio: float = 1.05
 ) -> IntArray:
-    """Lines k (F,) with band_hz[0] <= k rate_hz / N <= band_hz[1] and 0 < k < N / 2, including detection lines.
+    """Return lines k (F,) with band_hz[0] <= k rate_hz / N <= band_hz[1] and 0 < k < N / 2, including detection lines.
 
     N = period_samples.  odd: odd k only, wherever the band begins; odd-odd: k = 1, 5, 9 ...; quasi-log: each line at
     about `ratio` times the last.  Raises StudyError where the band holds no line.
@@ -64,7 +64,7 @@ def grid_lines(
 
 
 def user_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: float, period_samples: int) -> IntArray:
-    """The user's own lines (F,) in ascending order; StudyError where one is outside the band or given twice."""
+    """Return the user's own lines (F,) in ascending order; StudyError where one is outside the band or given twice."""
     band = grid_lines("full", band_hz, rate_hz, period_samples)
     outside = [k for k in lines if k not in band]
     if outside or len(set(lines)) < len(lines):
@@ -86,7 +86,7 @@ def with_detection(lines: IntArray, group: int, rng: np.random.Generator) -> Lin
 
 
 def line_count_refusal(n_lines: int, needed: int, noun: str) -> str:
-    """Why a grid has too few lines for as many motors or unknowns; empty where it has enough.
+    """Return why a grid has too few lines for as many motors or unknowns; empty where it has enough.
 
     >>> line_count_refusal(4, 6, "motors")
     '4 lines for 6 motors; take a period at least 1.5 times as long, a wider band_hz or a fuller grid'
@@ -101,7 +101,7 @@ def line_count_refusal(n_lines: int, needed: int, noun: str) -> str:
 
 
 def zippered(n_lines: int, n_u: int) -> IntArray:
-    """The input (n_lines,) of each line: every input has its own, interleaved. StudyError for fewer lines than inputs.
+    """Return the input (n_lines,) of each line, interleaved; StudyError for fewer lines than inputs.
 
     >>> zippered(5, 2).tolist()
     [0, 1, 0, 1, 0]
@@ -116,7 +116,7 @@ def zippered(n_lines: int, n_u: int) -> IntArray:
 
 
 def _quasi_logarithmic(lines: IntArray, ratio: float) -> IntArray:
-    """Lines each of which is the nearest to `ratio` times the last, and at least the next one."""
+    """Return lines each of which is the nearest to `ratio` times the last, and at least the next one."""
     half_step = (lines[1] - lines[0]) / 2 if len(lines) > 1 else 0.5
     chosen = [0]
     while True:

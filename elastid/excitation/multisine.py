@@ -3,6 +3,7 @@ r"""Multisines: amplitudes of their lines, sets of n_u experiments (random phase
 .. math:: u(t) = \mathrm{Re} \sum_k U_k\, e^{2\pi j k t / T}, \qquad \sum_k |U_{k}|^2 / 2 = u_{rms}^2
 """
 
+import math
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
@@ -24,12 +25,12 @@ from elastid.excitation.spec import Phases
 
 Sweep: TypeAlias = Literal["linear-sweep", "log-sweep", "prbs"]
 
-# Feedback taps of maximum-length shift registers by their length.
-_TAPS = {2: 1, 3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9, 15: 14, 17: 14, 18: 11}
+# Longest shift register of a binary signal.
+_MAX_BITS = 18
 
 
 def sweep_spectrum(kind: Sweep, lines: IntArray) -> ComplexArray:
-    """Relative spectrum (F,) of one input at the lines, which are all lines or all odd lines of a band."""
+    """Return relative spectrum (F,) of one input at the lines, which are all lines or all odd lines of a band."""
     odd = bool(np.all(lines % 2))
     n = 2 * 64 * int(lines[-1])  # samples of a cycle of the highest line: little above half the rate folds back
     length = n // 2 if odd else n
@@ -52,16 +53,15 @@ def _sweep(kind: Sweep, n: int, lines: IntArray, odd: bool) -> FloatArray:
 
 
 def _binary(n: int, last: int) -> FloatArray:
-    """+-1 of a maximum-length sequence whose clock is 2.5 times the highest line or more, stretched over n samples."""
-    length = next(bits for bits in _TAPS if 2**bits - 1 >= 2.5 * last or bits == max(_TAPS))
+    """Return +-1 of a maximum-length sequence, its clock 2.5 times the highest line or more, stretched to n samples."""
     from scipy.signal import max_len_seq  # slow to load, and seldom needed
 
-    sequence = 2.0 * max_len_seq(length, np.ones(length), taps=[length - _TAPS[length]])[0] - 1
+    sequence = 2.0 * max_len_seq(min(math.ceil(math.log2(2.5 * last + 1)), _MAX_BITS))[0] - 1
     return np.asarray(sequence[np.arange(n) * len(sequence) // n])
 
 
 def relative_amplitudes(freq_hz: FloatArray, power: float, table: Sequence[tuple[float, float]]) -> FloatArray:
-    """Relative amplitude (F,): f^power, times the table of (frequency, amplitude) points where there is one.
+    """Return relative amplitude (F,): f^power, times the table of (frequency, amplitude) points where there is one.
 
     The table is straight lines on log-log axes and constant beyond its ends.
     """
@@ -73,7 +73,7 @@ def relative_amplitudes(freq_hz: FloatArray, power: float, table: Sequence[tuple
 
 
 def amplitudes(relative: FloatArray, rms: FloatArray) -> FloatArray:
-    """A (F, n_u) of the given relative amplitude, (F,) or (F, n_u), with sum_k A_ki^2 / 2 = rms_i^2.
+    """Return A (F, n_u) of the given relative amplitude, (F,) or (F, n_u), with sum_k A_ki^2 / 2 = rms_i^2.
 
     rms (n_u,): of each input over a period.
     """
@@ -90,7 +90,7 @@ def experiments(
     responses: ComplexArray,
     is_alone: bool = True,
 ) -> ComplexArray:
-    """U (n_u experiments, F, n_u inputs) of one realisation, with amplitudes A (F, n_u) at lines (F,).
+    """Return U (n_u experiments, F, n_u inputs) of one realisation, with amplitudes A (F, n_u) at lines (F,).
 
     responses (F, n_o, n_u): from the inputs to the signals whose crest factors `optimised` phases lower, all weighted
     alike.  A sweep and a binary signal have a spectrum of their own: A multiplies it and sets the power.  is_alone: no
@@ -119,21 +119,21 @@ def experiments(
 
 
 def orthogonal_set(amplitude: FloatArray, rng: np.random.Generator) -> ComplexArray:
-    """U (n_u experiments, F, n_u inputs) with random phases and the DFT matrix: the default of the robust method."""
+    """Return U (n_u experiments, F, n_u inputs) with random phases and the DFT matrix: the robust method's."""
     F, n_u = amplitude.shape
     inside, between = random_phases((2, F, n_u), rng)
     return with_phases(orthogonal_basis("dft", F, n_u), amplitude, inside, between)
 
 
 def synthesise(lines: IntArray, U: ComplexArray, n_samples: int) -> FloatArray:
-    """One period (n_samples, n_u) of u(t) = Re sum_k U_k exp(2 pi j k t / T), from U (F, n_u) at lines (F,)."""
+    """Return one period (n_samples, n_u) of u(t) = Re sum_k U_k exp(2 pi j k t / T), from U (F, n_u) at lines (F,)."""
     spectrum = np.zeros((n_samples // 2 + 1, U.shape[1]), dtype=np.complex128)
     spectrum[lines] = U
     return np.fft.irfft(spectrum * (n_samples / 2), n=n_samples, axis=0).astype(np.float64)
 
 
 def growing_loops(smallest: float, largest: float, count: int, frequency_hz: float, rate_hz: float) -> FloatArray:
-    """One cycle of a sine for each of `count` amplitudes, spaced logarithmically, the smallest first (n,).
+    """Return one cycle of a sine for each of `count` amplitudes, spaced logarithmically, the smallest first (n,).
 
     >>> np.abs(growing_loops(1.0, 4.0, 3, 1.0, 8.0)).reshape(3, 8).max(axis=1).round(6).tolist()
     [1.0, 2.0, 4.0]
@@ -146,7 +146,7 @@ def growing_loops(smallest: float, largest: float, count: int, frequency_hz: flo
 def small_multisine(
     peak: float, band_hz: tuple[float, float], period_samples: int, rate_hz: float, rng: np.random.Generator
 ) -> FloatArray:
-    """One period (n,) of an odd random-phase multisine of equal lines whose largest value is `peak`."""
+    """Return one period (n,) of an odd random-phase multisine of equal lines whose largest value is `peak`."""
     lines = grid_lines("odd", band_hz, rate_hz, period_samples)
     signal = synthesise(lines, np.exp(1j * random_phases((len(lines), 1), rng)), period_samples)[:, 0]
     return np.asarray(peak / np.abs(signal).max() * signal)

@@ -25,12 +25,12 @@ Orthogonal: TypeAlias = Literal["dft", "hadamard", "zippered"]
 
 
 def random_phases(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Independent phases, uniform over a turn."""
+    """Return independent phases, uniform over a turn."""
     return 2 * np.pi * rng.random(shape)
 
 
 def schroeder(amplitude: FloatArray) -> FloatArray:
-    r"""Phases (F,) of a multisine with amplitudes (F,) that sweeps through its lines as their power allows.
+    r"""Return phases (F,) of a multisine with amplitudes (F,) that sweeps through its lines as their power allows.
 
     .. math:: \phi_k = -2\pi \sum_{i<k} (k - i)\, p_i, \qquad p_i = A_i^2 / \sum A^2
 
@@ -41,12 +41,12 @@ def schroeder(amplitude: FloatArray) -> FloatArray:
 
 
 def newman(n_lines: int) -> FloatArray:
-    """phi_k = pi (k - 1)^2 / F for k = 1 ... F. Boyd, IEEE Trans. Circuits and Systems 33 (1986) 1018, eq. (7)."""
+    """Return phi_k = pi (k - 1)^2 / F, k = 1 ... F. Boyd, IEEE Trans. Circuits and Systems 33 (1986) 1018, eq. (7)."""
     return np.pi * np.arange(n_lines) ** 2 / n_lines
 
 
 def orthogonal_basis(kind: Orthogonal, n_lines: int, n_u: int) -> ComplexArray:
-    """W (n_u experiments, F, n_u inputs), W^H W = n_u I at every line. StudyError where there is no such set."""
+    """Return W (n_u experiments, F, n_u inputs), W^H W = n_u I at every line. StudyError where there is no such set."""
     if kind == "zippered":
         owner = zippered(n_lines, n_u)
         e, i = np.arange(n_u)[:, None, None], np.arange(n_u)
@@ -56,7 +56,7 @@ def orthogonal_basis(kind: Orthogonal, n_lines: int, n_u: int) -> ComplexArray:
 
 
 def hadamard(n: int) -> FloatArray:
-    """H (n, n) of +-1 with H^T H = n I, by Sylvester's doubling and Paley's first construction.
+    """Return H (n, n) of +-1 with H^T H = n I, by Sylvester's doubling and Paley's first construction.
 
     StudyError where n is neither 1, 2 nor a multiple of 4, or where these two do not reach (28 is the first).
     """
@@ -83,7 +83,7 @@ def hadamard(n: int) -> FloatArray:
 def with_phases(
     basis: ComplexArray, amplitude: FloatArray, phases_in: FloatArray, phases_ex: FloatArray
 ) -> ComplexArray:
-    """U (n_u experiments, F, n_u inputs) from W (n_u, F, n_u), A (F, n_u), a (F, n_u) and b (F, n_u).
+    """Return U (n_u experiments, F, n_u inputs) from W (n_u, F, n_u), A (F, n_u), a (F, n_u) and b (F, n_u).
 
     Input i has, over the experiments, the RMS amplitude A_ki; sum_e U_ei conj(U_ej) = 0 for i != j.
     """
@@ -108,18 +108,18 @@ class Signals:
     scale: FloatArray
 
     def divided(self, phases: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Phases a (F, n_u) of the inputs and b (F, E) of the experiments, of which they are all in a row."""
+        """Return phases a (F, n_u) of the inputs and b (F, E) of the experiments, of which they are all in a row."""
         E, F, n_u = self.base.shape
         return phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E)
 
     def spectra(self, phases_in: FloatArray, phases_ex: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """U (E, F, n_u) and the outputs' spectra (E, n_o, F) in units of scale, for a (F, n_u) and b (F, E)."""
+        """Return U (E, F, n_u) and the outputs' spectra (E, n_o, F) in units of scale, for a (F, n_u) and b (F, E)."""
         U = self.base * np.exp(1j * (phases_in + phases_ex.T[:, :, None]))
         return U, np.einsum("foi,efi->eof", self.response, U) / self.scale[:, None]
 
 
 def minimise_peaks(signals: Signals, rng: np.random.Generator, is_alone: bool = True) -> tuple[FloatArray, FloatArray]:
-    r"""Phases a (F, n_u) of the inputs and b (F, E) of the experiments that minimise the peaks of all signals at once.
+    r"""Minimise the peaks of all signals; return phases a (F, n_u) of inputs and b (F, E) of experiments.
 
     .. math:: \min_{a, b} \Bigl(\sum_{e, o, t} |x_{eo}(t) / w_o|^p\Bigr)^{1/p}, \qquad
               x_{eo}(t) = \mathrm{Re} \sum_k \sum_i T_{oi}(k)\, U_{eki}\, e^{2\pi j k t / T}
@@ -149,12 +149,12 @@ def minimise_peaks(signals: Signals, rng: np.random.Generator, is_alone: bool = 
 
 
 def peaks(lines: IntArray, S: ComplexArray, samples_per_cycle: int = 32) -> FloatArray:
-    """Largest |x(t)| (...,) of signals with the spectra S (..., F); with 32 samples a cycle 0.5 % too small at most."""
+    """Return largest |x(t)| (...,) of signals of spectra S (..., F), at 32 samples a cycle 0.5 % too small or less."""
     return np.asarray(np.abs(_signal(lines, S, samples_per_cycle * (int(lines[-1]) + 1))).max(axis=-1))
 
 
 def crest_factors(lines: IntArray, S: ComplexArray) -> FloatArray:
-    """Peak over RMS (...,) of signals with the spectra S (..., F)."""
+    """Return peak over RMS (...,) of signals with the spectra S (..., F)."""
     return np.asarray(peaks(lines, S) / np.sqrt(np.sum(np.abs(S) ** 2, axis=-1) / 2))
 
 
@@ -171,7 +171,7 @@ def _continued(signals: Signals, phases: FloatArray, steps: Sequence[tuple[int, 
 
 
 def _norm(phases: FloatArray, signals: Signals, p: int, n: int) -> tuple[float, FloatArray]:
-    """log of the L_p norm of all signals at n samples a period, p a power of 2, and its gradient to the phases."""
+    """Return the log of the L_p norm of all signals at n samples a period, p a power of 2, and its gradient."""
     U, S = signals.spectra(*signals.divided(phases))
     x = _signal(signals.lines, S, n)
     largest = max(float(np.abs(x).max()), 1e-30)
@@ -188,7 +188,7 @@ def _norm(phases: FloatArray, signals: Signals, p: int, n: int) -> tuple[float, 
 
 
 def _signal(lines: IntArray, S: ComplexArray, n: int) -> FloatArray:
-    """x (..., n) over a period from spectra (..., F)."""
+    """Return x (..., n) over a period from spectra (..., F)."""
     spectrum = np.zeros((*S.shape[:-1], n // 2 + 1), dtype=np.complex128)
     spectrum[..., lines] = S
     return irfft(spectrum, n, axis=-1) * (n / 2)

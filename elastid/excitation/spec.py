@@ -40,13 +40,16 @@ class MultisineSpec:
         "(spacing by `ratio`), or `lines`.", "`odd` separates even distortion such as friction and backlash from the "
         "response; `full` for nearly linear robots; quasi-logarithmic for bands of more than two decades.")] = "odd"
     group: Annotated[int, Key("Number of consecutive odd lines of which the grid odd-random omits a random one.",
-        "3 to 5; smaller values detect odd distortion at more lines and leave fewer excited lines.")] = 4
+        "3 to 5; smaller values detect odd distortion at more lines and leave fewer excited lines.", least=2,
+        most=100)] = 4
     ratio: Annotated[float, Key("Ratio of neighbouring lines of a quasi-logarithmic grid.", "larger values give fewer "
-        "lines with more power; at 1.05, each resonance with damping ratio of at least 0.025 contains a line.")] = 1.05
+        "lines with more power; at 1.05, each resonance with damping ratio of at least 0.025 contains a "
+        "line.", above=1)] = 1.05
     lines: Annotated[tuple[int, ...], Key("Excited lines of the grid `lines`, as multiples of 1/period.",
         "to avoid mains frequency or harmonics of the gear, for example.")] = ()
     margin: Annotated[float, Key("Margin to every limit of the robot, as a fraction of the limit.", "larger for an "
-        "uncertain robot model, which predicts the movement; 0.1 covers errors of ten percent in the masses.")] = 0.1
+        "uncertain robot model, which predicts the movement; 0.1 covers errors of ten percent in the "
+        "masses.", least=0, below=1)] = 0.1
     flat: Annotated[Signal | Literal["information"], Key("Quantity with equal predicted amplitude at all lines, in "
         "closed loop with the nominal model. `torque`: injected torque. `position`, `velocity`, `acceleration`: motion "
         "of the motor, reduced near resonances (10 % tolerance). `information`: D-optimal spectrum for the parameters "
@@ -54,12 +57,12 @@ class MultisineSpec:
         "`information` gives the smallest intervals if the parameters are roughly known.")] = "torque"
     least: Annotated[float, Key("Minimum power per line with flat: information, as a fraction of a flat torque "
         "spectrum.", "larger for uncertain nominal parameters, so that a shifted mode is still excited; 0.1 is a third "
-        "of the amplitude.")] = 0.1
+        "of the amplitude.", above=0, most=1)] = 0.1
     power: Annotated[float, Key("Exponent of frequency in the amplitude of the lines.", "positive for more torque at "
         "high resonances, negative for limited position or friction at low frequencies.")] = 0.0
     spectrum: Annotated[tuple[tuple[Frequency, float], ...], Key("Relative amplitude as (frequency, amplitude) points, "
         "linear on log-log axes.", "for a spectrum of your own, such as a notch at a resonance of the cell; torque_rms "
-        "scales it.")] = ()
+        "scales it.", above=0)] = ()
     phases: Annotated[Phases, Key("Phases of the lines: `random`, or `optimised` for low peaks. With one realisation "
         "also `schroeder`, `newman`, `linear-sweep`, `log-sweep` or `prbs` (band-limited).", "`optimised` (crest "
         "factor 1.4 to 1.9 instead of 3.2) if limits are active; `random` averages distortion over realisations "
@@ -73,67 +76,39 @@ class MultisineSpec:
         "position references or corrections only; then describe experiment.simulated.controller.reference. "
         "`velocity` opens the position loop.")] = "torque"
     compress: Annotated[tuple[Signal, ...], Key("Signals whose peaks optimised phases reduce.", "name the signal with "
-        "the active limit, mostly velocity or acceleration; several signals share the reduction.")] = ("torque",)
+        "the active limit, mostly velocity or acceleration; several signals share the "
+        "reduction.", filled=True)] = ("torque",)
     # fmt: on
 
     def __post_init__(self) -> None:
-        samples = self.period * self.rate_hz
-        if samples > 1e8:  # a day at 1 kHz
-            raise ValueError(
-                f"period: {self.period:g} s at {self.rate_hz:g} Hz are {samples:.3g} samples, more than a record can "
-                "hold (1e+08); shorten the period or lower rate_hz"
-            )
-        if abs(samples - round(samples)) > 1e-6 * samples:
-            raise ValueError(
-                f"a period of {self.period:g} s is {samples:.6g} samples at {self.rate_hz:g} Hz, not a whole number; "
-                f"take {round(samples) / self.rate_hz:.9g} s"
-            )
-        high = self.band_hz[1]
-        if high >= self.rate_hz / 2:
-            raise ValueError(
-                f"band_hz: {high:g} Hz is not below half the sampling rate ({self.rate_hz / 2:g} Hz); "
-                "lower band_hz or raise rate_hz"
-            )
-        for rms in self.amplitudes:
-            if rms != "limits" and any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
-                raise ValueError(f"torque_rms is {rms}; it must be positive for every motor")
-        if len(set(self.amplitudes)) < len(self.amplitudes):
-            raise ValueError("torque_rms lists an amplitude twice, and each counts once; leave one out")
-        if any(not f > 0 or not a > 0 for f, a in self.spectrum):
-            raise ValueError("spectrum: frequencies and amplitudes must be positive")
-        self._check_grid_and_phases()
-        self._check_information()
-
-    def _check_grid_and_phases(self) -> None:
-        if not 2 <= self.group <= 100:
-            raise ValueError(f"group is {self.group}; one of 2 or more lines is left out, commonly of 3 to 5")
-        if not self.ratio > 1:
-            raise ValueError(f"ratio is {self.ratio:g}; each line is so many times the last, take more than 1")
-        if not 0 <= self.margin < 1:
-            raise ValueError(f"margin is {self.margin:g}; it is the part of each limit that stays free, 0 to 1")
-        if (self.grid == "lines") != bool(self.lines):
-            raise ValueError("grid: lines and a list under lines go together; give both or neither")
-        if self.phases in _SWEEPS and self.grid not in ("full", "odd"):
-            raise ValueError(f"{self.phases} needs all lines or all odd lines of a band. Set grid to full or odd")
-        if not self.compress:
-            raise ValueError("compress is empty; name the signals whose peaks matter, for example [torque, velocity]")
-
-    def _check_information(self) -> None:
-        if not 0 < self.least <= 1:
-            raise ValueError(
-                f"least is {self.least:g}; with flat: information it is the part of a flat torque's power that every "
-                "line keeps, above 0 (a line without power has no response) and up to 1"
-            )
-        if self.flat != "information" and self.least != 0.1:
-            raise ValueError("least belongs to flat: information; set that, or leave least out")
-        if self.flat == "information" and len(self.amplitudes) > 1:
-            raise ValueError(
-                f"flat: information finds spectra of one amplitude, torque_rms lists {len(self.amplitudes)}; give "
-                "one of them, or take another flat"
-            )
-        if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
-            key = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
-            raise ValueError(f"flat: information finds the spectrum itself; leave out {key}, or take another flat")
+        samples, high, (first, *others) = self.period * self.rate_hz, self.band_hz[1], self.amplitudes
+        torques = [rms if isinstance(rms, tuple) else (rms,) for rms in (first, *others)]
+        is_free, is_sweep = self.flat == "information", self.phases in _SWEEPS
+        key = f"phases: {self.phases}" if is_sweep else "power and spectrum"
+        faults = (
+            (samples > 1e8, f"period: {self.period:g} s at {self.rate_hz:g} Hz are {samples:.3g} samples, more than a "
+                "record can hold (1e+08); shorten the period or lower rate_hz"),  # a day at 1 kHz
+            (abs(samples - round(samples)) > 1e-6 * samples, f"a period of {self.period:g} s is {samples:.6g} samples "
+                f"at {self.rate_hz:g} Hz, not a whole number; take {round(samples) / self.rate_hz:.9g} s"),
+            (high >= self.rate_hz / 2, f"band_hz: {high:g} Hz is not below half the sampling rate "
+                f"({self.rate_hz / 2:g} Hz); lower band_hz or raise rate_hz"),
+            (any(rms != "limits" and not rms > 0 for each in torques for rms in each),
+                f"torque_rms is {self.torque_rms}; it must be positive for every motor"),
+            (len({*torques}) < len(torques),
+                "torque_rms lists an amplitude twice, and each counts once; leave one out"),
+            ((self.grid == "lines") != bool(self.lines),
+                "grid: lines and a list under lines go together; give both or neither"),
+            (is_sweep and self.grid not in ("full", "odd"),
+                f"{self.phases} needs all lines or all odd lines of a band. Set grid to full or odd"),
+            (not is_free and self.least != 0.1, "least belongs to flat: information; set that, or leave least out"),
+            (is_free and bool(others), f"flat: information finds spectra of one amplitude, torque_rms lists "
+                f"{len(torques)}; give one of them, or take another flat"),
+            (is_free and bool(self.power or self.spectrum or is_sweep),
+                f"flat: information finds the spectrum itself; leave out {key}, or take another flat"),
+        )  # fmt: skip
+        for is_wrong, text in faults:
+            if is_wrong:
+                raise ValueError(text)
 
     @property
     def amplitudes(self) -> tuple[OneTorque, ...]:
@@ -147,7 +122,7 @@ class MultisineSpec:
         return tuple(item[0] if len(item) == 1 else item for item in lists)
 
     def at_amplitude(self, index: int) -> "MultisineSpec":
-        """Multisine with one of its amplitudes, counted from 1."""
+        """Return multisine with one of its amplitudes, counted from 1."""
         return self if len(self.amplitudes) == 1 else replace(self, torque_rms=self.amplitudes[index - 1])
 
     @property
@@ -156,7 +131,7 @@ class MultisineSpec:
         return round(self.period * self.rate_hz)
 
     def realisation_refusal(self, realisations: int) -> str:
-        """Why so many realisations make no sense with these phases; empty where they do."""
+        """Return why so many realisations make no sense with these phases; empty where they do."""
         if realisations < 2 or self.phases in ("random", "optimised"):
             return ""
         return (
@@ -166,7 +141,7 @@ class MultisineSpec:
 
 
 def planned_lines(excitation: MultisineSpec, seed: int) -> Lines:
-    """The lines of a study, those left free for detection drawn from its seed; StudyError where the band holds none."""
+    """Return the lines of a study, its detection lines drawn from the seed; StudyError if the band has no line."""
     N = excitation.period_samples
     if excitation.grid == "lines":
         chosen = user_lines(excitation.lines, excitation.band_hz, excitation.rate_hz, N)

@@ -55,7 +55,7 @@ LIMITS = AutomaticLimits()
 
 
 def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
-    """A method and the note on it."""
+    """Return a method and the note on it."""
     text = f"the FRF is estimated by the method {method}, because {reason}"
     return method, (Note("frf/method", text, severity="information"),)
 
@@ -66,7 +66,7 @@ def choose_by_error(
     preview: Callable[[], Response],
     margin: float = 1.0,
 ) -> tuple[Method, tuple[Note, ...]]:
-    """`method`, or local_rational where its stated error times `margin` is smaller, and a note with both errors.
+    """Return `method`, or local_rational where its stated error times `margin` is smaller, and a note with both errors.
 
     preview: G of local_rational at some of its lines.  Where one refuses the records, the other is taken; the DataError
     of `method` where both do.
@@ -94,7 +94,7 @@ def choose_by_error(
 
 
 def relative_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:
-    """Relative errors of a response and of local_rational at some of its lines, and their resolution, Hz.
+    """Return relative errors of a response and of local_rational at some of its lines, and their resolution, Hz.
 
     has_bias: True for segments; the scatter of periods shows a transient, and a local method has it in its model.
     """
@@ -118,12 +118,12 @@ def relative_errors(response: Response, local: Response, has_bias: bool) -> tupl
 
 
 def _mean_root(squares: FloatArray) -> float:
-    """The square of the mean root of errors, of which 1 counts at most, from their squares."""
+    """Return the square of the mean root of errors, of which 1 counts at most, from their squares."""
     return float(np.mean(np.minimum(1.0, squares) ** 0.25) ** 2)
 
 
 def may_hold_transient(records: Sequence[Record], response: Response) -> bool:
-    """True for logs whose periods were found to start with a transient, or are too few to show one and scatter.
+    """Return True for logs whose periods were found to start with a transient, or are too few to show one and scatter.
 
     Large ones do not count: a local method has a whole log in memory, and takes long where G has many elements.
     """
@@ -136,14 +136,14 @@ def may_hold_transient(records: Sequence[Record], response: Response) -> bool:
 
 
 def _has_power(response: Response) -> BoolArray:
-    """Flags (F,) of the lines where the weakest combination of inputs has power."""
+    """Return flags (F,) of the lines where the weakest combination of inputs has power."""
     assert response.quality is not None
     power = response.quality.input_singular_values[:, -1] ** 2
     return np.asarray(power >= LIMITS.min_power_fraction * power.max())
 
 
 def within_excitation(response: Response) -> Response:
-    """The response of motors without the lines above those that were excited.
+    """Return the response of motors without the lines above those that were excited.
 
     There a motor moves by noise that its controller feeds back, and G = Y / U is that of the controller: -1 / C.
     """

@@ -65,7 +65,7 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
 
 
 def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> None:
-    """DataError where a record holds less than two periods, which leave no noise level, or experiments are too few.
+    """Raise DataError if a record has less than two periods, and so no noise estimate, or experiments are too few.
 
     groups: the records by realisation, each of which needs as many as there are inputs, but for a method that pools.
     """
@@ -93,7 +93,7 @@ def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> 
 
 
 def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
-    """Flags (F,) of lines with separate inputs, in each realisation if averaged, else in all; DataError without any."""
+    """Return flags (F,) of lines with separate inputs, per realisation if averaged, else in all; DataError if none."""
     if method == "arithmetic":
         return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
     block, R = data.every, data.every.R
@@ -105,7 +105,7 @@ def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], metho
 
 
 def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
-    """Flags (F,) of the lines where every combination of the inputs stands out of the noise; DataError without any."""
+    """Return flags (F,) of lines where every combination of the inputs stands out of the noise; DataError if none."""
     E = block.U.shape[2]
     squares = np.vecdot(block.U, block.U).real / E
     power = np.mean(squares, axis=0)
@@ -130,7 +130,7 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
 
 
 def _surely_separated(block: Block, least: FloatArray) -> BoolArray:
-    """Flags (F,) of the lines where the norm of the inverse, which is needed anyway, bounds the weakest combination.
+    """Return flags (F,) of lines where the norm of the inverse, needed anyway, bounds the weakest combination.
 
     sigma_n(A) >= 1 / |A^-1| in the norm of Frobenius; least (F, n_u): squares that count as 1.
     """
@@ -142,7 +142,7 @@ def _surely_separated(block: Block, least: FloatArray) -> BoolArray:
 
 
 def repeated_phase_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
-    """A note on each pair of realisations of the same excitation, which do not show nonlinear distortion."""
+    """Return a note on each pair of realisations of the same excitation, which do not show nonlinear distortion."""
     notes = []
     for m in range(1, len(blocks)):
         a, b = (block.U[:: -(-len(block.U) // PHASE_LINES)] for block in (blocks[m - 1], blocks[m]))
@@ -156,7 +156,7 @@ def repeated_phase_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Reco
 
 
 def inconsistency_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[Note]:
-    r"""A note on a record whose realisation the others contradict, M >= 3 of them, by far more than each other.
+    r"""Return a note on a record whose realisation the others contradict, M >= 3 of them, by far more than each other.
 
     With G_m = sum_{j != m} Y_j U_j^H (sum_{j != m} U_j U_j^H)^-1 an experiment outside has the error D = Y - G_m U, of
     1 + n_u / K times the variance where those inside, K of them, have 1 - n_u / K; each element of D over that of
@@ -180,7 +180,7 @@ def inconsistency_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -
 
 
 def scatter_notes(response: Response) -> list[Note]:
-    """A note where the scatter of realisations is large beside |G| and the noise of their periods: not one response."""
+    """Return a note if realisations scatter much more than the noise of their periods: not one response."""
     if response.total is None or response.noise is None:
         return []
     total, noise = (
@@ -197,7 +197,7 @@ def scatter_notes(response: Response) -> list[Note]:
 
 
 def _relative_power(data: MeanSpectra, m: int) -> FloatArray:
-    """Power of the experiments (E,) of block m relative to the other blocks."""
+    """Return power of the experiments (E,) of block m relative to the other blocks."""
     blocks = data.blocks
     step = -(-len(blocks[0].U) // PHASE_LINES)
     others = [block for i, block in enumerate(blocks) if i != m]
@@ -212,13 +212,8 @@ def _relative_power(data: MeanSpectra, m: int) -> FloatArray:
     return np.asarray(np.median(outside / inside[:, :, None], axis=(0, 1)))
 
 
-def hit_notes(records: Sequence[Record]) -> tuple[Note, ...]:
-    """Notes on double hits, truncated hits and overloads in records without a period, for hammer inputs only."""
-    return tuple(note for record in records for note in _hit_notes(record))
-
-
 def pulses(u: FloatArray) -> IntArray | None:
-    """First sample and end (n, 2) of each pulse of a hammer's force (N,); None for another, which some samples show."""
+    """Return first sample and end (n, 2) of each pulse of a hammer's force (N,); None for a force of another kind."""
     few = u[:: -(-len(u) // PULSE_SAMPLES) or 1]
     middle = np.median(few)
     largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
@@ -229,7 +224,8 @@ def pulses(u: FloatArray) -> IntArray | None:
     return runs(beyond) if 0 < beyond.mean() <= PULSE_FRACTION else None
 
 
-def _hit_notes(record: Record) -> Iterator[Note]:
+def hit_notes(record: Record) -> Iterator[Note]:
+    """Yield notes on double hits, truncated hits and overloads in a record without a period, for hammer inputs only."""
     place, rate_hz = f"configuration {record.configuration.name}, record {record.name}", record.rate_hz
     overloads = dict[str, int]()
     for name, u in zip(record.inputs, record.u.T, strict=True):

@@ -56,14 +56,14 @@ class Detected:
 
 
 def detection_lines(lines: IntArray, half_wave: bool) -> IntArray:
-    """Unexcited lines (K,) inside the band of an odd multisine; empty if even lines were excited."""
+    """Return unexcited lines (K,) inside the band of an odd multisine; empty if even lines were excited."""
     if half_wave or len(lines) < 2 or np.any(lines % 2 == 0):
         return np.zeros(0, dtype=np.int64)
     return np.setdiff1d(np.arange(lines[0], lines[-1] + 1), lines)
 
 
 def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexArray, data: MeanSpectra) -> Detected:
-    """Distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
+    """Return distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
     every, G_k = data.every, interpolated(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data, G_k)
@@ -83,7 +83,7 @@ def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexAr
 def fast_total_error(
     detected: Detected, lines: IntArray, of_noise: ComplexArray, dof: int
 ) -> tuple[ComplexArray, float] | None:
-    """C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from the odd detection lines near by.
+    """Return C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from near odd detection lines.
 
     One realisation is enough (the fast method): a random grid distorts excited and left-out odd lines equally.
     Not so the noise, which at the inputs follows the resonances: of_noise (F, n_y, n_y), of `dof`, is each line's own.
@@ -118,7 +118,7 @@ def friction_bias(
     noise: ComplexArray,
     dof: float,
 ) -> ComplexArray | None:
-    """delta G (3, n_u, F, n_y, n_u) due to the friction of each input's motor, zero without friction.
+    """Return delta G (3, n_u, F, n_y, n_u) due to the friction of each input's motor, zero without friction.
 
     First the second order and what it may be turned by, which configurations share, then the part of the first order
     that each has by itself.
@@ -162,7 +162,7 @@ def friction_bias(
 def unit_impedance(
     V: ComplexArray, mobility: ComplexArray, lines: IntArray, record: Record
 ) -> tuple[float, ComplexArray]:
-    """p(0) and the second order (F,) at DFT lines (F,) for F = 1.
+    """Return p(0) and the second order (F,) at DFT lines (F,) for F = 1.
 
     V (K, N // 2 + 1): DFT of the velocity in K experiments.  mobility (F,): velocity per torque at the lines.
     """
@@ -190,7 +190,7 @@ def unit_impedance(
 
 
 def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: IntArray) -> ComplexArray:
-    """DFT V (K, N // 2 + 1, n_u) of the motors' velocities, means over the periods of each experiment."""
+    """Return DFT V (K, N // 2 + 1, n_u) of the motors' velocities, means over the periods of each experiment."""
     first = records[0].record
     k = np.arange(first.period_samples // 2 + 1)
     omega = 2j * np.pi * k * first.rate_hz / first.period_samples
@@ -205,14 +205,14 @@ def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: In
 
 
 def of_sign(v: FloatArray, V: ComplexArray, lines: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Slope and left power (F, ...) of sgn(v), v (K, N, ...), less its best linear approximation by V (K, F, ...)."""
+    """Return slope and residual power (F, ...) of sgn(v), v (K, N, ...), by linear approximation in V (K, F, ...)."""
     T = np.fft.rfft(np.sign(v), axis=1)[:, lines] * (2 / v.shape[1])
     slope = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))
     return np.asarray(slope), np.asarray(np.mean(np.abs(T - slope * V) ** 2, axis=0))
 
 
 def _step_response(mobility: ComplexArray, lines: IntArray, N: int) -> FloatArray:
-    """Velocity (N,) after an impulse of torque, per sample: mobility (F,) at DFT lines, as a mass above, 0 at 0 Hz."""
+    """Return velocity (N,) after an impulse of torque: mobility (F,) at DFT lines, a mass above, 0 at 0 Hz."""
     k = np.arange(N // 2 + 1)
     acceleration = mobility * lines
     mass = np.abs(np.mean(acceleration[-max(1, len(lines) // 8) :]))

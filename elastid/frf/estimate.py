@@ -11,6 +11,7 @@ controllers, PID, and the cascades of robots; F is found by least squares.
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 from numpy.fft import rfft
@@ -70,7 +71,7 @@ _EXPLAINED = 0.5
 
 
 def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None) -> Response:
-    """G (F, n_y, n_u) of one configuration with its covariances and quality, from all of its records.
+    """Return G (F, n_y, n_u) of one configuration with its covariances and quality, from all of its records.
 
     Records are grouped by realisation; a mean over realisations needs as many experiments of each as there are inputs,
     other methods as many in all, local ones a single one.  planned_lines: the excited DFT lines where a plan states
@@ -105,11 +106,11 @@ def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     response = local_response(records, spec) if method in LOCAL else welch_response(records, spec)
     if spec.band_hz is None:
         response = within_excitation(response)
-    return replace(response, notes=(*notes, *response.notes, *hit_notes(records)))
+    return replace(response, notes=(*notes, *response.notes, *chain.from_iterable(map(hit_notes, records))))
 
 
 def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tuple[Method, tuple[Note, ...]]:
-    """The method that the spec names; for `auto` by stated errors, where a fit of many lines must be worth its time."""
+    """Return the method that the spec names; for `auto` by stated errors, if a fit of many lines is worth its time."""
     if spec.method != "auto":
         return spec.method, ()
     first = records[0]
@@ -124,7 +125,7 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
 
 
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
-    """StudyError for a method, lines or a transient that only records with a period have."""
+    """Raise StudyError for a method, lines or a transient that only records with a period have."""
     asked = {
         "method": spec.method not in ("auto", "h1", *LOCAL),
         "lines": spec.lines in ("odd", "excited"),
@@ -138,7 +139,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
 def _with_period(
     records: Sequence[Record], groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None
 ) -> Response:
-    """Response by a local method, or a mean over realisations or one that pools them.
+    """Return response by a local method, or a mean over realisations or one that pools them.
 
     A mean that `auto` takes for logs with transients is compared with local_rational, which has them in its model.
     """
@@ -155,7 +156,7 @@ def _with_period(
 
 
 def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None) -> Response:
-    """Response by a mean over realisations or a pooling method: each line on its own, from its periods."""
+    """Return response by a mean over realisations or a pooling method: each line on its own, from its periods."""
     method = spec.method
     check_number_of_periods(groups, method)
     first = groups[0][0]
@@ -192,7 +193,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
 def _fitted(
     data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str, lines: IntArray
 ) -> tuple[BoolArray, MeanSpectra, Estimate]:
-    """Flags of the lines (F,) with separate inputs, and there the data and G by the method, with its weights.
+    """Return flags of the lines (F,) with separate inputs, and there the data and G by the method, with its weights.
 
     Raises DataError without any such line, and where the method must invert a singular matrix.
     """
@@ -217,7 +218,7 @@ def _fitted(
 
 
 def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[Note, ...]]:
-    """The method that the spec names; for `auto` as the experiments allow, with a note unless it is arithmetic."""
+    """Return the method that the spec names; for `auto` by the experiments, with a note unless it is arithmetic."""
     if spec.method != "auto":
         return spec.method, ()
     n_u, total = len(groups[0][0].inputs), sum(map(len, groups))
@@ -279,14 +280,14 @@ def _with_covariances(
 
 
 def _averaging_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
-    """`averaging_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
+    """Return `averaging_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
     n_y, few = G.shape[1], slice(MAX_AVERAGING_LINES)
     V = [z[:, few, :n_y] - np.einsum("fyu,kfu->kfy", G[few], z[:, few, n_y:]) for z in Z]
     return averaging_lines(np.concatenate(V), G[few]) if V else 1.0
 
 
 def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion | None:
-    """Motion of the motors among the outputs of one configuration; None without any, or without a rate."""
+    """Return motion of the motors among the outputs of one configuration; None without any, or without a rate."""
     records = _representative(records)
     first = records[0]
     columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]
@@ -314,7 +315,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
 
 
 def _representative(records: Sequence[Record]) -> list[Record]:
-    """Whole realisations, until all inputs have moved: further ones move the robot as far, with other phases."""
+    """Return whole realisations, until all inputs have moved: further ones move the robot as far, with other phases."""
     first, by_realisation = records[0], sorted(records, key=lambda record: record.realisation)
     least = min(max(_LEAST_RECORDS, len(first.inputs)), len(records))
     last = by_realisation[least - 1].realisation
@@ -322,7 +323,7 @@ def _representative(records: Sequence[Record]) -> list[Record]:
 
 
 def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> ComplexArray:
-    """Complex amplitudes (N // 2, c) of some signals in the last period of a record that is used; twice at 0."""
+    """Return complex amplitudes (N // 2, c) of some signals in the last period of a record that is used; twice at 0."""
     N, P = record.period_samples, record.n_periods
     last = max((p for p in range(P) if p not in record.discarded_periods), default=P - 1)
     return rfft(signals[last * N : (last + 1) * N, columns], axis=0)[: N // 2] * (2 / N)
@@ -336,7 +337,7 @@ def _feedback(
     excited: IntArray,
     moving: BoolArray,
 ) -> FloatArray | None:
-    """(3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
+    """Return (3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
     drive = np.stack([_amplitudes(record, record.u, order)[1 : len(s) + 1] for record in records])
     injected = [record.r for record in records if record.r is not None and not record.r_is_reference]

@@ -37,7 +37,6 @@ from elastid.frf.matrices import (
 )
 from elastid.response import Covariance
 
-AVERAGING_LINES = 9  # lines whose mean square is the level of an error in the middle
 MIN_CORRELATION_POWER = 7.0  # |rho|^2 of white errors in its expectation, which one in a thousand exceeds
 
 
@@ -57,18 +56,18 @@ class Estimate:
 
 
 def arithmetic(data: MeanSpectra) -> Estimate:
-    """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
+    """Return G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
     W, share = tuple(block.W for block in data.blocks), 1 / len(data.blocks)
     return Estimate(share * added_products(data.Y, W), W, scale=share)
 
 
 def h1(data: MeanSpectra) -> Estimate:
-    """G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs; biased by noise in the loop."""
+    """Return G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs, biased in closed loop."""
     return _instrumental(data, data.U)
 
 
 def joint(data: MeanSpectra) -> Estimate:
-    """G = (sum Y R^H)(sum U R^H)^-1: the responses of y and u to the injected torque, divided (joint input-output)."""
+    """Return G = (sum Y R^H)(sum U R^H)^-1, the ratio of the responses to the injected torque (joint i/o)."""
     R = [block.R for block in data.blocks if block.R is not None]
     if len(R) < len(data.blocks):
         raise DataError(
@@ -82,7 +81,7 @@ def joint(data: MeanSpectra) -> Estimate:
 
 
 def errors_in_variables(data: MeanSpectra) -> Estimate:
-    r"""Maximum likelihood with the noise of inputs and outputs from the periods: generalised total least squares.
+    r"""Return the maximum likelihood estimate with noise of inputs and outputs: generalised total least squares.
 
     .. math:: \hat G = \arg\min_G \sum_e P_e\, V_e^H (\Gamma C_Z \Gamma^H)^{-1} V_e, \quad \Gamma = [1, -G]
 
@@ -105,7 +104,7 @@ METHODS = {"arithmetic": arithmetic, "h1": h1, "joint": joint, "errors_in_variab
 
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:
-    """G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
+    """Return G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
     of_inputs = np.linalg.inv(np.sum([U @ A.mT.conj() for U, A in zip(data.U, instruments, strict=True)], axis=0))
     W = tuple(A.mT.conj() @ of_inputs for A in instruments)
     G: ComplexArray = np.sum([Y @ W_m for Y, W_m in zip(data.Y, W, strict=True)], axis=0)
@@ -113,7 +112,7 @@ def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Est
 
 
 def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
-    """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
+    """Return C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
     n_y, S = G.shape[1], data.S_Z
     cross, of_inputs = (added_cross_products([S[:, rows, n_y:]], [G]) for rows in (slice(n_y), slice(n_y, None)))
     C_V = added_products([G], [of_inputs])
@@ -125,7 +124,7 @@ def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
 
 
 def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -> Covariance:
-    """Covariance of vec G by noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V.  C_V (F, n_y, n_y): in one period."""
+    """Return covariance of vec G by noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V.  C_V (F, n_y, n_y): in one period."""
     P = data.periods
     if np.ptp(P) == 0:
         return kronecker(estimate.input_factor / P[0], C_V, data.dof)
@@ -134,7 +133,7 @@ def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -
 
 
 def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, int] | None:
-    r"""C_T (F, n_y, n_y) of one experiment from the scatter of K experiments about the mean, and its dof.
+    r"""Return C_T (F, n_y, n_y) of one experiment from the scatter of K experiments about the mean, and its dof.
 
     With D = Y - G U of all of them, U and W side by side,
 
@@ -154,7 +153,7 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
 
 
 def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, dof: float) -> Covariance:
-    """Covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
+    """Return covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
 
     The sample covariance where the realisations alone give twice as many degrees of freedom as vec G has elements: it
     does not assume the same disturbance in every experiment.  With fewer its inverse is useless.
@@ -170,7 +169,7 @@ def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, d
 
 
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
-    """left (F, n_u, n_u) (x) right (F, n_y, n_y), singular with dof < n_y until it is smoothed over lines."""
+    """Return left (F, n_u, n_u) (x) right (F, n_y, n_y), singular with dof < n_y until it is smoothed over lines."""
     variance = power(right)[:, :, None] * power(left)[:, None, :]
     for array in (left, right, variance):
         array.flags.writeable = False  # so that no copy is needed
@@ -178,7 +177,7 @@ def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance
 
 
 def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
-    r"""Lines over which the errors V (K, F, n_y) of K experiments or periods have one level by chance.
+    r"""Return lines over which the errors V (K, F, n_y) of K experiments or periods have one level by chance.
 
     .. math:: 1 + 2 \sum_l (1 - l / F) |\rho(l)|^2, \qquad \rho(l) = \text{autocorrelation of } G^+ V
 
@@ -189,7 +188,7 @@ def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
     """
     F = len(G)
     torque = (V.swapaxes(0, 1) @ np.linalg.pinv(G).swapaxes(1, 2)).swapaxes(0, 1)
-    mean_power = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), AVERAGING_LINES)
+    mean_power = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0))
     torque = np.divide(torque, np.sqrt(mean_power), out=np.zeros_like(torque), where=mean_power > 0)
     spectrum = np.sum(squared_magnitude(np.fft.fft(torque, 2 * F, axis=1)), axis=0)
     R = np.abs(np.fft.ifft(spectrum, axis=0)[: F // 2]) ** 2
@@ -200,7 +199,7 @@ def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
 
 
 def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) -> Covariance:
-    """A covariance of vec G (F, n_y n_u, n_y n_u) with its variances in the shape (F, n_y, n_u) of G."""
+    """Return a covariance of vec G (F, n_y n_u, n_y n_u) with its variances in the shape (F, n_y, n_u) of G."""
     F, n_y, n_u = shape
     variance = power(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
     return Covariance(variance, dof, matrix=matrix)

@@ -37,7 +37,7 @@ class FullSum:
         self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), np.complex128)
 
     def add(self, part: slice, z: ComplexArray) -> ComplexArray:
-        """Adds the scatter of z (P, f, n) at some lines; returns its mean (f, n)."""
+        """Add the scatter of z (P, f, n) at some lines; return its mean (f, n)."""
         z = np.ascontiguousarray(z)
         mean = z.sum(axis=0) / len(z)
         V = np.moveaxis(z - mean, 0, 2)
@@ -45,11 +45,11 @@ class FullSum:
         return np.asarray(mean)
 
     def power(self) -> FloatArray:
-        """Sum (F, n) over periods of |Z - mean|^2."""
+        """Return sum (F, n) over periods of |Z - mean|^2."""
         return np.asarray(np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2)
 
     def collected(self) -> ComplexArray:
-        """Sum (F, n, n) over periods of (Z - mean)(Z - mean)^H; S itself is overwritten."""
+        """Return sum (F, n, n) over periods of (Z - mean)(Z - mean)^H; S itself is overwritten."""
         self.S *= self.scale[:, :, None]
         self.S *= self.scale[:, None, :].conj()
         return self.S
@@ -65,7 +65,7 @@ class PackedSum:
         self.S: FloatArray = np.zeros((-(-F // BATCH), n * (n + 1) // 2, 2, BATCH))
 
     def add(self, part: slice, z: ComplexArray) -> ComplexArray:
-        """Part added as by `FullSum.add`, from whole batches on."""
+        """Return part added as by `FullSum.add`, from whole batches on."""
         (P, f, n), mean = z.shape, np.empty((z.shape[2], z.shape[1]), np.complex128)
         apart = [stride // z.itemsize for stride in z.strides]
         # By its address: z may be a view.
@@ -73,21 +73,21 @@ class PackedSum:
         return mean.T
 
     def power(self) -> FloatArray:
-        """Power as of `FullSum.power`."""
+        """Return power as of `FullSum.power`."""
         F, n = self.scale.shape
         i = np.arange(n)
         diagonal = self.S[:, i * n - i * (i - 1) // 2, 0].transpose(0, 2, 1).reshape(-1, n)[:F]
         return np.asarray(diagonal * np.abs(self.scale) ** 2)
 
     def collected(self) -> ComplexArray:
-        """Sum as of `FullSum.collected`."""
+        """Return sum as of `FullSum.collected`."""
         S = np.empty((*self.scale.shape, self.scale.shape[1]), np.complex128)
         call("collect", *self.scale.shape, self.S, self.scale, S)
         return S
 
 
 def add_periods(sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra]) -> ComplexArray:
-    """Adds the scatter of a record's periods, group by group; returns their mean Z (F, n).
+    """Add the scatter of a record's periods, group by group; return their mean Z (F, n).
 
     Scatters about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979), which is
     the scatter of two periods, one on either side.
@@ -137,7 +137,7 @@ class Block:
         return self.U.mT.conj() @ inverse(self.U @ self.U.mT.conj())
 
     def on(self, lines: BoolArray) -> "Block":
-        """Spectra on some of the lines (F,)."""
+        """Return spectra on some of the lines (F,)."""
         R = None if self.R is None else self.R[lines]
         return replace(self, U=self.U[lines], Y=self.Y[lines], R=R, input_noise=self.input_noise[lines])
 
@@ -182,7 +182,7 @@ class MeanSpectra:
         return added_cross_products(self.U, self.U)
 
     def of_periods(self, X: Sequence[ComplexArray], Z: Sequence[ComplexArray]) -> ComplexArray:
-        """Sum (F, a, b) over experiments of P X Z^H, P periods each; X, Z: Y or U of each block."""
+        """Return sum (F, a, b) over experiments of P X Z^H, P periods each; X, Z: Y or U of each block."""
         if np.ptp(self.periods) > 0:
             return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], Z)
         product = self.UU if X is self.U else self.YY if Z is self.Y else added_cross_products(X, Z)
@@ -205,7 +205,7 @@ class MeanSpectra:
         )
 
     def on(self, lines: BoolArray) -> "MeanSpectra":
-        """Spectra on some of the lines (F,)."""
+        """Return spectra on some of the lines (F,)."""
         if lines.all():
             return self
         blocks, scatter = tuple(block.on(lines) for block in self.blocks), tuple(Z[:, lines] for Z in self.scatter)
@@ -219,7 +219,7 @@ def gather_spectra(
     spec: EstimatorSpec,
     with_reference: bool,
 ) -> MeanSpectra:
-    """Mean spectra at lines (F,) in order, of one record after another.
+    """Return mean spectra at lines (F,) in order, of one record after another.
 
     excited (F,): of the lines; they decide which periods can be trusted.  with_reference: the spectra of r are needed,
     too.
@@ -259,7 +259,7 @@ def _mean(
     spec: EstimatorSpec,
     sums: FullSum | PackedSum,
 ) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:
-    """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums.
+    """Return a record's usable periods and their mean Z (F, n); add their scatter to the sums.
 
     Last they at all lines, where memory holds them.
     """

@@ -32,7 +32,7 @@ def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray
 
 
 def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:
-    """DFT lines (F,) that the spec asks for, of the records of one configuration.
+    """Return DFT lines (F,) that the spec asks for, of the records of one configuration.
 
     Raises StudyError where a grid has no line in band_hz, DataError where no line is excited.
     """
@@ -65,7 +65,7 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
 
 
 def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolArray:
-    """Flags (F,) of the candidate lines that carry excitation, from their power (F,) and the noise (F,) in it.
+    """Return flags (F,) of the candidate lines that carry excitation, from their power (F,) and the noise (F,) in it.
 
     A level falls steeply at the edge of a band and between the lines of a grid, but gently along a shaped spectrum
     (1/f^2 in power) and into a notch.  So the envelope is followed up and down from the strongest half octave; lines
@@ -81,7 +81,7 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
 
 
 def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
-    """Samples between the steps of the inputs, or of their velocities; 1 without such steps.
+    """Return samples between the steps of the inputs, or of their velocities; 1 without such steps.
 
     Their differences, or second differences, are then at one sample of each cycle.
     """
@@ -100,12 +100,12 @@ def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
 
 
 def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
-    """Noise power (F, ...) averaged over neighbouring lines, more of them where each has few degrees of freedom."""
+    """Return noise power (F, ...) averaged over neighbouring lines, over more of them if each has few dof."""
     return mean_of_neighbours(noise, 1 + 2 * round(2 / dof))
 
 
 def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
-    """Highest level of a line's half octave, up to the first steep fall on the way from the strongest."""
+    """Return highest level of a line's half octave, up to the first steep fall on the way from the strongest."""
     octave = np.floor(2 * np.log2(lines / lines[0])).astype(int)
     peaks = np.zeros(octave[-1] + 1)
     np.maximum.at(peaks, octave, amplitude)
@@ -123,7 +123,7 @@ def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
 
 
 def _followed(lines: IntArray, amplitude: FloatArray, excited: BoolArray, step: int) -> BoolArray:
-    """The found lines and those reached from them, `step` lines at a time, without a steep fall."""
+    """Return the found lines and those reached from them, `step` lines at a time, without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
     is_excited = np.zeros(len(by_line), dtype=np.bool_)
     by_line[lines + step], is_excited[lines + step] = amplitude, excited
@@ -137,7 +137,7 @@ def _followed(lines: IntArray, amplitude: FloatArray, excited: BoolArray, step: 
 
 
 def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Power (F,) of the mean drivers, each relative to its total, and the noise (F,) in it."""
+    """Return power (F,) of the mean drivers, each relative to its total, and the noise (F,) in it."""
     power, noise, dof = [], [], 0
     for record_spectra in spectra:
         # The first period holds the transient, if there are more than two.
@@ -153,7 +153,7 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
 
 
 def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[ComplexArray, FloatArray]:
-    """Mean (F, c) of the driver's amplitudes over periods, some at a time of a large record, and its variance.
+    """Return mean (F, c) of the driver's amplitudes over periods, some at a time of a large record, and its variance.
 
     References count by their accelerations, which are alike at all lines and small in a superimposed slow motion.
     """

@@ -14,31 +14,31 @@ Stacks: TypeAlias = Sequence[ComplexArray]
 
 
 def squared_magnitude(A: ComplexArray) -> FloatArray:
-    """|A|^2 of each element of A (...), without the square root of np.abs."""
+    """Return |A|^2 of each element of A (...), without the square root of np.abs."""
     return A.real**2 + A.imag**2
 
 
 def power(A: ComplexArray) -> FloatArray:
-    """Diagonal (F, n) of each positive semidefinite matrix: real, and no less than zero but for rounding."""
+    """Return diagonal (F, n) of each positive semidefinite matrix: real, and no less than zero but for rounding."""
     return np.asarray(np.maximum(np.einsum("fii->fi", A).real, 0.0))
 
 
 def added_products(A: Stacks, B: Stacks) -> ComplexArray:
-    """Sum over blocks of A B (F, n, m), A (F, n, k) and B (F, k, m)."""
+    """Return sum over blocks of A B (F, n, m), A (F, n, k) and B (F, k, m)."""
     if is_compiled():
         return _sum_of_products(A, [b.mT for b in B], -1)
     return reduce(np.add, (a @ b for a, b in zip(A, B, strict=True)))
 
 
 def added_cross_products(A: Stacks, B: Stacks) -> ComplexArray:
-    """Sum over blocks of A B^H (F, n, m), A (F, n, k) and B (F, m, k)."""
+    """Return sum over blocks of A B^H (F, n, m), A (F, n, k) and B (F, m, k)."""
     if is_compiled():
         return _sum_of_products(A, B, 1)
     return added_products(A, [b.mT.conj() for b in B])
 
 
 def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
-    """Sum over blocks of D D^H (F, n, n), D = Y - G U."""
+    """Return sum over blocks of D D^H (F, n, n), D = Y - G U."""
     F, n, m = G.shape
     if not is_compiled():
         D = [y - G @ u for y, u in zip(Y, U, strict=True)]
@@ -63,7 +63,7 @@ def inverse(A: ComplexArray) -> ComplexArray:
 
 
 def singular_values(A: ComplexArray) -> FloatArray:
-    """Singular values (F, min(n, m)) of each matrix, largest first."""
+    """Return singular values (F, min(n, m)) of each matrix, largest first."""
     F, n, m = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.svd(A, compute_uv=False), np.float64)
@@ -73,7 +73,7 @@ def singular_values(A: ComplexArray) -> FloatArray:
 
 
 def positive(A: ComplexArray) -> ComplexArray:
-    """The nearest positive semidefinite matrix of each Hermitian A (F, n, n)."""
+    """Return the nearest positive semidefinite matrix of each Hermitian A (F, n, n)."""
     F, n, _ = A.shape
     if not is_compiled():
         value, vector = np.linalg.eigh(A)
@@ -84,7 +84,7 @@ def positive(A: ComplexArray) -> ComplexArray:
 
 
 def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
-    """Sum over blocks of A B^H, or of A B^T where sign is -1."""
+    """Return sum over blocks of A B^H, or of A B^T where sign is -1."""
     total = np.empty((*A[0].shape[:2], B[0].shape[1]), np.complex128)
     call(
         "sum_of_products", *total.shape, len(A), np.array([a.shape[2] for a in A]), _places(A), _places(B), sign, total
@@ -93,7 +93,7 @@ def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
 
 
 def _places(stacks: Stacks) -> IntArray:
-    """Place of each stack: its address, and the numbers from line to line, row to row and column to column."""
+    """Return place of each stack: its address, and the numbers from line to line, row to row and column to column."""
     if any(stack.dtype != np.complex128 for stack in stacks):
         raise TypeError(f"the kernels read complex128, not {', '.join(str(stack.dtype) for stack in stacks)}")
     return np.array([(stack.ctypes.data, *(stride // stack.itemsize for stride in stack.strides)) for stack in stacks])

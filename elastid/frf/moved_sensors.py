@@ -12,7 +12,7 @@ from elastid.response import Response
 
 
 def by_outputs(records: Sequence[Record]) -> list[list[Record]]:
-    """The records of each set of outputs, in the order of the first ones.
+    """Return the records of each set of outputs, in the order of the first ones.
 
     Raises DataError for several sets of which one lacks an input.
     """
@@ -28,7 +28,7 @@ def by_outputs(records: Sequence[Record]) -> list[list[Record]]:
 
 
 def stacked(responses: Sequence[Response]) -> Response:
-    """The response (F, n_y, n_u) of all outputs, on the lines that all responses have.
+    """Return the response (F, n_y, n_u) of all outputs, on the lines that all responses have.
 
     A sensor that two of them have counts in the first. Errors of different outputs are taken as independent. Quality,
     systematic errors and leakage are left out.

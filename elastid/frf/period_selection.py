@@ -29,7 +29,6 @@ MIN_PERIODS = 5  # an outlier cannot be identified among fewer
 NEGLIGIBLE_DISTANCE = 1e-4  # of a period that is as good as the others, however exactly they agree
 MIN_SPREAD = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
 LOG_SCATTER = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
-NOISE_NEIGHBOURS = 9  # lines that share a noise level
 MIN_DISTANCE = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
 DISTANCE_LINES = 120  # evenly taken, that give a distance as well as all
 MAX_PAIRS = 1 << 19  # of periods that are compared; of more, each with fewer others, down to
@@ -74,7 +73,7 @@ class Compared:
 
     @classmethod
     def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "Compared":
-        """All periods of a record with each other, or of a long one with some."""
+        """Return all periods of a record with each other, or of a long one with some."""
         few = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
         amplitudes = np.empty((few.z.shape[2], *few.z.shape[:2]), dtype=np.complex128)
         np.multiply(np.moveaxis(few.z, 2, 0), few.scale.T[:, None], out=amplitudes)
@@ -95,7 +94,7 @@ class Compared:
         V = of_good - of_good.mean(axis=1, keepdims=True)
         noise = np.einsum("cpk,cpk->kc", V, V).reshape(n // 2, 2, c).sum(axis=1)
         size = self.power[:, good].sum(axis=1) / (n // 2)
-        smooth = mean_of_neighbours(noise, NOISE_NEIGHBOURS) + NEGLIGIBLE_DISTANCE**2 * size
+        smooth = mean_of_neighbours(noise) + NEGLIGIBLE_DISTANCE**2 * size
         weight = np.repeat(1 / np.sqrt(np.maximum(smooth, 1e-300)), 2, axis=0).T
         weighed = self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma)
         return replace(weighed, is_weighed=True)
@@ -110,7 +109,7 @@ class Compared:
 
 
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
-    """The periods that can be used, at least two; notes report those left out and their distances.
+    """Return the periods that can be used, at least two; notes report those left out and their distances.
 
     Raises DataError where transient_periods leaves fewer than two.
     """
@@ -149,7 +148,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
 
 
 def settled(record: Record) -> Record:
-    """The second period of a log of two whose first begins with a transient; else the log.
+    """Return the second period of a log of two whose first begins with a transient; else the log.
 
     Of two periods none is far from the others, but their difference decays.
     """
@@ -164,7 +163,7 @@ def settled(record: Record) -> Record:
 
 
 def _decays(difference: FloatArray, size: float) -> bool:
-    """True for a signal (n,) whose beginning no linear prediction explains that explains its second half.
+    """Return True for a signal (n,) whose beginning no linear prediction explains that explains its second half.
 
     False of signals that are too short for a prediction.
     size: of the signal whose difference between two periods it is.
@@ -180,7 +179,7 @@ def _decays(difference: FloatArray, size: float) -> bool:
 
 
 def distances(compared: Compared, good: IntArray) -> Distances:
-    """Distances of all periods from the good ones (indices), of a good one from the other good ones.
+    """Return distances of all periods from the good ones (indices), of a good one from the other good ones.
 
     Their spread is the median absolute deviation of D over the good periods, but at least that of a noise on as many
     lines as carry it, which are counted only where a period is far without them.
@@ -206,7 +205,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
 
 
 def _leave_one_out_median(compared: Compared, good: IntArray) -> FloatArray:
-    """Median (P, c) over the good periods, of those compared with, of the distances of each period from the others."""
+    """Return the median (P, c), over good periods that are references, of each period's distances to these."""
     columns = np.flatnonzero(np.isin(compared.references, good))
     of_good = compared.distance[:, :, columns]
     of_good[:, compared.references[columns], np.arange(len(columns))] = np.nan
@@ -222,7 +221,7 @@ def _flags(P: int, chosen: Sequence[IntArray]) -> BoolArray:
 def _transient(
     spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray]
 ) -> tuple[BoolArray, tuple[Note, ...]]:
-    """Flags (P,) of the periods at the start of each log that are a transient; logs: their periods."""
+    """Return flags (P,) of the periods at the start of each log that are a transient; logs: their periods."""
     P = len(spectra.periods)
     halves = [log[: len(log) - max(2 if len(logs) == 1 else 1, -(-len(log) // 2))] for log in logs]
     later = np.flatnonzero(~_flags(P, halves))
@@ -235,7 +234,7 @@ def _transient(
 def _leading(
     spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray], halves: Sequence[IntArray], later: IntArray
 ) -> tuple[BoolArray, tuple[Note, ...]]:
-    """Transient as by `_transient`, from the compared distances. halves: per log, one is enough. later: all others."""
+    """Return the transient as `_transient` does, from compared distances. halves: per log. later: all others."""
     P = len(spectra.periods)
     none = np.zeros(P, dtype=np.bool_)
     if compared.agree:
@@ -259,7 +258,7 @@ def _leading(
 
 
 def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, others: str, reason: str = "") -> Note:
-    """others: the periods from which the distances are."""
+    """Return others: the periods from which the distances are."""
     record = spectra.record
     kind = ("half period" if record.half_wave else "period") + "s" * (len(left_out) > 1)
     channels = [f"output {name}" for name in record.outputs] + [f"input {name}" for name in record.inputs]

@@ -32,7 +32,7 @@ LINES_OF_MODE = 4.0  # of a segment in the width of a mode, below which its peak
 def measured_response(
     first: Record, quantity: Motion, freq_hz: FloatArray, G: ComplexArray, **estimated: Any
 ) -> Response:
-    """G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`, of records like the first; estimated: further fields."""
+    """Return G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`, of records like the first, with further fields."""
     return Response(
         freq_hz=freq_hz,
         G=G,
@@ -49,7 +49,7 @@ def measured_response(
 
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
-    """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
+    """Return quality of G (F, n_y, n_u), its nonlinear levels excepted."""
     S_Z, n_y = data.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.dof
@@ -71,14 +71,14 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
 
 
 def relative_singular_values(S_U: ComplexArray) -> FloatArray:
-    """Roots (F, n_u) of the eigenvalues of the inputs' spectra S_U (F, n_u, n_u), each over its RMS; largest first."""
+    """Return roots (F, n_u) of the eigenvalues of input spectra S_U (F, n_u, n_u) over their RMS, largest first."""
     rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
     rms[rms == 0] = 1.0
     return np.sqrt(singular_values(S_U / np.outer(rms, rms)))
 
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Ordinary (F, n_y, n_u) and multiple coherence (F, n_y) from power yy (F, n_y) and spectra S_yu and S_uu."""
+    """Return ordinary (F, n_y, n_u) and multiple coherence (F, n_y) by power yy (F, n_y) and spectra S_yu and S_uu."""
     explained = np.vecdot(yu, added_products([yu], [inverse(uu)])).real
     return coherences_of_powers(squared_magnitude(yu), explained, yy, power(uu))
 
@@ -86,7 +86,7 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
 def coherences_of_powers(
     cross: FloatArray, explained: FloatArray, yy: FloatArray, uu: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Coherences of |S_yu|^2 (F, n_y, n_u), S_yu S_uu^-1 S_uy (F, n_y), powers yy (F, n_y), uu (F, n_u).
+    r"""Return coherences of |S_yu|^2 (F, n_y, n_u), S_yu S_uu^-1 S_uy (F, n_y), powers yy (F, n_y), uu (F, n_u).
 
     .. math:: \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}, \quad
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
@@ -98,7 +98,7 @@ def coherences_of_powers(
 
 
 def described_lines(lines: IntArray, record: Record) -> str:
-    """Number and range in Hz of lines (k,), DFT bins, for a message."""
+    """Return number and range in Hz of lines (k,), DFT bins, for a message."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     unit = "Hz" if record.has_rate else "of the sampling rate"
     end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""
@@ -106,12 +106,12 @@ def described_lines(lines: IntArray, record: Record) -> str:
 
 
 def discarded_lines_note(lines: IntArray, first: Record, why: str) -> Note:
-    """A note on lines (k,), DFT bins of records like the first, at which G is not estimated."""
+    """Return a note on lines (k,), DFT bins of records like the first, at which G is not estimated."""
     return Note("frf/lines-discarded", f"{described_lines(lines, first)} discarded, because {why}")
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
-    """A note on every output that barely moved."""
+    """Return a note on every output that barely moved."""
     excited = quality.excited
     weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
     return [
@@ -126,7 +126,7 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
 
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
-    """A note on every input that was barely excited, and one where the inputs moved nearly together."""
+    """Return a note on every input that was barely excited, and one where the inputs moved nearly together."""
     signal_power = power(data.UU) / len(data.periods)
     weak = signal_power < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
     notes = [
@@ -142,7 +142,7 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
 
 
 def together_notes(quality: Quality, advice: str) -> list[Note]:
-    """A note where the inputs move nearly together."""
+    """Return a note where the inputs move nearly together."""
     condition = np.median(quality.condition)
     if condition <= MAX_CONDITION:
         return []
@@ -154,7 +154,7 @@ def together_notes(quality: Quality, advice: str) -> list[Note]:
 
 
 def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Peaks of the Frobenius norm of G (F, n_y, n_u): frequencies (n,) and widths at half power (n,), Hz.
+    """Return peaks of the Frobenius norm of G (F, n_y, n_u): frequencies (n,) and widths at half power (n,), Hz.
 
     Those that fall to half power on both sides before they rise again and stand out of the variance of G by 16 dB.
     """
@@ -174,7 +174,7 @@ def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> t
 def wide_windows(
     modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, span_hz: FloatArray, poles: int
 ) -> list[Note]:
-    """A note on modes for which windows of span_hz (F,) at freq_hz are too wide; poles: degree d, 0 for polynomials."""
+    """Return a note on modes narrower than windows of span_hz (F,) at freq_hz; poles: degree, 0 of polynomials."""
     f_0, width = modes
     span = np.interp(f_0, freq_hz, span_hz)
     inside = np.array([np.sum(np.abs(f_0 - f) <= s / 2) for f, s in zip(f_0, span, strict=True)])
@@ -192,7 +192,7 @@ def wide_windows(
 
 
 def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, first: Record) -> list[Note]:
-    """A note on modes that segments with lines at freq_hz (F,) do not resolve."""
+    """Return a note on modes that segments with lines at freq_hz (F,) do not resolve."""
     f_0, width = modes
     if not len(f_0):
         return []
@@ -212,7 +212,7 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
 
 
 def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:
-    """Frequency at which the power (F,) has halved from a peak, its first entry; None if it rises before."""
+    """Return frequency at which the power (F,) has halved from a peak, its first entry; None if it rises before."""
     half = np.flatnonzero(power < power[0] / 2)
     if half.size == 0 or np.any(power[: half[0]] > power[0]):
         return None

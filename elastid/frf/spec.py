@@ -69,7 +69,7 @@ class EstimatorSpec:
     # fmt: on
 
     def experiments_needed(self, n_u: int, realisations: int) -> int:
-        """Experiments of each realisation that are needed to separate n_u inputs."""
+        """Return experiments of each realisation that are needed to separate n_u inputs."""
         if self.method in _BY_NEIGHBOURS:
             return 1
         return n_u if self.method == "arithmetic" else math.ceil(n_u / realisations)

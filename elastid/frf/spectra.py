@@ -38,7 +38,7 @@ _PARTS, _SPREAD = 16, 0.3
 
 
 def single_logs(record: Record) -> tuple[Record, ...]:
-    """The record of each log of a record; itself where it is of one."""
+    """Return the record of each log of a record; itself where it is of one."""
     if not record.starts:
         return (record,)
     L = record.repeat_samples
@@ -53,7 +53,7 @@ def single_logs(record: Record) -> tuple[Record, ...]:
 
 
 def undivided_logs(records: Sequence[Record]) -> list[Record]:
-    """The record of each log of some records, for methods that take a log as one piece; DataError where parts miss."""
+    """Return the record of each log, for methods that take a log as one piece; DataError if parts are missing."""
     logs = [log for record in records for log in single_logs(record)]
     for log in logs:
         if log.discarded_periods:
@@ -91,13 +91,13 @@ class RecordSpectra:
         return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES
 
     def dft(self, role: Role) -> ComplexArray:
-        """DFT (P, N // 2 + 1, c) of each period of the c channels of a signal, in logged units."""
+        """Return DFT (P, N // 2 + 1, c) of each period of the c channels of a signal, in logged units."""
         if role == self.driver_role and self.driver is not None:
             return self.driver
         return self._of_periods(role, 0, self.record.n_repeats)
 
     def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
-        """DFT of some periods (p, N // 2 + 1, c) at a time."""
+        """Yield DFT of some periods (p, N // 2 + 1, c) at a time."""
         L, P = self.record.repeat_samples, self.record.n_repeats
         at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
         for first in range(0, P, at_once):
@@ -117,14 +117,14 @@ class RecordSpectra:
         return halves
 
     def dft_at(self, roles: Sequence[Role], lines: IntArray) -> Iterator[ComplexArray]:
-        """The DFT (p, F, c) of signals side by side at lines (F,), of all periods; of some at a time if it is large."""
+        """Yield the DFT (p, F, c) of signals side by side at lines (F,): all periods, or some of a large record."""
         if not self.is_large:
             return iter([self._dft_at(roles, lines)])
         groups = zip(*(self.dft_groups(role) for role in roles), strict=True)
         return (np.concatenate([dft[:, _wanted(lines)] for dft in group], axis=2) for group in groups)
 
     def _dft_at(self, roles: Sequence[Role], lines: IntArray) -> ComplexArray:
-        """The DFT (P, F, c) of all periods of some signals side by side, in memory one channel after the other.
+        """Return the DFT (P, F, c) of all periods of some signals side by side, in memory one channel after the other.
 
         Where most lines are wanted the spectra stay where the FFT writes them, with the others.
         """
@@ -141,7 +141,7 @@ class RecordSpectra:
         return dft.swapaxes(1, 2)[:, wanted] if keeps_all else dft.swapaxes(1, 2)
 
     def _put_dft_at(self, role: Role, wanted: slice | IntArray, dft: ComplexArray) -> None:
-        """Puts the DFT of all periods into found (P, c, F); half periods share their mean.
+        """Write the DFT of all periods into dft (P, c, F); half periods share their mean.
 
         Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.
         """
@@ -157,7 +157,7 @@ class RecordSpectra:
                 of_period[:] = spectrum[:, wanted]
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
-        """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
+        """Return complex amplitudes (P, F, c) of a signal at lines (F,)."""
         dft: ComplexArray = np.concatenate(list(self.dft_at((role,), lines)))
         return dft * (2 / self.record.repeat_samples)
 
@@ -190,12 +190,12 @@ class PeriodSpectra:
         return self.z[:, :, n_y:] * self.scale[:, n_y:]
 
     def on(self, lines: BoolArray | slice) -> "PeriodSpectra":
-        """Spectra on some of the lines (F,)."""
+        """Return spectra on some of the lines (F,)."""
         index = lines if isinstance(lines, slice) else _wanted(np.flatnonzero(lines))
         return replace(self, z=self.z[:, index], scale=self.scale[index])
 
     def only(self, keep: IntArray) -> "PeriodSpectra":
-        """Spectra of some of the periods; keep (k,): their indices."""
+        """Return spectra of some of the periods; keep (k,): their indices."""
         if len(keep) == len(self.periods):
             return self
         return replace(self, periods=self.periods[keep], z=self.z[keep])
@@ -204,7 +204,7 @@ class PeriodSpectra:
 def period_spectra(
     spectra: RecordSpectra, lines: IntArray, quantity: Motion, scale: ComplexArray | None = None
 ) -> PeriodSpectra:
-    """All periods of a record at DFT lines (F,), outputs as `quantity`: exact, by powers of j omega.
+    """Return all periods of a record at DFT lines (F,), outputs as `quantity`: exact, by powers of j omega.
 
     The part of a position or velocity that does not return to its start within a period (drift) is removed.  Each half
     period of a half-wave record counts as a period; lines must then be odd.  scale: that of all records.
@@ -220,7 +220,7 @@ def period_spectra(
 def period_groups(
     spectra: RecordSpectra, lines: IntArray, quantity: Motion, scale: ComplexArray | None = None
 ) -> Iterator[PeriodSpectra]:
-    """Spectra of all periods; a large record is processed in pieces to save memory."""
+    """Yield spectra of all periods; a large record is processed in pieces to save memory."""
     record = spectra.record
     scale = amplitude_scale(record, lines, quantity) if scale is None else scale
     drifts = np.array([logged != "acceleration" for logged in record.quantities])
@@ -239,19 +239,19 @@ def period_groups(
 
 
 def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> ComplexArray:
-    r"""Scale (F, n_y + n_u) from the DFT of [y, u] to amplitudes: (2 / L) [(j omega)^k, H]."""
+    r"""Return scale (F, n_y + n_u) from the DFT of [y, u] to amplitudes: (2 / L) [(j omega)^k, H]."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     return 2 / record.repeat_samples * unit_scale(record, freq_hz, quantity)
 
 
 def unit_scale(record: Record, freq_hz: FloatArray, quantity: Motion) -> ComplexArray:
-    r"""[(j omega)^k, H] (F, n_y + n_u): outputs to `quantity`, torques to those that act between their samples."""
+    r"""Return [(j omega)^k, H] (F, n_y + n_u): outputs to `quantity`, torques as they act between their samples."""
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[logged] for logged in record.quantities])
     return np.concatenate([(2j * np.pi * freq_hz[:, None]) ** order, record.hold_response(freq_hz)], axis=1)
 
 
 def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray | None:
-    """R (F, n_u) of the injected torque, known without noise; None if it was not recorded."""
+    """Return R (F, n_u) of the injected torque, known without noise; None if it was not recorded."""
     record = spectra.record
     if record.r is None:
         return None
@@ -262,7 +262,7 @@ def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray 
 
 
 def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArray, ComplexArray]:
-    r"""Gains (P, c) of those columns of y that drift, and the DFT (F,) of a drift of gain 1.
+    r"""Return gains (P, c) of those columns of y that drift, and the DFT (F,) of a drift of gain 1.
 
     The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: the gain g of x from end to end is drift, and
     a ramp g n / N removes it. (Half wave: [-x(T/2) - x(0)], a constant g / 2.) With theta = 2 pi k / N their sums are
@@ -289,7 +289,7 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
 
 
 def refuse_uncomputable(record: Record) -> None:
-    """DataError that names the first missing sample, or a channel whose squares overflow or vanish."""
+    """Raise DataError that names the first missing sample, or a channel whose squares overflow or vanish."""
     for role, names, signals in (("u", record.inputs, record.u), ("y", record.outputs, record.y)):
         largest, step = np.zeros(len(names)), max(1, PIECE_VALUES // len(names))
         for start in range(0, len(signals), step):
@@ -314,19 +314,19 @@ def refuse_uncomputable(record: Record) -> None:
 
 
 def _wanted(lines: IntArray) -> slice | IntArray:
-    """Lines (F,) in order as an index, which copies nothing where they are evenly spaced."""
+    """Return lines (F,) in order as an index, which copies nothing where they are evenly spaced."""
     steps = np.diff(lines)
     step = int(steps[0]) if len(steps) else 1
     return slice(lines[0], lines[-1] + 1, step) if len(lines) and np.all(steps == step) else lines
 
 
 def _computable(size: FloatArray) -> BoolArray:
-    """True where squares of these sizes neither overflow nor vanish; 0 is a number like others."""
+    """Return True where squares of these sizes neither overflow nor vanish; 0 is a number like others."""
     return np.asarray((size == 0) | ((size > _MIN_COMPUTABLE) & (size < _MAX_COMPUTABLE)))
 
 
 def inputs_pass(records: Sequence[Record]) -> bool:
-    r"""True for sweeps and hits: the power of a line is in few of K parts of a record; of large ones nobody looks.
+    r"""Return True for sweeps and hits: the power of a line is in few of K parts of a record; False for large records.
 
     .. math:: \frac{1}{K} \frac{(\sum_k P_k)^2}{\sum_k P_k^2}, \quad \text{averaged over lines by their power}
     """

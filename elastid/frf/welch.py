@@ -78,11 +78,11 @@ class Segments:
     step: int
 
     def count(self, n_samples: int) -> int:
-        """Whole segments in a record."""
+        """Return whole segments in a record."""
         return max(0, 1 + (n_samples - len(self.window)) // self.step)
 
     def padded(self, record: Record) -> Record:
-        """The record between zeros where w^2 of its segments are to add up to a constant, so to its ends."""
+        """Return the record between zeros where w^2 of its segments are to add up to a constant, so to its ends."""
         zeros = len(self.window) - self.step
         if 2 * zeros <= len(self.window):
             return record
@@ -112,7 +112,7 @@ class Segments:
         return weights, float(weights @ correlation[np.abs(lags[:, None] - lags)] @ weights)
 
     def independent(self, n_samples: int) -> float:
-        r"""K_e of a record's K segments: the variance of a mean of white noise's power falls by it.
+        r"""Return K_e of a record's K segments: the variance of a mean of white noise's power falls by it.
 
         .. math:: K_e = K / \left(1 + 2 \sum_{j=1}^{K-1} (1 - j/K) \rho_j\right), \quad
                   \rho_j = \left(\frac{\sum_n w(n) w(n + jD)}{\sum_n w^2(n)}\right)^2
@@ -126,7 +126,7 @@ class Segments:
 
 
 def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
-    """The segments that the spec asks for; `auto` takes the longest power of two that leaves enough of them.
+    """Return the segments that the spec asks for; `auto` takes the longest power of two that leaves enough of them.
 
     Raises DataError where they are too few for a variance, or longer than a record.
     """
@@ -195,12 +195,12 @@ class CrossSpectra:
         return self.S[:, self.n_y :, self.n_y :]
 
     def on(self, lines: BoolArray) -> "CrossSpectra":
-        """Spectra on some of the lines (F,)."""
+        """Return spectra on some of the lines (F,)."""
         return self if lines.all() else replace(self, freq_hz=self.freq_hz[lines], S=self.S[lines])
 
 
 def cross_spectra(records: Sequence[Record], segments: Segments, spec: EstimatorSpec) -> CrossSpectra:
-    """Sums over all segments, each less its mean, at the lines of a segment; outputs as `quantity`, torque as it acts.
+    """Return sums over all segments, without their means, at the lines of a segment; outputs as `quantity`.
 
     Raises DataError where a sample is missing, StudyError where the band holds no line.
     """
@@ -218,7 +218,7 @@ def cross_spectra(records: Sequence[Record], segments: Segments, spec: Estimator
 
 
 def _lines(first: Record, segments: Segments, spec: EstimatorSpec) -> tuple[IntArray, FloatArray, ComplexArray]:
-    """The lines (F,) of a segment in the band, their frequencies (F,), and the scale (F, n) of its spectra."""
+    """Return the lines (F,) of a segment in the band, their frequencies (F,), and the scale (F, n) of its spectra."""
     L = len(segments.window)
     lines = grid_lines("full", spec.band_hz or (0.0, first.rate_hz / 2), first.rate_hz, L)
     freq_hz = line_frequencies(lines, first.rate_hz, L)
@@ -228,7 +228,7 @@ def _lines(first: Record, segments: Segments, spec: EstimatorSpec) -> tuple[IntA
 def _spectra(
     records: Sequence[Record], segments: Segments, lines: IntArray, most: int = 4_000_000
 ) -> Iterator[ComplexArray]:
-    """Z = [Y; U] (F, n, K) of all segments, each less its mean, so many at a time that they have `most` numbers."""
+    """Yield Z = [Y; U] (F, n, K) of all segments, without their means, at most `most` numbers at a time."""
     w, D = segments.window, segments.step
     L, n = len(w), len(records[0].outputs) + len(records[0].inputs)
     at_once = max(1, most // (L * n))
@@ -247,7 +247,7 @@ def _spectra(
 def _by_leverage(
     records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra, G: ComplexArray
 ) -> ComplexArray:
-    """C_h (F, n_y, n_y), the covariance of one segment's V = Y - G U by its share, and its repeats', in G's error."""
+    """Return C_h (F, n_y, n_y), covariance of a segment's V = Y - G U by its and its repeats' share in G's error."""
     lines, freq_hz, scale = _lines(records[0], segments, spec)
     used = np.isin(freq_hz, data.freq_hz)
     n_y, n_u = data.n_y, G.shape[2]
@@ -263,7 +263,7 @@ def _by_leverage(
 
 
 def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-    """V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), with repeated records summed."""
+    """Return V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), with repeated records summed."""
     n_y, K = G.shape[1], max(part.shape[2] for part in parts)
     E, h = np.zeros((*G.shape, K), dtype=np.complex128), np.zeros((len(G), K))
     for Z in parts:
@@ -290,7 +290,7 @@ def _are_repeats(first: Record, other: Record) -> bool:
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
-    """G (F, n_y, n_u) of one configuration by h1, with coherences, from all segments of its records.
+    """Return G (F, n_y, n_u) of one configuration by h1, with coherences, from all segments of its records.
 
     noise: with distortion, which segments do not separate.  total: with the leakage of windows.  Lines are those of a
     segment.
@@ -338,7 +338,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
 
 
 def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra) -> BoolArray:
-    """Flags (F,) of lines that a sweep reaches at or after the end of its record. data: zero-padded records."""
+    """Return flags (F,) of lines that a sweep reaches at or after the end of its record. data: zero-padded records."""
     lines, _, scale = _lines(records[0], segments, spec)
     w, n_y = segments.window, data.n_y
     n = max(1, round(_END * len(w)))
@@ -352,7 +352,7 @@ def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, 
 def _covariances(
     data: CrossSpectra, G: ComplexArray, segments: Segments, C_h: ComplexArray
 ) -> tuple[Covariance, Covariance, ComplexArray, ComplexArray]:
-    """Covariance of vec G from the residual, with leakage; beta; covariance of one segment's V = Y - G U.
+    """Return covariance of vec G from the residual, with leakage; beta; covariance of one segment's V = Y - G U.
 
     C_h (F, n_y, n_y): that by leverage.
     """
@@ -375,7 +375,7 @@ def _covariances(
 
 
 def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> ComplexArray:
-    """beta (F, n_y, n_u) of G, with the mean square corrected for noise of that variance."""
+    """Return beta (F, n_y, n_u) of G, with the mean square corrected for noise of that variance."""
     weights, noise = segments.leakage
     F, m = len(G), len(weights) // 2
     if m >= F:
@@ -387,7 +387,7 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
 
 
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
-    """Coherences and levels; the noise in the inputs is unknown and counts as none."""
+    """Return coherences and levels; the noise in the inputs is unknown and counts as none."""
     noise, relative = power(C_V), relative_singular_values(data.uu / data.K)
     ordinary, multiple = coherences(power(data.yy), data.yu, data.uu)
     return Quality(

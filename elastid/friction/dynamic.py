@@ -35,7 +35,7 @@ class Bristle:
     n_states: ClassVar[int] = 1  # the mean deflection z of the bristles, rad
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """sigma_0 z + sigma_1(v) dz/dt, and the parts that grow with v."""
+        """Return sigma_0 z + sigma_1(v) dz/dt, and the parts that grow with v."""
         torque = self.sigma_0 * z + curve.growing(v)
         if not is_absent(self.sigma_1):
             is_constant = is_absent(self.inverse_v_d)
@@ -44,15 +44,15 @@ class Bristle:
         return torque
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """v - sigma_0 |v| z / g(v)."""
+        """Return v - sigma_0 |v| z / g(v)."""
         return v - self.sigma_0 * ca.fabs(v) * z / curve.torque(v)
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
-        """z e^-a + v step phi_1(-a), a = sigma_0 |v| step / g: exact at constant v, and |z| <= F_s / sigma_0 always."""
+        """Return z e^-a + v step phi_1(-a), a = sigma_0 |v| step / g: exact at constant v, |z| <= F_s / sigma_0."""
         return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.torque(v), step)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """Spring and damper to ground; friction model with numeric parameters."""
+        """Return spring and damper to ground; friction model with numeric parameters."""
         return float(self.sigma_0), float(self.sigma_1)
 
 
@@ -64,16 +64,16 @@ class Stop:
     n_states: ClassVar[int] = 1  # its deflection z, rad
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """sigma_0 z."""
+        """Return sigma_0 z."""
         return self.sigma_0 * z
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
-        """z + v step, at most F_c / sigma_0: exact at constant v."""
+        """Return z + v step, at most F_c / sigma_0: exact at constant v."""
         bound = curve.torque(v) / self.sigma_0
         return ca.fmax(-bound, ca.fmin(bound, z + v * step))
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """Stiffness and damping of the bristle's spring at rest."""
+        """Return stiffness and damping of the bristle's spring at rest."""
         return self.sigma_0, 0.0
 
 
@@ -96,18 +96,18 @@ class MaxwellElements:
         return 2 * len(self.nu)
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """sum sigma_0i z_i + sigma_1i dz_i/dt, and the parts that grow with v."""
+        """Return sum sigma_0i z_i + sigma_1i dz_i/dt, and the parts that grow with v."""
         n = len(self.nu)
         damping = ca.dot(ca.DM(self.sigma_1), self.rate(v, z, curve)[:n])
         return ca.dot(ca.DM(self.sigma_0), z[:n]) + damping + curve.growing(v)
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """dz_i/dt of the deflections, zeros for the directions: they jump."""
+        """Return dz_i/dt of the deflections, zeros for the directions: they jump."""
         deflection, slips, bound, sign, slope = self._slipping(v, z, curve)
         return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.nu)))
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
-        """Exact where an element slips or sticks all the time; one that reaches its bound stays there until the end."""
+        """Return the exact state if an element slips or sticks all the time; one that reaches its bound stays there."""
         deflection, slips, bound, sign, slope = self._slipping(v, z, curve)
         slid = exponential_step(deflection, slope * bound * sign, slope, step)
         moved = deflection + v * step
@@ -118,11 +118,11 @@ class MaxwellElements:
         return ca.vertcat(ca.if_else(slips, slid, stuck), last_direction)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """All elements stick."""
+        """Return all elements stick."""
         return sum(self.sigma_0), sum(self.sigma_1)
 
     def _slipping(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ...]:
-        """Deflections, true where they slip at v, their bounds zbar > 0, sgn(v), C / g(v)."""
+        """Return deflections, true where they slip at v, their bounds zbar > 0, sgn(v), C / g(v)."""
         n = len(self.nu)
         deflection, direction, sign = z[:n], z[n:], ca.sign(v)
         torque = curve.torque(v)

@@ -34,7 +34,7 @@ class PlacedLaw:
     reverses: bool = False
 
     def symbols(self, numbers: Sequence[Expression]) -> Curve:
-        """The curve of symbols, one for each of `static.CURVE`, without the parts that the law does not have."""
+        """Return the curve of symbols, one for each of `static.CURVE`, without the parts that the law does not have."""
         load = self.spec.load
         F_c, F_s, inverse_nu_s, alpha_3, alpha_T = numbers[:5]
         curve = Curve(F_c, F_s, inverse_nu_s, alpha_3, alpha_T, exponent=self.spec.exponent)
@@ -45,7 +45,7 @@ class PlacedLaw:
         return curve
 
     def curve(self, load: float = 0.0, temperature: float | None = None) -> FloatArray:
-        """The numbers (9,) of `static.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
+        """Return numbers (9,) of `static.CURVE`, link side, under a load in Nm of the link at a temperature in degC.
 
         temperature: the reference unless given.
         Raises ValueError where the temperature leaves less stiction than Coulomb friction, none of this, or no Stribeck
@@ -76,7 +76,7 @@ class PlacedLaw:
         return np.array([*sliding[:2], inverse, *sliding[2:], extra[0], inverse_nu_l, *extra[1:]])
 
     def sliding(self, v: float, load: float = 0.0, temperature: float | None = None) -> float:
-        """tau_f of steady sliding at v > 0, link side, without the viscous friction of motor or joint."""
+        """Return tau_f of steady sliding at v > 0, link side, without the viscous friction of motor or joint."""
         curve = self.symbols(self.curve(load, temperature).tolist())
         return float(curve.torque(v) + curve.growing(v))
 
@@ -84,26 +84,25 @@ class PlacedLaw:
         torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")
         state = f"friction of {self.place} under a load of {load:.4g} {torque}"
         state += "" if temperature is None else f" at {temperature:.4g} degC"
-        if F_c < 0:
-            raise ValueError(
-                f"{state}: Coulomb friction falls to {F_c:.4g} {torque}; correct its dependence on temperature"
-            )
-        if F_s < F_c * (1 - 1e-12):
-            raise ValueError(
-                f"{state}: stiction falls to {F_s:.4g} {torque}, below coulomb of {F_c:.4g} {torque}; correct its "
-                "dependence on load and temperature"
-            )
-        if nu_s is not None and not nu_s > 0:
-            raise ValueError(f"{state}: stribeck_velocity falls to {nu_s:.4g} {speed}; correct its temperature slope")
+        faults = (
+            (F_c < 0, f"Coulomb friction falls to {F_c:.4g} {torque}; correct its dependence on temperature"),
+            (F_s < F_c * (1 - 1e-12), f"stiction falls to {F_s:.4g} {torque}, below coulomb of {F_c:.4g} {torque}; "
+                "correct its dependence on load and temperature"),
+            (nu_s is not None and not nu_s > 0,
+                f"stribeck_velocity falls to {nu_s or 0.0:.4g} {speed}; correct its temperature slope"),
+        )  # fmt: skip
+        for is_wrong, text in faults:
+            if is_wrong:
+                raise ValueError(f"{state}: {text}")
 
     def at_rest(self) -> tuple[float, float]:
-        """Stiffness and damping at rest, link side, Nm/rad and Nms/rad."""
+        """Return stiffness and damping at rest, link side, Nm/rad and Nms/rad."""
         curve = self.curve()
         return self.law.at_rest(float(curve[0]), float(curve[1]))
 
 
 def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
-    """All dry friction of a robot and hysteresis of its gears, motors first.
+    """Return all dry friction of a robot and hysteresis of its gears, motors first.
 
     A motor's `coulomb` alone is Coulomb's law, smoothed."""
     laws = []
@@ -124,7 +123,7 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
 
 
 def laws_of_joint(robot: Robot, joint: str) -> list[PlacedLaw]:
-    """The laws at a joint and at its motor."""
+    """Return the laws at a joint and at its motor."""
     return [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
 
 

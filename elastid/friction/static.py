@@ -55,25 +55,25 @@ class Curve:
     exponent: float = 2.0
 
     def torque(self, v: Expression) -> ca.SX:
-        """g(v), Nm: torque of steady sliding at v, without the parts that grow with v."""
+        """Return g(v), Nm: torque of steady sliding at v, without the parts that grow with v."""
         torque = self.F_c + (self.F_s - self.F_c) * self._falling(v * self.inverse_nu_s)
         if not is_absent(self.F_l):
             torque += self.F_l * self._falling(v * self.inverse_nu_l)
         return torque if is_absent(self.delta_c) else torque + self.delta_c * ca.sign(v)
 
     def growing(self, v: Expression) -> ca.SX:
-        """alpha_3 v |v| + alpha_T v + delta_v |v|, Nm."""
+        """Return alpha_3 v |v| + alpha_T v + delta_v |v|, Nm."""
         growing = v * (self.alpha_3 * ca.fabs(v) + self.alpha_T)
         return growing if is_absent(self.delta_v) else growing + self.delta_v * ca.fabs(v)
 
     def _falling(self, x: Expression) -> ca.SX:
-        """exp(-|x|^a)."""
+        """Return exp(-|x|^a)."""
         # 1e-12 keeps the derivative of an exponent other than 2 finite at rest.
         return ca.exp(-(x**2)) if self.exponent == 2 else ca.exp(-((x**2 + 1e-12) ** (self.exponent / 2)))
 
 
 def is_absent(number: Expression) -> bool:
-    """True if a number is 0 for good, and no symbol."""
+    """Return True if a number is 0 for good, and no symbol."""
     return isinstance(number, float) and number == 0
 
 
@@ -85,23 +85,23 @@ class Law(Protocol):
         """Number of states; 0 where the torque depends on v alone."""
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """tau_f(v, z)."""
+        """Return tau_f(v, z)."""
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
-        """z after `step` s at constant v: exactly, or never out of the law's bounds, however long the step."""
+        """Return z after `step` s at constant v: exactly, or never out of the law's bounds, however long the step."""
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: a bound on its rates."""
+        """Return d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: a bound on its rates."""
 
 
 def exponential_step(z: Expression, rate: Expression, slope: Expression, step: Expression) -> ca.SX:
-    """Solution of z' = rate - slope z after `step`, both constant: z e^-x + rate step phi_1(-x), x = slope step."""
+    """Solve z' = rate - slope z over `step`, both constant: z e^-x + rate step phi_1(-x), x = slope step."""
     x = slope * step
     return z * ca.exp(-x) + rate * step * phi_1(x)
 
 
 def phi_1(x: Expression) -> ca.SX:
-    """(1 - e^-x) / x of x >= 0, by its series where x is small; correct at 0 up to the third derivative."""
+    """Return (1 - e^-x) / x of x >= 0, by its series where x is small; correct at 0 up to the third derivative."""
     small = x < 1e-3
     divisor = ca.if_else(small, 1.0, x)
     return ca.if_else(small, 1 - x / 2 * (1 - x / 3 * (1 - x / 4)), -ca.expm1(-divisor) / divisor)
@@ -121,15 +121,15 @@ class Tustin:
     n_states: ClassVar[int] = 0  # the torque depends on v alone
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """tau_f(v)."""
+        """Return tau_f(v)."""
         return curve.torque(v) * ca.tanh(v / self.v_s) + curve.growing(v)
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
-        """Empty: there is no state."""
+        """Return empty: there is no state."""
         return ca.SX(0, 1)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """The slope of tanh."""
+        """Return the slope of tanh."""
         return 0.0, F_s / self.v_s
 
 
@@ -160,7 +160,7 @@ class Conditions:
 
 
 def columns(conditions: Conditions, names: tuple[str, ...], eta: Mapping[str, Any], T_0: float) -> FloatArray:
-    """Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
+    """Return Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
     v, s, L, theta = conditions.speed, conditions.direction, conditions.load, _theta(conditions, T_0)
     terms = {
         "coulomb": np.ones_like(v),
@@ -187,7 +187,7 @@ def columns(conditions: Conditions, names: tuple[str, ...], eta: Mapping[str, An
 def slopes(
     conditions: Conditions, linear: Mapping[str, float], names: tuple[str, ...], eta: Mapping[str, float], T_0: float
 ) -> FloatArray:
-    """The derivative (n, len(names)) of s tau_f by each nonlinear number of `names`, at linear and eta.
+    """Return the derivative (n, len(names)) of s tau_f by each nonlinear number of `names`, at linear and eta.
 
     By complex steps, exact to rounding (Squire and Trapp, SIAM Review 40, 1998).  linear: others are ignored.
     """
@@ -199,11 +199,11 @@ def slopes(
 
 
 def _nu(eta: Mapping[str, Any], theta: FloatArray) -> FloatArray:
-    """The Stribeck velocity (n,) at every temperature; far beyond the data it is kept from vanishing."""
+    """Return the Stribeck velocity (n,) at every temperature; far beyond the data it is kept from vanishing."""
     nu_s = eta.get("stribeck_velocity", np.inf)
     return np.asarray(np.maximum(nu_s + eta.get("temperature.stribeck_velocity", 0.0) * theta, 1e-3 * nu_s))
 
 
 def _theta(conditions: Conditions, T_0: float) -> FloatArray:
-    """T - T_0 (n,), 0 where no temperature is known."""
+    """Return T - T_0 (n,), 0 where no temperature is known."""
     return np.nan_to_num(conditions.temperature - T_0, nan=0.0)

@@ -27,7 +27,7 @@ class Path:
 
     @classmethod
     def of(cls, q: FloatArray) -> "Path":
-        """The turning points of q (n,), its ends among them."""
+        """Return the turning points of q (n,), its ends among them."""
         rising = np.diff(q)
         is_turning = rising[1:] * rising[:-1] <= 0
         turning = np.concatenate([[0], np.flatnonzero(is_turning) + 1, [len(q) - 1]])
@@ -36,12 +36,12 @@ class Path:
         return cls(np.diff(q[turning]), last, np.asarray(q - q[turning[last]]))
 
     def without(self, n: int) -> "Path":
-        """Path without the points of its first n q, whose steps it still has."""
+        """Return path without the points of its first n q, whose steps it still has."""
         return Path(self.steps, self.last[n:], self.displacement[n:])
 
 
 def stop(path: Path, D: float) -> FloatArray:
-    """s (n,) of a stop operator along a path, from s = 0."""
+    """Return s (n,) of a stop operator along a path, from s = 0."""
     if is_compiled():
         return _in_c(path, D, False)
     states = [0.0]
@@ -51,7 +51,7 @@ def stop(path: Path, D: float) -> FloatArray:
 
 
 def bristle(path: Path, D: float) -> FloatArray:
-    """s (n,) of a bristle along a path, from s = 0."""
+    """Return s (n,) of a bristle along a path, from s = 0."""
     if is_compiled():
         return _in_c(path, D, True)
     states = [0.0]
@@ -63,7 +63,7 @@ def bristle(path: Path, D: float) -> FloatArray:
 
 
 def _in_c(path: Path, D: float, is_bristle: bool) -> FloatArray:
-    """State by `base/kernels/operators.c`."""
+    """Return state by `base/kernels/operators.c`."""
     s, states = np.empty(len(path.displacement)), np.empty(len(path.steps) + 1)
     numbers = len(path.steps), len(s), int(is_bristle), np.array([D], np.float64)
     call("element", *numbers, path.steps, path.last, path.displacement, states, s)

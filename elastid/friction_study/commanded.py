@@ -73,7 +73,7 @@ class CommandedLog:
 def acting_gains(
     kp: FloatArray, kd: FloatArray, late_s: FloatArray, velocity_late_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Velocity gain and inertia (m,) by which the feedback of a sampled controller acts on a joint.
+    r"""Return velocity gain and inertia (m,) by which the feedback of a sampled controller acts on a joint.
 
     Held for a tick T_c = 2 tau, and with velocities that are tau_v late, to the second order
 
@@ -81,27 +81,6 @@ def acting_gains(
               + \Bigl(\tfrac{2}{3} k_p \tau^2 - k_d (\tau + \tau_v)\Bigr)\, \ddot q
     """
     return kd - kp * late_s, 2 / 3 * kp * late_s**2 - kd * (late_s + velocity_late_s)
-
-
-@frozen_value
-class CommandedFit:
-    """Numbers of all joints from their commands: names and values (n_x,), covariance (n_x, n_x).
-
-    names: joint and number, the last ("", "command_delay").  rms (m,): of measured minus simulated positions, by joint.
-    """
-
-    names: tuple[tuple[str, str], ...]
-    joints: tuple[str, ...]
-    values: FloatArray
-    covariance: FloatArray
-    rms: FloatArray
-
-    def of_joint(self, joint: str) -> "CommandedJoint":
-        """The numbers of a joint, with the delay as the last."""
-        places = [i for i, (of, _) in enumerate(self.names) if of in (joint, "")]
-        names, block = tuple(self.names[i][1] for i in places), np.ix_(places, places)
-        rms = float(self.rms[self.joints.index(joint)])
-        return CommandedJoint(joint, names, self.values[places], self.covariance[block], rms, self.joints[0] == joint)
 
 
 # Largest rms of measured minus simulated positions over that of the position about its mean: above, it is a misfit.
@@ -113,10 +92,10 @@ LEAST_VISCOUS = -2.0  # standard deviations of a viscous friction, which supplie
 class CommandedJoint:
     """Numbers of one joint from commands alone, link side: names and values (n_x,), covariance (n_x, n_x).
 
-    rms: of measured minus simulated positions.  is_first: of the joints that share the delay.  travel: rms of the
-    position about its mean.  speeds: lowest and highest, rad/s.  logs: their number.  seconds: their duration.
-    carried: inertia of the robot model's rigid body at this joint, without which `inertia` is the armature; 0 if the
-    joints are not coupled and `inertia` is all inertia.
+    names: the last is the delay.  rms: of measured minus simulated positions.  is_first: of the joints that share the
+    delay.  travel: rms of the position about its mean.  speeds: lowest and highest, rad/s.  logs: their number.
+    seconds: their duration.  carried: inertia of the robot model's rigid body at this joint, without which `inertia` is
+    the armature; 0 if the joints are not coupled and `inertia` is all inertia.
     """
 
     joint: str
@@ -155,13 +134,8 @@ class CommandedJoint:
             f"the limit is {MAX_ERROR:.0%}. Check gains, units and sign of the commands"
         )
 
-    @property
-    def viscous(self) -> float:
-        """Viscous friction for a robot model."""
-        return max(0.0, self["viscous"])
-
-    def to_friction(self) -> Friction:
-        """Friction law for a robot model."""
+    def to_friction(self) -> tuple[Friction, float]:
+        """Return friction law and viscous friction for a robot model."""
         numbers = named(self.names, self.values)
         if self["viscous"] < LEAST_VISCOUS * float(np.sqrt(self.covariance[1, 1])):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
@@ -206,13 +180,13 @@ class _Problem:
         return [self.joints.index(joint) for log in self.logs for joint in log.joints]
 
     def simulated(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
-        """Means (n_k, K, m_k) of each log for candidates: numbers (K, m, 6) and delays (K,)."""
+        """Return means (n_k, K, m_k) of each log for candidates: numbers (K, m, 6) and delays (K,)."""
         means = self.commanded.simulate(numbers[:, self.index], delay_s, self.window)
         ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
 
     def errors(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Errors (n_k, m_k) of the means of each log, simulated with numbers (m, 6)."""
+        """Return errors (n_k, m_k) of the means of each log, simulated with numbers (m, 6)."""
         of_logs = self.simulated(numbers[None], np.array([delay_s]))
         return [q - sim[:, 0] for q, sim in zip(self.measured, of_logs, strict=True)]
 
@@ -235,7 +209,7 @@ class _Problem:
 
 
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
-    """Positions (n, m) of the joints of a log from its commands and loads, by the numbers of each."""
+    """Return positions (n, m) of the joints of a log from its commands and loads, by the numbers of each."""
     problem = _Problem.of([log])
     values = [named(joints[name].names, joints[name].values) for name in log.joints]
     numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
@@ -244,14 +218,14 @@ def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) 
 
 
 def _upper_end(log: CommandedLog) -> float:
-    """Frequency in Hz below which 95 % of the power of all commands' rates is."""
+    """Return frequency in Hz below which 95 % of the power of all commands' rates is."""
     power = np.sum(np.abs(np.fft.rfft(np.diff(log.command, axis=0), axis=0)) ** 2, axis=1)
     sums = np.cumsum(power) / max(float(power.sum()), 1e-300)
     return float(np.searchsorted(sums, 0.95)) / len(log.command) * log.rate_hz
 
 
-def fit_commanded(logs: Sequence[CommandedLog]) -> CommandedFit:
-    """Numbers of the joints of logs at one rate; DataError where the search finds no response of the loop."""
+def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
+    """Estimate the numbers of each joint of logs at one rate; DataError where the search finds no response."""
     problem = _Problem.of(logs)
     numbers, delay_s = _start(problem)
     cost = np.inf
@@ -272,7 +246,7 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> CommandedFit:
 
 
 def _scales(problem: _Problem) -> FloatArray:
-    """Typical sizes (m, 6) of the numbers, from gains and motion."""
+    """Return typical sizes (m, 6) of the numbers, from gains and motion."""
     rows = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, column in enumerate(map(problem.index.index, range(len(problem.joints)))):
         kp, kd = problem.commanded.kp[column], problem.commanded.kd[column]
@@ -290,7 +264,7 @@ def _moved(numbers: FloatArray, delay_s: float, step: FloatArray, is_free: BoolA
 
 
 def _log_squares(problem: _Problem, errors: Sequence[FloatArray]) -> float:
-    """Sum over joints of the log of the mean square of their errors."""
+    """Return sum over joints of the log of the mean square of their errors."""
     return float(np.sum(np.log(np.maximum(_mean_squares(problem, errors), 1e-300))))
 
 
@@ -344,7 +318,7 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
 
 
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
-    """Numbers (m, 6) and the delay of the best of START_DELAYS, each with its regression of the torque of the gains."""
+    """Return numbers (m, 6) and delay of the best of START_DELAYS, each with its regression of the gains' torque."""
     candidates = np.stack([_regressed(problem, delay) for delay in START_DELAYS.tolist()])
     simulated = problem.simulated(candidates, START_DELAYS)
     costs = [
@@ -356,13 +330,13 @@ def _start(problem: _Problem) -> tuple[FloatArray, float]:
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
-    """Positions (n, m), their velocities and accelerations by cubics over so many samples, an odd number."""
+    """Return positions (n, m), their velocities and accelerations by cubics over so many samples, an odd number."""
     width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
     return [savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)], width
 
 
 def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
-    """Start values (m, 6) by regression of the torque that gains and encoder give, the commands late by delay_s."""
+    """Return start values (m, 6) by regression of the torque of gains and encoder, the commands late by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
         n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)
@@ -385,19 +359,23 @@ def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
     return numbers
 
 
-def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> CommandedFit:
+def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
     end, is_free = _linearised(problem, numbers, delay_s), problem.is_free
     rms = np.sqrt(_mean_squares(problem, problem.errors(numbers, delay_s)))
     if not np.all(np.isfinite(rms)):
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
-    covariance = _covariance(end, problem, names)
-    return CommandedFit(names, problem.joints, np.append(numbers[is_free], delay_s), covariance, rms)
+    values, covariance, fits = np.append(numbers[is_free], delay_s), _covariance(end, problem, names), {}
+    for joint, error in zip(problem.joints, rms.tolist(), strict=True):
+        places = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
+        block, is_first = covariance[np.ix_(places, places)], joint == problem.joints[0]
+        fits[joint] = CommandedJoint(joint, tuple(names[i][1] for i in places), values[places], block, error, is_first)
+    return fits
 
 
 def _covariance(end: _Linearised, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
-    """Covariance (n_x, n_x) of the numbers, over time, in the order of the angle, and between logs."""
+    """Return covariance (n_x, n_x) of the numbers, over time, in the order of the angle, and between logs."""
     m, rate_hz = len(end.scores), problem.commanded.rate_hz / problem.window
     counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
     meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))

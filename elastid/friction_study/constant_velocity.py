@@ -78,7 +78,7 @@ class PassRegression:
 
     @classmethod
     def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> "PassRegression":
-        """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
+        """Return the columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
         lengths = [len(part.position) for part in passes]
         total, shortest = sum(lengths), min(lengths)
         # Rows of all passes, and of the shortest; of very many passes fewer of the shortest, for the memory.
@@ -113,7 +113,7 @@ class PassRegression:
         return first._with_waves(others[harmonic_peaks(residual, first.waves[:, others])])
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
-        """Numbers (n_x,) and covariance (n_x, n_x)."""
+        """Return numbers (n_x,) and covariance (n_x, n_x)."""
         size = np.linalg.norm(self.A, axis=0)
         size[size == 0] = 1.0
         inverse = np.linalg.pinv(self.A / size, rcond=1e-10) / size[:, None]
@@ -131,7 +131,7 @@ class PassRegression:
         return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
 
     def _autocovariance(self, residual: FloatArray) -> FloatArray:
-        """Autocovariance of all passes' residuals, by lag in rows, up to the first not above chance."""
+        """Return autocovariance of all passes' residuals, by lag in rows, up to the first not above chance."""
         values = [float(residual @ residual / len(residual))]
         for lag in range(1, min(201, len(residual))):
             together = self.of_pass[lag:] == self.of_pass[:-lag]
@@ -143,7 +143,7 @@ class PassRegression:
 
 
 def harmonic_peaks(residual: FloatArray, waves: ComplexArray) -> BoolArray:
-    """True for each of the waves (n, n_h) that stands out of the residuals (n,)."""
+    """Return True for each of the waves (n, n_h) that stands out of the residuals (n,)."""
     size = np.sum(np.abs(waves) ** 2, axis=0)
     power = np.abs(residual @ waves) ** 2 / np.maximum(size, 1e-300)
     # Of noise the power is exponential, its median ln 2 of its mean: 12 means have a chance of 6e-6 each.
@@ -153,7 +153,7 @@ def harmonic_peaks(residual: FloatArray, waves: ComplexArray) -> BoolArray:
 def turn_waves(
     position: FloatArray, direction: FloatArray | float, turn: float, chosen: Iterable[int] = range(N_WAVES)
 ) -> ComplexArray:
-    """exp(j h N q) (n, n_h), chosen waves of the motor's turns: of ripple, then s times these, of dry friction."""
+    """Return exp(j h N q) (n, n_h), chosen waves of the motor's turns: ripple, then s times these, dry friction."""
     waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in chosen]
     signs = [1.0 if i < MAX_HARMONIC else direction for i in chosen]
     parts = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
@@ -161,19 +161,19 @@ def turn_waves(
 
 
 def wave_names(wave: int) -> tuple[str, str]:
-    """Names of the cosine and sine of a wave of the motor's turns."""
+    """Return names of the cosine and sine of a wave of the motor's turns."""
     name = f"{'ripple' if wave < MAX_HARMONIC else 'angle.turn'}.{wave % MAX_HARMONIC + 1}"
     return f"{name}c", f"{name}s"
 
 
 def _means(x: Any, step: int) -> Any:
-    """Means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
+    """Return means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
     n = len(x) // step
     return x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1)
 
 
 def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
-    """There and back of one record of passes, as one pair; whichever of both it has."""
+    """Return there and back of one record of passes, as one pair; whichever of both it has."""
     # Gravity and inertia are those where the torque acts: half a sample's travel turns both with the direction.
     samples = np.arange(len(record.position))
     lag = samples + record.torque_delay_s * record.rate_hz
@@ -241,7 +241,7 @@ class FrictionCurve:
 
 
 def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> FrictionCurve:
-    """The levels of all pairs of one place, by direction.
+    """Return the levels of all pairs of one place, by direction.
 
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
@@ -280,7 +280,7 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
 
 
 def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """Constant-velocity runs with continuous sliding, in pairs, and notes on the others; DataError without any."""
+    """Return constant-velocity runs that always slide, in pairs, and notes on the others; DataError without any."""
     sticks = dict.fromkeys(part.pair for part in passes if np.any(part.velocity * part.direction <= 0))
     text = (
         "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
@@ -293,7 +293,7 @@ def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
-    """Excess of friction forwards (n_k,), a slope of o over speed where an F test finds it; the offset and its std."""
+    """Return excess friction forwards (n_k,), a slope of o over speed if significant, and the offset with its std."""
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
 
     def fitted(*columns: FloatArray) -> Optimum:

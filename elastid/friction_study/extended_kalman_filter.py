@@ -87,7 +87,7 @@ class TrackedJoint:
         return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and is_there.get(name, True))
 
     def step(self, rate_hz: float) -> ca.Function:
-        """(x (n,), c (m,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update.
+        """Return (x (n,), c (m,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update.
 
         u, g: torques, held over the sample.  c: relative errors of the held numbers.
         """
@@ -144,14 +144,14 @@ class FilterNoise:
     slip: float = 0.1
 
     def vector(self, joint: TrackedJoint, rate_hz: float) -> FloatArray:
-        """The arguments (4 + n_followed,) of a filter's step: variances of a sample."""
+        """Return the arguments (4 + n_followed,) of a filter's step: variances of a sample."""
         fade = math.exp(-2 / (rate_hz * joint.correlation_s)) if joint.correlation_s > 0 else 1.0
         drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
         return np.array([self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.slip**2, *drift])
 
 
 def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
-    """(x (n,), P (n, n + m), u, g, y, noise (4 + n_followed,)) -> (x, P, innovation e, its variance S).
+    """Return (x (n,), P (n, n + m), u, g, y, noise (4 + n_followed,)) -> (x, P, innovation e, its variance S).
 
     P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
     u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
@@ -208,7 +208,7 @@ class JointSamples:
     start_s: float = 0.0
 
     def moves(self, count: float) -> BoolArray:
-        """True (n,) where the angle moves by MOVING counts a sample, so that rounding is noise."""
+        """Return True (n,) where the angle moves by MOVING counts a sample, so that rounding is noise."""
         # Where it stands the likeliest filter is one that runs after the rounded angle, with tenfold torque noise.
         reach = min(5, (len(self.angle) - 1) // 2)
         span = np.abs(self.angle[2 * reach :] - self.angle[: len(self.angle) - 2 * reach])
@@ -242,7 +242,7 @@ class Track:
         return self.innovation**2 / self.innovation_variance
 
     def values(self, name: str, stds: float = 0.0) -> FloatArray:
-        """Number over time (n,), or the limit of its band at so many stds."""
+        """Return number over time (n,), or the limit of its band at so many stds."""
         i = self.joint.followed.index(name)
         column = self.x[:, i] + stds * self.std[:, i]
         return column if name == "offset" else np.exp(column)
@@ -251,7 +251,7 @@ class Track:
 def first_estimate(
     joint: TrackedJoint, angle: float, load: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[FloatArray, FloatArray]:
-    """x and P of `filter_step` at an angle, spring bent by the load, bristle anywhere, friction by PRIOR.
+    """Return x and P of `filter_step` at an angle, spring bent by the load, bristle anywhere, friction by PRIOR.
 
     velocity: with its standard deviation.
     """
@@ -289,7 +289,7 @@ class KalmanFilter:
         self._block = compiled(filter_step(joint, rate_hz), samples).mapaccum("filter", _BLOCK, 2)
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
-        """The track over motions; the pause before one makes friction less certain.
+        """Return the track over motions; the pause before one makes friction less certain.
 
         A motion starts with the mean velocity of its first samples, as friction would explain a wrong one.
         """
@@ -334,7 +334,7 @@ class KalmanFilter:
 def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float
 ) -> tuple[FilterNoise, float]:
-    """The noise with the largest likelihood of innovations (Mehra, IEEE Trans. Automatic Control 15(2), 1970).
+    """Return the noise with the largest likelihood of innovations (Mehra, IEEE Trans. Automatic Control 15(2), 1970).
 
     Also returns -2 ln of this likelihood for each sample, less a constant.
 

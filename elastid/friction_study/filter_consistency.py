@@ -50,7 +50,7 @@ class Consistency:
 
 
 def consistency(track: Track, settled_s: float) -> Consistency:
-    """Consistency of a track after settled_s (Bar-Shalom, Li and Kirubarajan, 2001, section 5.4)."""
+    """Return consistency of a track after settled_s (Bar-Shalom, Li and Kirubarajan, 2001, section 5.4)."""
     first = round(settled_s * track.rate_hz)
     moves = track.moves[first:]  # at standstill the error of a rounded angle is constant, and no noise
     nu = np.where(moves, track.innovation[first:] / np.sqrt(track.innovation_variance[first:]), 0.0)
@@ -62,13 +62,13 @@ def consistency(track: Track, settled_s: float) -> Consistency:
 
 
 def _prior_std(track: Track, time_s: FloatArray | float = 0.0) -> FloatArray:
-    """Std (..., p) of the followed numbers without the log, after a drift over times (..., 1)."""
+    """Return std (..., p) of the followed numbers without the log, after a drift over times (..., 1)."""
     variance = np.diag(first_estimate(track.joint, 0.0)[1])[-len(track.joint.followed) :]
     return np.sqrt(variance + track.drift**2 * time_s)
 
 
 def _divergence(track: Track, first: int, nis: FloatArray) -> str:
-    """Time and reason of the divergence of a filter: a number far outside its prior, or innovations of wrong size."""
+    """Return time and reason of a filter's divergence: a number far outside its prior, or innovations of wrong size."""
     start, time_s = first_estimate(track.joint, 0.0)[0][-len(track.joint.followed) :], track.time_s[first:]
     departure = (track.x[first:] - start) / _prior_std(track, time_s[:, None] - track.time_s[0])
     for i, k in np.argwhere(~(np.abs(departure) < MAX_DEPARTURE))[:1]:
@@ -79,7 +79,7 @@ def _divergence(track: Track, first: int, nis: FloatArray) -> str:
 
 
 def _restless(track: Track, first: int) -> tuple[str, ...]:
-    """Followed numbers that move within some seconds by more than their bands, and noise and drift, allow."""
+    """Return followed numbers that move within some seconds by more than their bands, and noise and drift, allow."""
     restless, lags = np.zeros(len(track.joint.followed), bool), [round(lag_s * track.rate_hz) for lag_s in LAGS_S]
     time_s, drift = track.time_s[first:], track.drift**2
     for k in range(len(restless)):  # one at a time, as a log may be large
@@ -94,12 +94,12 @@ def _restless(track: Track, first: int) -> tuple[str, ...]:
 
 
 def unknown(track: Track) -> BoolArray:
-    """True (n, p) where a number is no better known than before the log, drift included."""
+    """Return True (n, p) where a number is no better known than before the log, drift included."""
     return track.variance > (MAX_STD_RATIO * _prior_std(track)) ** 2
 
 
 def filter_notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
-    """Notes on a filter: it diverged, or which numbers are not observable, and why its bands are too narrow."""
+    """Yield notes on a filter: it diverged, or which numbers are not observable, and why its bands are too narrow."""
     names, P, diverged = track.joint.followed, track.covariance, judged.divergence
     never = np.all(unknown(track), axis=0).tolist()
     std = np.sqrt(np.diag(P))

@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Progress, silent
-from elastid.base.statistics import QUANTILE_95
+from elastid.base.statistics import QUANTILE_95, smallest_step
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.extended_kalman_filter import (
@@ -109,7 +109,7 @@ def track_friction(
 
 
 def with_tolerances(joint: TrackedJoint, identified: JointFriction) -> TrackedJoint:
-    """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
+    """Return a joint whose fixed numbers have the std that a study identified, else a typical one (TOLERANCES)."""
     tolerances, shared = dict(joint.tolerances), identified.shared
     if "inertia" in shared and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
         tolerances["inertia"] = shared["inertia"][1] / shared["inertia"][0]
@@ -126,7 +126,7 @@ def track_joints(
     spec: FilterSpec,
     progress: Progress = silent,
 ) -> tuple[tuple[TrackedFriction, ...], tuple[Note, ...]]:
-    """The friction of joints over the records in which each moves alone; notes on those that cannot be followed.
+    """Return the friction of joints over the records in which each moves alone; notes on those that cannot be followed.
 
     StudyError where none can.
     """
@@ -148,7 +148,7 @@ def track_joints(
 def _track_joint(
     robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec
 ) -> TrackedFriction:
-    """The friction of a joint over its motions; StudyError where no filter can start or nothing can be followed."""
+    """Return the friction of a joint over its motions; StudyError if no filter can start or nothing is identifiable."""
     name = identified.joint
     if not records:
         raise StudyError(
@@ -167,7 +167,7 @@ def _track_joint(
         JointSamples(r.torque[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)
         for r, q, first_s in ((record, record.position, records[0].start_s) for record in records)
     )
-    angle = max(_count(record) for record in records) / np.sqrt(12)
+    angle = max(record.resolution or smallest_step(record.position) for record in records) / np.sqrt(12)
     # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
     rate = spec.drift / 1200.0**0.5
     coulomb = joints[0].coulomb
@@ -191,7 +191,7 @@ def _joints(
     law: PlacedLaw,
     viscous: float,
 ) -> tuple[TrackedJoint, ...]:
-    """The joint to track, with each presliding distance that it may have."""
+    """Return the joint to track, with each presliding distance that it may have."""
     F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
     bristles = [law.at_rest()]
     if law.law.n_states == 0:
@@ -215,13 +215,3 @@ def _joints(
         )
     joint = with_tolerances(TrackedJoint(inertia, F_c, viscous, 1.0, spec.states, **numbers), identified)
     return tuple(replace(joint, bristle_stiffness=sigma_0, bristle_damping=sigma_1) for sigma_0, sigma_1 in bristles)
-
-
-def _count(record: FrictionRecord) -> float:
-    """The step of the position, or the smallest difference of two of its values; below 1e-7 of the path is rounding."""
-    if record.resolution > 0:
-        return record.resolution
-    gaps = np.diff(np.unique(record.position))
-    min_gap = 1e-7 * float(np.ptp(record.position))
-    larger = gaps[gaps > min_gap]
-    return float(np.min(larger)) if larger.size else min_gap

@@ -112,7 +112,7 @@ class MotionFriction:
 
     @classmethod
     def of(cls, signals: Sequence[MotionSignals], chosen: Regression, terms: MotionTerms) -> "MotionFriction":
-        """Friction of a motion without its judgement; DataError where friction supplies power at every speed."""
+        """Return friction of a motion without its judgement; DataError where friction supplies power at every speed."""
         first = signals[0]
         if chosen["coulomb"] < 0 and chosen["viscous"] <= 0:
             raise DataError("friction/motion", NEGATIVE.format(chosen["coulomb"]), f"motion of {first.motion.place}")
@@ -134,13 +134,8 @@ class MotionFriction:
         unseen = STRIBECK_NUMBERS if any(part.term == "stribeck" for part in self.unidentified) else ()
         return tuple(name for name in self.regression.names if not name.endswith(unseen))
 
-    @property
-    def viscous(self) -> float:
-        """The viscous friction that a robot's file has next to the law."""
-        return max(0.0, self.regression["viscous"])
-
-    def to_friction(self) -> Friction:
-        """The law as a robot's file has it; its presliding is another's."""
+    def to_friction(self) -> tuple[Friction, float]:
+        """Return the law and its viscous friction as in a robot model, without presliding."""
         fit, terms, speeds = self.regression, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
         measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
         numbers = {"exponent": terms.exponent, "temperature.decay": terms.decay}
@@ -149,7 +144,7 @@ class MotionFriction:
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
-    """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives.
+    """Estimate inertia and friction of an axis; DataError for short or one-sided logs, or negative friction.
 
     A link behind a spring of the robot model has the inertia that the logs identify, less that of its motor; logs that
     agree better with a rigid joint have no such spring.
@@ -165,7 +160,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
 
 
 def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) -> MotionFriction:
-    """Friction in the passband, or in a half or quarter of it if noise of the position requires this."""
+    """Return friction in the passband, or in a half or quarter of it if noise of the position requires this."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for signal in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
@@ -202,7 +197,7 @@ def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) 
 
 
 def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz: float) -> MotionFriction:
-    """Friction with errors of the model in its intervals and a misfit's reason.
+    """Return friction with errors of the model in its intervals and a misfit's reason.
 
     A spring is visible in some band from the regression's to the widest; the numbers are compared in the widest.
     """
@@ -218,7 +213,7 @@ def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz
 
 
 def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
-    """Shift of the numbers of one axis between both bands, without the expected shift by noise of the position."""
+    """Return the shift of one axis' numbers between both bands, less the expected shift by noise of the position."""
     moved = band_differences(bands, lambda log: axis_equations(log.first, fit.terms))
     if not moved:
         return moved
@@ -231,7 +226,7 @@ def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFri
 
 
 def _is_biased_by_noise(fit: Regression, bias: FloatArray) -> bool:
-    """True if the bias (n_x,) by noise of the position counts beside the std of a number."""
+    """Return True if the bias (n_x,) by noise of the position counts beside the std of a number."""
     return any(
         abs(bias[i]) > MAX_BIAS * fit.std(name) for i, name in enumerate(fit.names) if name in COMPARED_PARAMETERS
     )
@@ -266,41 +261,35 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
 
 
 def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:
-    """Parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
+    """Yield parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
     if fit.motion.is_run_down:
         return
-    terms, low, high = fit.terms, *(fit.terms.measured or (0.0, 0.0))
+    terms, (low, high) = fit.terms, fit.terms.measured or (0.0, 0.0)
     speed = np.concatenate([np.abs(s.filtered(s.velocity))[s.used] for s in signals])
     lowest = float(np.quantile(speed, _LOWEST_SPEED_QUANTILE))
     speeds = len(distinct_speeds(plateau.velocity for plateau in fit.plateaus))
-    if not terms.stribeck_velocity and speeds < MIN_SPEEDS:
-        text = (
-            f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the "
-            f"Stribeck velocity; measure passes at more speeds; {extrapolates(lowest)}"
-        )
-        yield UnidentifiedTerm("stribeck", text)
-    if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
-        yield UnidentifiedTerm("stribeck", above_stribeck(lowest, terms.stribeck_velocity))
-    if terms.friction_only:
-        text = "joints that move together are regressed without; record this joint alone, cold and warm"
-        yield UnidentifiedTerm("temperature", text)
-    elif not terms.heat and high - low < TEMPERATURE_STEP_K:
-        yield UnidentifiedTerm(
-            "temperature", "no temperature that varies was logged; log it, and record motions cold and warm"
-        )
-    elif not terms.heat:
-        yield UnidentifiedTerm(
-            "temperature", f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC"
-        )
-    if not terms.load:
-        yield UnidentifiedTerm("load", "one load shows none; record motions with other payloads, or in other postures")
-    if terms.friction_only:
-        text = "Coulomb friction by direction cannot be distinguished from offset and gravity"
-        yield UnidentifiedTerm("directions.coulomb", text)
+    velocity, is_alone = terms.stribeck_velocity, not terms.friction_only
+    is_cold = is_alone and not terms.heat
+    reasons = (
+        ("stribeck", not velocity and speeds < MIN_SPEEDS, f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} "
+            "are needed, the lowest below a third of the Stribeck velocity; measure passes at more speeds; "
+            f"{extrapolates(lowest)}"),
+        ("stribeck", 0 < velocity < lowest / LOWEST_SPEED, above_stribeck(lowest, velocity)),
+        ("temperature", not is_alone, "joints that move together are regressed without; record this joint alone, cold "
+            "and warm"),
+        ("temperature", is_cold and high - low < TEMPERATURE_STEP_K, "no temperature that varies was logged; log it, "
+            "and record motions cold and warm"),
+        ("temperature", is_cold and high - low >= TEMPERATURE_STEP_K,
+            f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC"),
+        ("load", not terms.load, "one load shows none; record motions with other payloads, or in other postures"),
+        ("directions.coulomb", not is_alone, "Coulomb friction by direction cannot be distinguished from offset and "
+            "gravity"),
+    )  # fmt: skip
+    yield from (UnidentifiedTerm(name, reason) for name, is_missing, reason in reasons if is_missing)
 
 
 def _by_spring(fit: MotionFriction, slow: Sequence[MotionSignals]) -> tuple[MotionFriction, str]:
-    """Friction with the change by a spring between motor and link in its intervals, and a misfit's reason.
+    """Return friction with the change by a spring between motor and link in its intervals, and a misfit's reason.
 
     The change is zero if the spring is within chance.
     """
@@ -323,7 +312,7 @@ Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
 
 
 def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[MotionLog], Equations]) -> Moved:
-    """Shift between both bands, and its std, of numbers by joint and name; empty without bands."""
+    """Return shift between both bands, and its std, of numbers by joint and name; empty without bands."""
     if not bands:
         return {}
     rate_hz = bands[0][0].first.decimated_hz
@@ -332,7 +321,7 @@ def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[
 
 
 def assess_motion(fit: MotionFriction, joint: str, moved: Moved, passband_hz: float) -> MotionFriction:
-    """Friction with the change between bands in its intervals where it is beyond chance, and a misfit's reason."""
+    """Add significant changes between bands to the intervals of a joint's friction, with a misfit's reason."""
     numbers = fit.regression
     changes = {name: change for (of, name), change in moved.items() if of == joint and name in COMPARED_PARAMETERS}
     shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
@@ -358,7 +347,7 @@ TORQUE_COMPONENTS = ("inertia", "gravity", "viscous", "coulomb")
 
 
 def torque_components(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Torque (n,) of PARTS from the columns of a regression; for joints that moved together, the friction torque.
+    """Return torque (n,) of TORQUE_COMPONENTS by columns of a regression; friction alone for joints moved together.
 
     Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
     """
@@ -378,7 +367,7 @@ ROBOT_PASSBAND_HZ = 10.0
 def regress_robot_motion(
     robot: Robot, logs: Sequence[MotionLog]
 ) -> tuple[dict[str, MotionFriction], list[dict[str, MotionSignals]]]:
-    """Friction of the joints that all logs move, and of each log their signals without the torque of the rigid body.
+    """Estimate friction of the joints that all logs move; return each log's signals without the rigid body, too.
 
     DataError for friction that drives.
     """

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 from scipy.fft import dct
 from scipy.optimize import least_squares
-from scipy.special import fdtri, stdtr, stdtrit
+from scipy.special import fdtri, stdtr
 
 from elastid.base.arrays import FloatArray
-from elastid.base.statistics import QUANTILE_95, f_test
+from elastid.base.statistics import f_test, small_sample_factors
 
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
 FALSE_ALARM = 0.01
@@ -64,7 +64,7 @@ class Optimum:
         return inverse_normal(self.J) * max(1.0, self.cost / max(1, self.dof))
 
     def scattered_covariance(self, correlated: FloatArray, least: FloatArray) -> FloatArray:
-        r"""Covariance of x (n, n), residuals correlated with c (m,), of variance v (m,) at least.
+        r"""Return covariance of x (n, n), residuals correlated with c (m,), of variance v (m,) at least.
 
         .. math:: A^{-1} J^T \mathrm{diag}\left(\max\left(\frac{c\, r^2}{(1 - h)^2}, v\right)\right) J A^{-1},
                   \quad A = J^T J, \quad h = \mathrm{diag}(J A^{-1} J^T)
@@ -81,7 +81,7 @@ class Optimum:
 def minimise(
     residual: Callable[[FloatArray], FloatArray], starts: Iterable[FloatArray], **settings: Any
 ) -> tuple[Optimum, ...]:
-    """The ends of the searches from some starts, without those that fail; settings: of SciPy's least_squares."""
+    """Return the ends of the searches from some starts, without those that fail; settings: of SciPy's least_squares."""
     ends = []
     for start in starts:
         try:
@@ -93,7 +93,7 @@ def minimise(
 
 
 def inverse_normal(J: FloatArray) -> FloatArray:
-    """(J^T J)^-1 (n, n) by columns of unit length; infinite variances where the data do not reach."""
+    """Return (J^T J)^-1 (n, n) by columns of unit length; infinite variances where the data do not reach."""
     size = np.linalg.norm(J, axis=0)
     size[size < 1e-100] = 1.0  # the square of such a column underflows
     _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
@@ -105,7 +105,7 @@ def inverse_normal(J: FloatArray) -> FloatArray:
 
 
 def chance_of_terms(narrow: float, wide: float, added: int, dof: int) -> float:
-    """Chance by an F test that `added` terms that are not there lower the cost from `narrow` to `wide`, dof left."""
+    """Return the p-value by which `added` terms lower the cost from `narrow` to `wide`, with dof left (F test)."""
     return f_test(narrow - wide, added, max(wide, dof), dof)
 
 
@@ -144,19 +144,18 @@ class Regression:
         return float(self.values[self.names.index(name)])
 
     def std(self, name: str) -> float:
-        """The std of a number."""
+        """Return the std of a number."""
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
     def widened(self, change: FloatArray) -> "Regression":
-        """Regression with a possible change of its numbers (n_x,) in the covariance."""
+        """Return regression with a possible change of its numbers (n_x,) in the covariance."""
         return replace(self, covariance=self.covariance + np.outer(change, change))
 
     def chance(self, name: str, sign: int) -> float:
-        """Chance of a number as far from zero on the side of the sign, or on either for 0, where it is zero."""
+        """Return chance of a number as far from zero on the side of the sign, or on either for 0, where it is zero."""
         dof = self.dof[self.names.index(name)]
-        quantile = float(stdtrit(dof, 0.975))  # at which the std stands for 1.96
-        t = self[name] / max(self.std(name), 1e-300) * quantile / QUANTILE_95
+        t = self[name] / max(self.std(name), 1e-300) * small_sample_factors(dof)  # of the std, which has it, too
         return float(stdtr(dof, -sign * t) if sign else 2 * stdtr(dof, -abs(t)))
 
 
@@ -182,7 +181,7 @@ class Solution:
     influences: tuple[FloatArray, ...]
 
     def at(self, joint: str) -> Regression:
-        """The numbers of a joint."""
+        """Return the numbers of a joint."""
         mask, i = [name[0] == joint for name in self.names], [*dict(self.names)].index(joint)
         error, squares, independent = self.relative_error[i], self.sum_of_squares[i], self.independent[i]
         return Regression(
@@ -192,7 +191,7 @@ class Solution:
 
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
-    """Parameters common to all logs; rate_hz of the samples."""
+    """Return parameters common to all logs; rate_hz of the samples."""
     every = [[getattr(log, name) for log in logs] for name in ("X", "R", "y", "states")]
     X, R, y, states = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in every)
     (n, m), n_x = y.shape, X.shape[2]
@@ -217,9 +216,10 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     explained = [np.split(columns.reshape(n, m, -1), ends) for columns in (basis, _basis(free_X)[0])]
     shrinkage, dof = _expected(np.split(of_errors, ends), [*zip(*explained, strict=True)], terms)
     covariance = bread @ meat @ bread / np.sqrt(np.outer(shrinkage, shrinkage))
-    widening = state_widening(bread, scores, states, np.diag(covariance) * _student(dof), dof)
+    student = small_sample_factors(dof)
+    widening = state_widening(bread, scores, states, np.diag(covariance) * student**2, dof)
     # Of hardly any degree of freedom it is without bound, and its square would overflow.
-    wider = np.minimum(widening * np.sqrt(_student(dof)) / size, 1e100)
+    wider = np.minimum(widening * student / size, 1e100)
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(e[1:] * e[:-1], axis=0) / np.maximum(np.sum(e**2, axis=0), 1e-300), 0, 0.999)
     independent = used * (1 - correlation) / (1 + correlation)
@@ -237,7 +237,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
 
 
 def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tuple[str, str], tuple[float, float]]:
-    """Difference of the second and the first estimate, and its std, by joint and name.
+    """Return difference of the second and the first estimate, and its std, by joint and name.
 
     Both of the same logs, instant by instant: their residuals are correlated.
     """
@@ -245,14 +245,14 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
     terms = [cosine_count(len(low) / rate_hz, len(pairs)) for low, _ in pairs]
     parts = [high - low for low, high in pairs]
     variance = sum(np.diag(long_run(part, count)) for part, count in zip(parts, terms, strict=True))
-    std = np.maximum(np.sqrt(variance * _student(np.array(sum(terms)))), 1e-300)
+    std = np.maximum(np.sqrt(variance) * small_sample_factors(sum(terms)), 1e-300)
     return dict(zip(first.names, zip((second.beta - first.beta).tolist(), std.tolist(), strict=True), strict=True))
 
 
 def _expected(
     of_errors: Sequence[FloatArray], explained: Sequence[Sequence[FloatArray]], terms: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
+    r"""Return mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
 
     of_errors (n, m, n_x): of each log, contributions of its errors to the errors of the numbers.  explained: blocks of
     orthonormal columns (n, m, r) of all numbers, which the residuals lack, so that these are smaller than the errors,
@@ -281,38 +281,33 @@ def _expected(
     return np.maximum(mean / np.maximum(truth, 1e-300), _LEAST_MEAN), np.asarray(mean**2 / np.maximum(variance, 1e-300))
 
 
-def _student(dof: FloatArray) -> FloatArray:
-    """Factor of a variance of so many degrees of freedom, after which 1.96 std are the 95 % interval."""
-    return np.asarray((stdtrit(dof, 0.975) / QUANTILE_95) ** 2)
-
-
 def state_widening(
     bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: FloatArray
 ) -> FloatArray:
-    """Factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
-    used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), _student(np.array(_TERMS))
-    limit = fdtri(_TERMS, dof, 1 - _STATE_CHANCE) * student / _student(dof)
+    """Return factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
+    used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), small_sample_factors(_TERMS)
+    limit = fdtri(_TERMS, dof, 1 - _STATE_CHANCE) * (student / small_sample_factors(dof)) ** 2
     for state in states.T:
         ordered = scores[used][np.argsort(state[used])]
-        by_states = np.diag(bread @ long_run(ordered, _TERMS) @ bread) * student
+        by_states = np.diag(bread @ long_run(ordered, _TERMS) @ bread) * student**2
         ratio = by_states / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
     return widening
 
 
 def cosine_count(duration_s: float, logs: int) -> int:
-    """Cosines of a log of that duration, one of so many: few enough that the residuals are white over them."""
+    """Return cosines of a log of that duration, one of so many: few enough that the residuals are white over them."""
     return max(round(duration_s * _HIGHEST_HZ * 2), -(-_TERMS // logs))
 
 
 def long_run(scores: FloatArray, terms: int) -> FloatArray:
-    """The covariance (n_x, n_x) of the sum of scores (n, n_x) over time."""
+    """Return the covariance (n_x, n_x) of the sum of scores (n, n_x) over time."""
     cosines = dct(scores, axis=0)[1 : terms + 1] / 2
     return np.asarray(2 / terms * cosines.T @ cosines)
 
 
 def _triangle(*blocks: FloatArray) -> FloatArray:
-    """Upper triangle (k, k) of the QR decomposition of blocks (n, .) next to each other, k columns in all."""
+    """Return upper triangle (k, k) of the QR decomposition of blocks (n, .) next to each other, k columns in all."""
     triangle = np.zeros((0, sum(block.shape[1] for block in blocks)))
     for i in range(0, len(blocks[0]), _ROWS):
         rows = np.hstack([block[i : i + _ROWS] for block in blocks])
@@ -321,7 +316,7 @@ def _triangle(*blocks: FloatArray) -> FloatArray:
 
 
 def _basis(R: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal basis (n, rank) of the columns of R (n, n_r), and the inverse (n_r, rank): numbers of a basis."""
+    """Return an orthonormal basis (n, rank) of the columns of R (n, n_r), and the inverse (n_r, rank): its numbers."""
     size = np.linalg.norm(R, axis=0)
     if not size.any():
         return np.zeros((len(R), 0)), np.zeros((R.shape[1], 0))

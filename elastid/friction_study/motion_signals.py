@@ -33,7 +33,7 @@ SMOOTHED_HZ = 60.0
 
 
 def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Low-pass filtered position, velocity, logged velocity if available, and acceleration (n,)."""
+    """Return low-pass filtered position, velocity, logged velocity if available, and acceleration (n,)."""
     smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
     position = np.asarray(sosfiltfilt(smooth, record.position))
     velocity = np.gradient(position, 1 / record.rate_hz) if record.velocity is None else record.velocity
@@ -65,7 +65,7 @@ class Plateau:
 
 
 def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float) -> tuple[Plateau, ...]:
-    """The plateaus of a smooth motion (n,), in their order."""
+    """Return the plateaus of a smooth motion (n,), in their order."""
     speed = np.abs(velocity)
     steady = speed > MAX_REST_FRACTION * speed.max(initial=0.0)
     steady &= np.abs(acceleration) * SHORTEST_S < MAX_STEADY_CHANGE * speed
@@ -77,13 +77,13 @@ def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float
 
 
 def alike_speeds(speeds: FloatArray) -> FloatArray:
-    """Speeds (n,), each the mean of those that are the same."""
+    """Return speeds (n,), each the mean of those that are the same."""
     groups = np.array(distinct_speeds(speeds))
     return groups[np.argmin(np.abs(speeds[:, None] - groups), axis=1)] if len(groups) else speeds
 
 
 def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
-    """The speeds without sign, each once, lowest first: the mean of those that are the same."""
+    """Return the speeds without sign, each once, lowest first: the mean of those that are the same."""
     groups: list[list[float]] = []
     for speed in sorted(abs(float(speed)) for speed in speeds):
         if groups and speed < groups[-1][0] * (1 + MAX_STEADY_CHANGE):
@@ -94,7 +94,7 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
 
 
 def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """Record of constant-velocity runs for each pair of plateaus of a motion, named after it with a number.
+    """Return record of constant-velocity runs for each pair of plateaus of a motion, named after it with a number.
 
     has_gravity: there and back must then share positions.  Of a log with a speed, its plateaus at that speed alone;
     DataError where such a log has no pass there and back at it.
@@ -111,7 +111,7 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
-    """Plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
+    """Return plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
     position, velocity, acceleration = smoothed(record, STEADY_HZ)
     of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
     ways = [plateau for plateau in of_ways if plateau is not None]
@@ -125,7 +125,7 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
 
 
 def _ways(position: FloatArray) -> list[tuple[int, int]]:
-    """First sample of each way and the one after its last: between turning points, from which it goes back far enough.
+    """Return first sample and end of each way: between turning points, from which it goes back far enough.
 
     What is not as far, stick-slip and noise at rest, turns no way.
     """
@@ -145,7 +145,7 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 
 
 def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
-    """The plateau of a way of which half of the time at least is spent at one speed, if means over windows are."""
+    """Return the plateau of a way with at least half of its time at one speed, if its means over windows are equal."""
     way = position[start:stop]
     travelled = np.abs(way - way[0]) > MAX_STEADY_CHANGE * np.ptp(way)
     ahead = np.abs(way - way[-1]) > MAX_STEADY_CHANGE * np.ptp(way)
@@ -171,7 +171,7 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
 
 
 def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:
-    """Pairs of each plateau with the next one back at the same speed, each used once."""
+    """Return pairs of each plateau with the next one back at the same speed, each used once."""
 
     def is_way_back(first: Plateau, other: Plateau) -> bool:
         limit = MAX_STEADY_CHANGE * abs(first.velocity)
@@ -251,7 +251,7 @@ class MotionSignals:
 
     @classmethod
     def of(cls, motion: Motion, passband_hz: float) -> "MotionSignals":
-        """Signals of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
+        """Return signals of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
         rate = motion.rate_hz
         spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
         if not passband_hz < rate / 4 or len(motion.position) < 4 * spoilt:
@@ -298,7 +298,7 @@ class MotionSignals:
         return np.asarray(self.derivatives[1] + J_l / spring.inertia * (lfilter(b, a, moved) - moved))
 
     def filtered(self, column: FloatArray) -> FloatArray:
-        """A side of the equation (n, ...) behind the filter, at the samples that are kept, away from the ends."""
+        """Return a side of the equation (n, ...) behind the filter, at the decimated samples, away from the ends."""
         kept, h = self.decimation, len(self.taps) // 2
         before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
         sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
@@ -374,13 +374,13 @@ class MotionSignals:
         return find_plateaus(self.velocity, self.acceleration, self.motion.rate_hz)
 
     def moves(self, direction: int) -> bool:
-        """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
+        """Return True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
         inside = self.velocity[self.decimation.start : self.decimation.stop]
         return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
 
 
 def spline_derivative(coefficients: FloatArray, order: int, shift: float = 0.0) -> FloatArray:
-    """Derivative (n,) per sample^order of a quintic spline at its samples plus a shift of less than one sample."""
+    """Return derivative (n,) per sample^order of a quintic spline at its samples, shifted by less than one sample."""
     basis = BSpline.basis_element(np.arange(-3.0, 4.0), extrapolate=False)
     weights = np.nan_to_num((basis.derivative(order) if order else basis)(shift - np.arange(-3, 4)))
     return np.asarray(correlate1d(coefficients, weights, mode="mirror"))
@@ -391,7 +391,7 @@ _BOXES, _WIDTH = 6, 0.1863
 
 
 def b_spline_taps(rate_hz: float, passband_hz: float) -> FloatArray:
-    r"""Taps (2 h + 1,) of unit sum: |H(f)| = |sinc(w f)|^6 with w = 0.1863 / passband."""
+    r"""Return taps (2 h + 1,) of unit sum: |H(f)| = |sinc(w f)|^6 with w = 0.1863 / passband."""
     half = _BOXES / 2 * _WIDTH * rate_hz / passband_hz  # samples
     h = max(1, int(half))
     spline = BSpline.basis_element(np.linspace(-half, half, _BOXES + 1), extrapolate=False)
@@ -408,7 +408,7 @@ class MotionLog:
 
     @classmethod
     def of(cls, motions: Mapping[str, Motion], resting: Mapping[str, float], passband_hz: float) -> "MotionLog":
-        """Log of motions by joint; DataError as of `MotionSignals`."""
+        """Return log of motions by joint; DataError as of `MotionSignals`."""
         return cls({joint: MotionSignals.of(motion, passband_hz) for joint, motion in motions.items()}, resting)
 
     @property
@@ -418,7 +418,7 @@ class MotionLog:
 
 
 def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog], ...]:
-    """Signals of the whole band and of a narrow band at the same samples; none for short logs or many reversals."""
+    """Return signals of the whole and of a narrow band at the same samples; none for short logs or many reversals."""
     bands = list[MotionLog](), list[MotionLog]()
     for log in logs:
         try:

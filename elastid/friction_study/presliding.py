@@ -65,12 +65,12 @@ class Elements:
     mean_square: float = 0.0
 
     def torque(self, position: FloatArray) -> FloatArray:
-        """tau_f (n,) along positions, the elements at rest at the first."""
+        """Return tau_f (n,) along positions, the elements at rest at the first."""
         states = operators(position, self.threshold)
         return states @ self.stiffness + self.offset
 
     def to_maxwell_slip(self) -> MaxwellSlip:
-        """Maxwell slip as a robot's file has it."""
+        """Return Maxwell slip as a robot's file has it."""
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
         shares = k * D / float(k @ D)
@@ -79,7 +79,7 @@ class Elements:
 
 
 def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: int | None = None) -> Elements:
-    """Elements, by default as few as predict best within one std; DataError for loops of a few encoder counts.
+    """Return elements, by default as few as predict best within one std; DataError for loops of a few encoder counts.
 
     loops: quasi-static, and seldom out of presliding.  frequency_hz: of the motion, found in the torque for None.
     """
@@ -118,7 +118,7 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
 
 
 def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray]:
-    """The position as it is, and without its noise in each band, where the sensor is not exact."""
+    """Yield the position as it is, and without its noise in each band, where the sensor is not exact."""
     yield loops.position
     for band in (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) if loops.resolution > 0 else ():
         if (hz := band * frequency_hz) < 0.45 * loops.rate_hz:
@@ -127,7 +127,7 @@ def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray
 
 
 def operators(q: FloatArray, thresholds: FloatArray) -> FloatArray:
-    """The stop operators (n, J) of a motion (n,), at rest at its first point."""
+    """Return the stop operators (n, J) of a motion (n,), at rest at its first point."""
     path = Path.of(q)
     return np.stack([stop(path, float(D)) for D in thresholds], axis=1)
 
@@ -240,14 +240,14 @@ class _Model:
         return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
 
     def receptance(self, x: FloatArray, response: "PreslidingResponse") -> ComplexArray:
-        """G (F,) at one amplitude."""
+        """Return G (F,) at one amplitude."""
         omega = 2 * np.pi * response.freq_hz
         per_bend = x[-2] / max(G.rms_position for G in self.responses)  # 1 / z_s
         bristles = (np.exp(x[-3]) + 1j * omega * x[-1] * self.damping_unit) * slipped(omega, response, per_bend)
         return np.asarray(1 / (bristles + 1j * omega * self.viscous + self.reaction(x, omega)))
 
     def start(self) -> FloatArray:
-        """Start from the smallest amplitude by linear regression of 1 / G."""
+        """Return start from the smallest amplitude by linear regression of 1 / G."""
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
         is_rigid, of_file = self.joint is None, np.zeros(len(OF_FILE))
@@ -262,7 +262,7 @@ class _Model:
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def covariance(self, fit: Optimum) -> FloatArray:
-        """Covariance of x, whatever the residual variances; parameters of the robot model keep the stated one."""
+        """Return the covariance of x, whatever the residual variances; numbers of the robot model keep their std."""
         n_file = len(fit.r) - sum(2 * len(G.G) for G in self.responses)
         expansion = [np.tile(G.expansion / G.variance, 2) for G in self.responses]
         correlated = [np.full(2 * len(G.G), G.correlated_lines) for G in self.responses]
@@ -270,7 +270,7 @@ class _Model:
         return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
+        """Return residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
         of_file, residuals = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
         for response in self.responses:
             error = (response.G - self.receptance(x, response)) / np.sqrt(response.variance / 2)
@@ -279,7 +279,7 @@ class _Model:
 
 
 def slipped(omega: FloatArray, response: "PreslidingResponse", per_bend: float) -> ComplexArray:
-    """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response; at most half of it slips."""
+    """Return z / q (F,) of bristles with 1 / z_s = per_bend under the motion of a response; at most half slips."""
     rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
     epsilon = min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5)
     return np.asarray((1 - epsilon) * 1j * omega / (1j * omega + rate))
@@ -304,7 +304,7 @@ class PreslidingResponse:
 
     @classmethod
     def of(cls, records: Sequence[FrictionRecord]) -> "PreslidingResponse":
-        """Response from the records of one amplitude, each a realisation of a multisine.
+        """Return response from the records of one amplitude, each a realisation of a multisine.
 
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """
@@ -340,7 +340,7 @@ class PreslidingResponse:
 
 
 def presliding_responses(records: Sequence[FrictionRecord]) -> tuple[PreslidingResponse, ...]:
-    """One response for each amplitude of the torque, the smallest first."""
+    """Return one response for each amplitude of the torque, the smallest first."""
     ordered = sorted(records, key=lambda record: float(np.std(record.torque)))
     sizes = np.array([np.std(record.torque) for record in ordered])
     ends = np.flatnonzero(sizes[1:] > SAME_AMPLITUDE * sizes[:-1]) + 1

@@ -75,17 +75,17 @@ class MotionTerms:
         return stribeck | ({"temperature.decay": self.decay} if self.is_decay_free else {})
 
     def at(self, numbers: Regression) -> "MotionTerms":
-        """Terms with the nonlinear numbers of a regression with these parts, which has searched for its own."""
+        """Return terms with the nonlinear numbers of a regression with these parts, which has searched for its own."""
         return self.with_nonlinear({name: numbers[name] for name in self.searched if name in numbers.names})
 
     def with_nonlinear(self, ends: Mapping[str, float]) -> "MotionTerms":
-        """Terms with other nonlinear numbers."""
+        """Return terms with other nonlinear numbers."""
         velocity = ends.get("stribeck_velocity", self.stribeck_velocity)
         return replace(self, stribeck_velocity=velocity, decay=ends.get("temperature.decay", self.decay))
 
 
 def select_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
-    """The parts that the data show beyond chance, one after the other."""
+    """Return the parts that the data show beyond chance, one after the other."""
     if signals[0].motion.is_run_down:
         return _curve(signals, MotionTerms(by_direction=False, friction_only=True))
     terms = MotionTerms(load=len({signal.motion.load for signal in signals}) > 1)
@@ -103,7 +103,7 @@ def select_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
 
 
 def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """Terms with dry friction over the angle, if a Legendre polynomial shows, and all change it enough."""
+    """Return terms with dry friction over the angle, if a Legendre polynomial shows, and all change it enough."""
     ends = min(float(axis.position.min()) for axis in signals), max(float(axis.position.max()) for axis in signals)
     wider = replace(terms, angles=ends)
     fit = regressed(signals, wider)
@@ -114,7 +114,7 @@ def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTer
 
 
 def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """Terms with a Stribeck effect, if one shows, of another exponent than 2 where that is excluded."""
+    """Return terms with a Stribeck effect, if one shows, of another exponent than 2 where that is excluded."""
     velocity = _stribeck_velocity(signals, terms)
     if not velocity:
         return terms
@@ -127,7 +127,7 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 
 
 def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
-    """Regression with the change to other curves over speed that are not excluded in its covariance.
+    """Return regression with the change to other curves over speed that are not excluded in its covariance.
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
@@ -147,12 +147,12 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
-    """Change of the numbers (n_x,) in the other regression."""
+    """Return change of the numbers (n_x,) in the other regression."""
     return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
 
 
 def noise_bias(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> FloatArray:
-    r"""Change of the numbers (n_x,) by noise of the position in the columns of velocity and acceleration.
+    r"""Return change of the numbers (n_x,) by noise of the position in the columns of velocity and acceleration.
 
     .. math:: \Delta\beta = -(X^T X)^{-1} N \beta, \quad N = E[\tilde X^T \tilde X]
 
@@ -168,7 +168,7 @@ def noise_bias(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regres
 
 
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """Terms with the numbers of heat if one shows: without the other it would take that one's part."""
+    """Return terms with the numbers of heat if one shows: without the other it would take that one's part."""
     degc = [axis.motion.temperature for axis in signals if axis.motion.temperature is not None]
     if len(degc) < len(signals):
         return terms
@@ -188,7 +188,7 @@ def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 
 
 def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
-    """The best one; 0 where two tests, for correlated residuals and for their sum of squares, find chance alone."""
+    """Return the best one; 0 if two tests, for correlated residuals and for their sum of squares, show chance alone."""
     fastest = max(float(np.abs(axis.velocity).max()) for axis in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(signals, terms, _VELOCITIES * fastest))
     without, fit = regressed(signals, terms), regressed(signals, best, steps=0)
@@ -204,7 +204,7 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
 
 
 def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
-    """Stribeck velocity (of m candidates) that best explains the residual of a regression without Stribeck effect."""
+    """Return the Stribeck velocity (of m candidates) that best explains the residual of a regression without one."""
     logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
     filtered = [
@@ -218,7 +218,7 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
 
 
 def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
-    """Waves of the motor's turns that stand out of the residuals, and beyond chance of their neighbours in time."""
+    """Return waves of the motor's turns that stand out of the residuals, and significantly of neighbours in time."""
     fit, errors, waves = regressed(signals, terms), [], []
     for log in signals:
         columns = columns_of(log, terms)
@@ -234,7 +234,7 @@ def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, .
 
 
 def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = 12) -> Regression:
-    """steps: number of Gauss-Newton steps of the search for the Stribeck velocity, by its column in the Jacobian."""
+    """Regress the signals; steps: most Gauss-Newton steps of the search for the nonlinear numbers."""
 
     def solved(about: Regression | None) -> Regression:
         return solve([axis_equations(axis, terms, about) for axis in signals], signals[0].decimated_hz).at("")
@@ -254,7 +254,7 @@ def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int =
 
 
 def axis_equations(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> Equations:
-    """Equations of an axis that moves alone."""
+    """Return equations of an axis that moves alone."""
     return equations_of(MotionLog({"": signals}), {"": terms}, about=about)
 
 
@@ -265,7 +265,7 @@ def equations_of(
     sliding: bool = True,
     about: Regression | None = None,
 ) -> Equations:
-    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all behind the filter.
+    """Return equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all behind the filter.
 
     sliding: of samples that are clear of reversals alone.
     """
@@ -283,7 +283,7 @@ def equations_of(
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
-    """Columns behind the filter; derivatives of the logged position, whose filter reaches no further.
+    """Return columns behind the filter; derivatives of the logged position, whose filter reaches no further.
 
     The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
     errors of the model in it, and makes all numbers wrong.  The inertia has the spring of the robot model in it.
@@ -313,7 +313,7 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
 def full_rate_columns(
     signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
-    """Columns (n,) by parameter name. about: values at which the columns of nonlinear parameters are derivatives."""
+    """Return columns (n,) by parameter name. about: values at which columns of nonlinear parameters are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
     # A log without temperature is at T_0; a speed above 0 has a logarithm.
     degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature

@@ -158,7 +158,7 @@ class FrictionResult:
         return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
 
     def at(self, joint: str) -> JointFriction:
-        """The friction of a joint; UnknownNameError names the known ones."""
+        """Return the friction of a joint; UnknownNameError names the known ones."""
         return self.joints[index_of(joint, [row.joint for row in self.joints], "friction of joint")]
 
     @property
@@ -191,7 +191,7 @@ RIGID_TERMS = {
 
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
-    """Numbers of the static law, and of each direction where they differ."""
+    """Yield numbers of the static law, and of each direction where they differ."""
     curve, values = law.curve, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", curve.slides)
     learnt = f"{curve.n_conditions} friction torques from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}"
@@ -207,7 +207,7 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
-    """Time constants, and heat given off where kelvins are known."""
+    """Yield time constants, and heat given off where kelvins are known."""
     constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
     learnt = f"{read} readings, {len(warm_up.torque)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
     numbered = zip([""] if len(constants) == 1 else ["1", "2"], constants, strict=True)
@@ -233,7 +233,7 @@ def _table(
     reach: float = QUANTILE_95,
     terms: Mapping[str, FrictionTerm] = TERMS,
 ) -> Iterator[FrictionNumber]:
-    """Numbers that are known, by name, and Coulomb and viscous friction forwards and backwards where they differ.
+    """Yield numbers that are known, by name, and Coulomb and viscous friction forwards and backwards where they differ.
 
     The latter are mean and half difference, summed and subtracted.
     """
@@ -255,7 +255,7 @@ def _table(
 
 
 def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> dict[str, float]:
-    """Numbers of a joint by name, link side, SI; empty for one without friction.
+    """Return numbers of a joint by name, link side, SI; empty for one without friction.
 
     static: the law that they are compared with. Its numbers stand at the mean temperature of its levels, and where it
     has no part for the load, under the mean load of these.
@@ -283,7 +283,7 @@ def identify_friction(
     spec: FrictionSpec,
     truth: Robot | None = None,
 ) -> FrictionResult:
-    """The friction of all joints; truth: the simulated robot.  FitError for a required part that is not identified."""
+    """Identify friction of all joints; truth: the simulated robot.  FitError if a required part is not identifiable."""
     joints = tuple(_joint(robot, part, measured, spec, truth) for part in sliding)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
@@ -332,7 +332,7 @@ T = TypeVar("T")
 
 
 def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: P.args, **kwargs: P.kwargs) -> T | None:
-    """A part of the friction; None, and the note on why, where the data do not identify it."""
+    """Return a part of the friction; None, and the note on why, where the data do not identify it."""
     try:
         return identify(*args, **kwargs)
     except (DataError, FitError) as error:
@@ -347,12 +347,12 @@ def _law(
     at_rest: PreslidingFit | None,
     spec: LawSpec,
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
-    """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
+    """Return the law and its viscous friction, link side; a note where the numbers are physically impossible."""
     regression = static if static is not None else sliding.motion or sliding.commanded
     if regression is None or (static is not None and static.has_one_speed):
         return None, None, ()
     try:
-        friction = regression.to_friction()
+        friction, viscous = regression.to_friction()
         if presliding is not None:
             friction = replace(friction, maxwell_slip=presliding.to_maxwell_slip())
         elif at_rest is not None and at_rest.sigma_0 > 0 and spec.presliding in ("auto", "lugre"):
@@ -360,17 +360,17 @@ def _law(
             # Falls with velocity so that the law supplies no energy, nine tenths of the largest with which it does not.
             falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * friction.coulomb / damping if damping > 0 else None
             friction = replace(friction, lugre=LuGre(at_rest.sigma_0, damping, falling))
-        friction.check_passive(regression.viscous, sliding.slides)
+        friction.check_passive(viscous, sliding.slides)
     except ValueError as error:
         text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
         return None, None, (Note("friction/law", text, f"joint {sliding.joint}"),)
-    return friction, regression.viscous, ()
+    return friction, viscous, ()
 
 
 def _numbers(
     sliding: SlidingFriction, static: StaticLaw | None, at_rest: PreslidingFit | None, truth: Truth
 ) -> Iterator[FrictionNumber]:
-    """Table of parameters; of two experiments for one, the later counts, and constant-velocity runs over motions."""
+    """Yield the table of parameters; of two experiments for one, the later counts, and runs before motions."""
     table = partial(_table, sliding.joint, sliding.slides, truth=truth)
     if static is not None:
         yield from numbers_of_law(sliding.joint, static, truth)
@@ -394,7 +394,7 @@ def _numbers(
 
 
 def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] | None:
-    """The thermal model of a joint, with its warm-up; None without one."""
+    """Return the thermal model of a joint, with its warm-up; None without one."""
     log = next((log for log in measured.warm_ups if log.joint == joint), None)
     if log is None:
         return None
@@ -425,11 +425,12 @@ def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw 
         return None
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
-        viscous = static.viscous, static.value_and_std("viscous")[1]
+        value, std = static.value_and_std("viscous")
+        viscous = max(0.0, value), std
     spring = joint_spring(robot, records[0])
     return fit_presliding_responses(f"joint {records[0].joint}", presliding_responses(records), spring, viscous)
 
 
 def joint_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
-    """The joint with its spring, the others held; None for a rigid one."""
+    """Return the joint with its spring, the others held; None for a rigid one."""
     return locked_joint(robot, record.joint, record.angles(len(robot.driven)))

@@ -60,7 +60,7 @@ class RigidBody:
 
 
 def _states(robot: Robot, log: MotionLog, samples: slice = slice(None)) -> FloatArray:
-    """q, v, a (3, n_l, n) of all joints of the robot."""
+    """Return q, v, a (3, n_l, n) of all joints of the robot."""
     names = [joint.name for joint in robot.joints]
     state = np.zeros((3, len(names), len(log.first.position[samples])))
     for joint, angle in log.resting.items():
@@ -72,7 +72,7 @@ def _states(robot: Robot, log: MotionLog, samples: slice = slice(None)) -> Float
 
 
 def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
-    """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file; DataError with loops."""
+    """Return the torque (n,) of rigid body and rotor by joint with the robot model's masses; DataError with loops."""
     if robot.loops:
         text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
         raise DataError("friction/rigid-body", text, f"robot {robot.name}")
@@ -85,7 +85,7 @@ def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
 
 
 def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[str, FloatArray]:
-    """Torque (n,) of the identified rigid body along a log, for each joint; empty without a rigid body.
+    """Return torque (n,) of the identified rigid body along a log, for each joint; empty without a rigid body.
 
     DataError where its motion takes numbers that the motions behind `body` have not identified.
     """
@@ -122,7 +122,7 @@ def column_names(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _coupled(robot: Robot) -> list[int]:
-    """Motors that a gear couples with other joints, among the driven ones."""
+    """Return motors that a gear couples with other joints, among the driven ones."""
     return np.flatnonzero(np.count_nonzero(robot.mixing, axis=1) > 1).tolist()
 
 
@@ -139,7 +139,7 @@ def base_columns_of(robot: Robot, joints: tuple[str, ...], logs: Sequence[Motion
 
 
 def _sizes(sample: FloatArray) -> FloatArray:
-    """Norms (n_c,) of columns; infinite of one that is zero but for rounding, whose number no motion shows."""
+    """Return norms (n_c,) of columns; infinite of one that is zero but for rounding, whose number no motion shows."""
     size = np.linalg.norm(sample, axis=0)
     return np.where(size > 1e-9 * size.max(), size, np.inf)
 
@@ -168,7 +168,7 @@ class RigidColumns:
         return ca.Function("part", [q, v, a], [columns]), chosen[chosen >= 10 * n_l] - 10 * n_l, places
 
     def at(self, log: MotionLog, samples: slice) -> FloatArray:
-        """Columns (n, len(rows), n_b) at some samples."""
+        """Return columns (n, len(rows), n_b) at some samples."""
         (function, further, places), state = self._function, _states(self.robot, log, samples)
         n, m = state.shape[2], len(self.joints)
         rotors = np.zeros((n, len(places), 2 * m))
@@ -183,16 +183,16 @@ class RigidColumns:
         return np.concatenate([of_rigid_body, np.concatenate([rotors, sliding], axis=2)[:, :, further]], axis=2)
 
     def sampled(self, log: MotionLog) -> FloatArray:
-        """Columns (n, len(rows), n_b) at some 500 samples."""
+        """Return columns (n, len(rows), n_b) at some 500 samples."""
         return self.at(log, slice(0, None, max(1, len(log.first.position) // 500)))
 
     def torques(self, log: MotionLog, numbers: FloatArray) -> FloatArray:
-        """Torque (len(rows), n) of numbers (n_b,)."""
+        """Return torque (len(rows), n) of numbers (n_b,)."""
         starts = range(0, len(log.first.position), PIECE)
         return np.concatenate([self.at(log, slice(i, i + PIECE)) @ numbers for i in starts]).T
 
     def filtered(self, log: MotionLog) -> FloatArray:
-        """Columns behind the filter of both sides, at the samples that are kept."""
+        """Return columns behind the filter of both sides, at the samples that are kept."""
         return np.concatenate([part.filtered(self.at(log, here)) for part, here in log.first.pieces()])
 
 

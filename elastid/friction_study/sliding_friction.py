@@ -110,7 +110,7 @@ SEPARATING = (
 
 
 def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> Iterator[Note]:
-    """A note for each combination of numbers that is known while they are not, and the motion that separates them."""
+    """Yield a note on each identified combination of numbers that are not, and the motion that separates them."""
     kp, kd = measured.of(joint.name, "commands")[0].gains or (1.0, 1.0)
     # Below it the lag of friction is a delay, (f + k_d) / k_p.
     hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
@@ -136,23 +136,20 @@ def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> I
 
 
 def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
-    """Numbers of each joint with commands and no torque, from all its logs; the joints of a log share one delay."""
+    """Return numbers of each joint with commands and no torque, from all its logs; joints of a log share one delay."""
     logs = motion_logs(measured, "commands")
     if not logs:
         return {}
     of_logs = [commanded_log(robot, log) for log in logs]
-    fit, carried = (
-        fit_commanded(of_logs),
-        {j: c for log in of_logs for j, c in zip(log.joints, log.coupled_inertia, strict=True)},
-    )
+    carried = {j: c for log in of_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
-        joint: replace(_with_motion(fit.of_joint(joint), measured.of(joint, "commands")), carried=float(carried[joint]))
-        for joint in fit.joints
+        joint: replace(_with_motion(fit, measured.of(joint, "commands")), carried=carried[joint])
+        for joint, fit in fit_commanded(of_logs).items()
     }
 
 
 def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord]) -> CommandedJoint:
-    """The numbers with the motion that identified them."""
+    """Return the numbers with the motion that identified them."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     low, high = np.quantile(speed, [0.05, 0.99]).tolist()
@@ -161,7 +158,7 @@ def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord]) -> Comm
 
 
 def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
-    """Commands and positions of the joints of a log, and the torque of the rigid body that couples them, if any does.
+    """Return commands and positions of the joints of a log, and the torque of the rigid body that couples them, if any.
 
     DataError for a robot with loops.
     """
@@ -184,7 +181,7 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
 
 
 def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Torque (n, m) of the robot model's rigid body along positions (n, m), without its mean inertia (m,).
+    """Return torque (n, m) of the robot model's rigid body along positions (n, m), without its mean inertia (m,).
 
     Returns both, zeros if the robot model couples none of these joints: each has its own inertia and gravity then.
     """
@@ -217,7 +214,7 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
 def simulated_commands(
     robot: Robot, log: Mapping[str, FrictionRecord], joints: Mapping[str, CommandedJoint]
 ) -> FloatArray:
-    """Positions (n, m) of the joints of a log from its commands alone, by waveform relaxation of their coupling.
+    """Return positions (n, m) of the joints of a log from its commands alone, by waveform relaxation of their coupling.
 
     Each sweep takes the torque of the coupling from the positions of the sweep before (Lelarasmee, Ruehli and
     Sangiovanni-Vincentelli, IEEE Trans. CAD 1, 1982).
@@ -233,7 +230,7 @@ def simulated_commands(
 
 
 def _first_velocity(record: FrictionRecord) -> float:
-    """Velocity at the first sample, measured or by the slope of the first samples."""
+    """Return velocity at the first sample, measured or by the slope of the first samples."""
     if record.velocity is not None:
         return float(record.velocity[0])
     return float(np.polyfit(np.arange(5) / record.rate_hz, record.position[:5], 1)[0])
@@ -263,12 +260,12 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "Jo
 
 
 def _turn(joint: Joint) -> float:
-    """Turn of the joint for one of its motor; 0 without a motor."""
+    """Return turn of the joint for one of its motor; 0 without a motor."""
     return 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
 
 
 def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> "JointMotion":
-    """Regression of the coast-down tests of one joint; DataError if they are too short, or friction accelerates it."""
+    """Regress the coast-down tests of one joint; DataError if they are too short, or friction accelerates it."""
     motions = []
     for record in records:
         log = motion_log(robot, {joint.name: record}, PASSBAND_HZ)
@@ -297,7 +294,7 @@ class JointMotion:
 
 
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
-    """The motions of each joint that has some; where it moved alone and with others, alone counts."""
+    """Return the motions of each joint that has some; where it moved alone and with others, alone counts."""
     logs = motion_logs(measured)
     evaluated = _together(robot, [log for log in logs if len(log) > 1])
     for joint in joints:
@@ -310,7 +307,7 @@ def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -
 
 
 def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[dict[str, FrictionRecord]]:
-    """The logs of motions in order, each with the records of the joints that moved in it."""
+    """Return the logs of motions in order, each with the records of the joints that moved in it."""
     logs: dict[str, dict[str, FrictionRecord]] = {}
     for record in measured.records:
         if record.purpose == purpose:
@@ -374,7 +371,7 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
 
 
 def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
-    """The signals of a log, and the angles of the joints that rest in it."""
+    """Return the signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
     every = zip(robot.driven_names, (robot.mixing @ first.angles(len(robot.driven))).tolist(), strict=True)
     resting = {joint: angle for joint, angle in every if joint not in log}
@@ -400,7 +397,7 @@ MIN_RATIO, CLOSE_FACTOR, MIN_CORRELATION = 10.0, 4.0, 0.5
 def check_torques(
     robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
 ) -> None:
-    """DataError where torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
+    """Raise DataError if torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
     powers, ratios = list[float](), list[float]()
     for joint, torque in measured.items():
         model, size = expected[joint], max(float(np.linalg.norm(expected[joint])), 1e-300)
@@ -420,7 +417,7 @@ def check_torques(
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
-    """True if the torque of gravity at a motor changes with its angle, the others held; true of a robot with loops."""
+    """Return True if gravity at a motor changes with its angle, the others fixed; true of a robot with loops."""
     if joint.slides or robot.loops:
         return not joint.slides
     place, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))

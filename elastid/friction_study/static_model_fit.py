@@ -66,7 +66,7 @@ class StaticLaw:
 
     @staticmethod
     def of(curve: FrictionCurve, spec: LawSpec) -> "StaticLaw":
-        """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
+        """Fit the law with its identifiable parts; the others get reasons, FitError if one of these is `yes`."""
         # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
         names = (
             ("coulomb", "viscous") if np.ptp(curve.speed) > SAME_SPEED_TOLERANCE * curve.speed.max() else ("coulomb",)
@@ -107,19 +107,19 @@ class StaticLaw:
         return (*self.terms.linear, *self.terms.searched)
 
     def value_and_std(self, name: str) -> tuple[float, float]:
-        """A number, of stiction its excess over Coulomb friction, and its std."""
+        """Return a number, of stiction its excess over Coulomb friction, and its std."""
         places = [i for i, key in enumerate(self.names) if key in (name, FALLING.get(name))]
         a = np.array([1.0 if self.names[i] == name else -1.0 for i in places])
         value = float(a @ [self.values[self.names[i]] for i in places])
         return value, float(np.sqrt(a @ self.covariance[np.ix_(places, places)] @ a))
 
     def torque(self, conditions: Conditions) -> FloatArray:
-        """s tau_f (n,) at conditions."""
+        """Return s tau_f (n,) at conditions."""
         linear = np.array([self.values[name] for name in self.terms.linear])
         return np.asarray(columns(conditions, self.terms.linear, self.values, self.T_0) @ linear)
 
     def torque_std(self, conditions: Conditions) -> FloatArray:
-        """Std (n,) of the torque, to first order."""
+        """Return std (n,) of the torque, to first order."""
         J = derivative(conditions, self.terms, self.values, self.T_0)
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
@@ -146,18 +146,13 @@ class StaticLaw:
         """True if the levels are of one speed: Coulomb friction is then the whole torque there, and no law follows."""
         return "viscous" not in self.values
 
-    @property
-    def viscous(self) -> float:
-        """The viscous friction that a robot's file has next to the law."""
-        return max(0.0, self.values.get("viscous", 0.0))
-
-    def to_friction(self) -> Friction:
-        """The law as a robot's file has it; its presliding is another's."""
+    def to_friction(self) -> tuple[Friction, float]:
+        """Return the law and its viscous friction as in a robot model, without presliding."""
         return friction_of(self.values, self.T_0, self.measured)
 
 
 def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
-    """The law nearest to the levels in units of their std; FitError for too few levels, or searches without an end."""
+    """Fit the law to the curve in units of its std; FitError for too few torques, or searches without an optimum."""
     n_numbers = len(terms.linear) + len(terms.searched)
     if curve.n_conditions <= n_numbers:
         numbers = ", ".join((*terms.linear, *terms.searched))
@@ -188,12 +183,12 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
 
 
 def excess(cost: float, dof: int) -> float:
-    """Factor of the variance of levels by which they scatter more than stated; 1 where chance explains it."""
+    """Return factor of the variance of levels by which they scatter more than stated; 1 where chance explains it."""
     return cost / dof if chdtrc(dof, cost) < FALSE_ALARM else 1.0
 
 
 def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
-    """d s tau_f / d numbers (n, n_linear + n_searched)."""
+    """Return d s tau_f / d numbers (n, n_linear + n_searched)."""
     linear = {name: values[name] for name in terms.linear}
     searched = slopes(conditions, linear, terms.searched, values, T_0)
     return np.hstack([columns(conditions, terms.linear, values, T_0), searched])
@@ -208,7 +203,7 @@ class _Search:
     T_0: float
 
     def eta(self, x: FloatArray) -> dict[str, float]:
-        """The nonlinear numbers at x, held ones included."""
+        """Return the nonlinear numbers at x, held ones included."""
         eta = dict(self.terms.fixed) | named(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
@@ -219,7 +214,7 @@ class _Search:
         return eta
 
     def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-        """The best linear numbers at eta, and the residual."""
+        """Return the best linear numbers at eta, and the residual."""
         W = 1 / self.levels.std
         Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
@@ -227,7 +222,7 @@ class _Search:
         return np.linalg.lstsq(R, share, rcond=None)[0], y - Q @ share
 
     def starts(self) -> Iterator[FloatArray]:
-        """Stribeck velocities over the speeds, exponents, one decay."""
+        """Yield Stribeck velocities over the speeds, exponents, one decay."""
         speeds = np.log(self.levels.speed)
         velocities = speeds.min() + np.array((0.15, 0.35, 0.6)) * np.ptp(speeds)
         choices: dict[str, tuple[float, ...]] = {
@@ -243,21 +238,22 @@ class _Search:
             yield np.array([start[name] for name in self.terms.searched])
 
 
-def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:
-    """Friction model from parameters by name, temperature terms about a reference in degC, as in a robot model."""
+def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> tuple[Friction, float]:
+    """Return friction model and viscous friction from parameters by name, about a reference temperature in degC."""
     of_part = {
         part: {name.removeprefix(part): x for name, x in value.items() if name.startswith(part)}
         for part in ("load.", "temperature.", "directions.")
     }
     load, heat, apart = of_part.values()
     heat |= {"viscous": max(0.0, heat["viscous"])} if "viscous" in heat else {}  # no law grows with heat
-    return Friction(
+    friction = Friction(
         value["coulomb"], value.get("stiction"), value.get("stribeck_velocity"),
         max(0.0, value.get("quadratic", 0.0)), value.get("exponent", 2.0),
         load=LoadDependence(max(0.0, load.pop("coulomb", 0.0)), **load) if load else None,
         temperature=TemperatureDependence(reference, **heat) if set(heat) - {"decay"} else None,
         directions=Directions(**apart) if apart else None, measured=measured
     )  # fmt: skip
+    return friction, max(0.0, value.get("viscous", 0.0))
 
 
 def _range(values: FloatArray) -> tuple[float, float]:
@@ -312,7 +308,7 @@ class _Part:
 
 
 def _tried(curve: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
-    """The law with a part, or the reason why not; both where it is there and its own numbers are extrapolations."""
+    """Return the law with a part, or the reason why not; both if the part is an extrapolation below the speeds."""
     if key == "no":
         return None, NOT_ASKED
     if part.refusal:
@@ -338,7 +334,7 @@ def _tried(curve: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tupl
 
 
 def above_stribeck(lowest: float, nu_s: float) -> str:
-    """The reason why speeds show no stiction."""
+    """Return the reason why speeds show no stiction."""
     return (
         f"the lowest speed of {lowest:.3g} is above a third of the Stribeck velocity (about {nu_s:.3g}); "
         f"measure at {LOWEST_SPEED * nu_s:.2g} and below"
@@ -346,7 +342,7 @@ def above_stribeck(lowest: float, nu_s: float) -> str:
 
 
 def _add_curve_uncertainty(curve: FrictionCurve, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
-    """Fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
+    """Return fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
     """
@@ -370,12 +366,12 @@ def _add_curve_uncertainty(curve: FrictionCurve, fit: StaticLaw, stribeck: _Part
 
 
 def extrapolates(lowest: float) -> str:
-    """The end of a reason why a law has no Stribeck effect; lowest: speed that was measured."""
+    """Return the end of a reason why a law has no Stribeck effect; lowest: speed that was measured."""
     return f"F_c is extrapolated to zero from speeds of {lowest:.2g} and above, and friction below may be larger"
 
 
 def _widest(fit: StaticLaw, names: list[str]) -> str | None:
-    """The reason why a number of the new part is not known; a slope over temperature or direction may be zero."""
+    """Return the reason why a number of the new part is unknown; a slope over temperature or direction may be zero."""
     for name in names:
         if name.startswith("directions") or (name.startswith("temperature") and name not in COOLING):
             continue
@@ -421,7 +417,7 @@ def _parts(curve: FrictionCurve) -> tuple[_Part, ...]:
 
 
 def _distinct(values: FloatArray, step: float) -> int:
-    """Number of values that are apart by more than the step, counted upwards."""
+    """Return number of values that are apart by more than the step, counted upwards."""
     count, last = 0, -np.inf
     for value in np.sort(values).tolist():
         if value > last + step:

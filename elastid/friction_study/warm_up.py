@@ -64,7 +64,7 @@ class ThermalModel:
 
 
 def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
-    """The thermal model with one node, or with two where an F test at 1 % finds the second.
+    """Return the thermal model with one node, or with two where an F test at 1 % finds the second.
 
     Raises DataError where nothing warms up or nothing was measured, FitError where no start leads to an optimum.
     """
@@ -100,7 +100,7 @@ class _Problem:
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
 
     def thermal_parameters(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
-        """Time constants, shares of the thermometer and of the levels, h, start."""
+        """Return time constants, shares of the thermometer and of the levels, h, start."""
         value, log = named(self.names, x), self.warm_up.log
         ratio = math.exp(value.get("ratio", 0.0))
         constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
@@ -110,7 +110,7 @@ class _Problem:
         return constants, shares, of_torque, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Residual of readings, levels and the start, of variance 1."""
+        """Return residual of readings, levels and the start, of variance 1."""
         warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.thermal_parameters(x)
         parts = []
         if self.is_kelvin:
@@ -124,13 +124,13 @@ class _Problem:
         return np.concatenate(parts)
 
     def series(self, constants: FloatArray, shares: FloatArray) -> FloatArray:
-        """Columns (m, 3 n_speeds) of the parabolas."""
+        """Return columns (m, 3 n_speeds) of the parabolas."""
         speeds, place = np.unique(np.round(self.warm_up.test_speed, 9), return_inverse=True)
         heat = _heat(self.warm_up.log, constants, shares)[self.warm_up.test] / self.warm_up.log.power.max()
         return np.hstack([np.eye(len(speeds))[place] * heat[:, None] ** power for power in range(3)])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
-        """Best of a few starts; constant: with one thermal node. Raise FitError without an optimum."""
+        """Return best of a few starts; constant: with one thermal node. Raise FitError without an optimum."""
         log, span = self.warm_up.log, float(np.ptp(self.warm_up.log.time_s))
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
         bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(0.9))}
@@ -159,7 +159,7 @@ class _Problem:
 
 
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
-    """A note where a warm-up ended before its slowest time constant was known."""
+    """Return a note where a warm-up ended before its slowest time constant was known."""
     std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
     seconds = float(np.ptp(warm_up.log.time_s))
     if std < MAX_LOG_STD and constant < seconds:
@@ -172,7 +172,7 @@ def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note
 
 
 def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArray:
-    """sum w_i theta_i (n + 1,) in W, from a joint at ambient temperature."""
+    """Return sum w_i theta_i (n + 1,) in W, from a joint at ambient temperature."""
     steps, total = np.diff(log.time_s), np.zeros(len(log.time_s))
     for T_i, w in zip(constants, shares, strict=True):
         decay = np.exp(-steps / T_i)
@@ -182,14 +182,14 @@ def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArr
 
 
 def temperature(log: WarmUpLog, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
-    """T (n + 1,) in degC; a joint that stood is as warm inside as outside, and cools with its slowest constant."""
+    """Return T (n + 1,) in degC; a joint at rest is as warm inside as outside, and cools with its slowest constant."""
     fading, measured = np.exp(-(log.time_s - log.time_s[0]) / constants.max()), log.ambient_degc
     ambient = start if math.isnan(measured) else measured
     return np.asarray(ambient + (start - ambient) * fading + _heat(log, constants, shares) / h)
 
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
-    """The log with the level of each test pass."""
+    """Return the log with the level of each test pass."""
     pairs = [passes_of(record) for record in tests]
     speeds = [float(np.mean([abs(part.velocity.mean()) for part in pair])) for pair in pairs]
     solved = [PassRegression.of(pair, True, 0.0).solve() for pair in pairs]

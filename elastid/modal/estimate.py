@@ -63,7 +63,7 @@ MIN_RELATIVE_VARIANCE = 1e-12
 
 
 def line_variance(response: Response) -> FloatArray:
-    """E|dG|^2 (F, n_y, n_u), without the leakage of windows that the columns have; positive."""
+    """Return E|dG|^2 (F, n_y, n_u), without the leakage of windows that the columns have; positive."""
     power = np.abs(response.G) ** 2
     covariance = response.uncertainty
     if response.window and response.noise is not None:
@@ -78,7 +78,7 @@ def line_variance(response: Response) -> FloatArray:
 
 
 def _of_inputs(covariance: Covariance) -> FloatArray:
-    """Variance (F, 1, n_u) of G by noise of variance 1 at the outputs, over its mean; 1 where it is not known."""
+    """Return variance (F, 1, n_u) of G by noise of variance 1 at the outputs, over its mean; 1 if unknown."""
     if covariance.left is None:
         return np.ones((1, 1, 1))
     power = np.einsum("fuu->fu", covariance.left).real[:, None, :]
@@ -86,20 +86,20 @@ def _of_inputs(covariance: Covariance) -> FloatArray:
 
 
 def has_variance(response: Response) -> bool:
-    """True where the response states its noise."""
+    """Return True where the response states its noise."""
     covariance = response.uncertainty
     return covariance is not None and bool(np.any(covariance.variance > 0))
 
 
 def floored(variance: FloatArray, power: FloatArray) -> FloatArray:
-    """Variance, at least the variance of rounding, so that it is positive."""
+    """Return variance, at least the variance of rounding, so that it is positive."""
     mean = power.mean(axis=0)
     floor = MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)
     return np.asarray(np.maximum(variance, floor))
 
 
 def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
-    """Variance (F, n_y, n_u) by fourth differences of neighbouring lines."""
+    """Return variance (F, n_y, n_u) by fourth differences of neighbouring lines."""
     F = len(freq_hz)
     power = np.abs(_differences(freq_hz, G)) ** 2
     median = median_filter(power, size=(min(DIFFERENCE_LINES, len(power)), 1, 1), mode="nearest") / math.log(2)
@@ -107,7 +107,7 @@ def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
 
 
 def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:
-    """d (F - 4, n_y, n_u), of the variance of a line where neighbours are independent."""
+    """Return d (F - 4, n_y, n_u), of the variance of a line where neighbours are independent."""
     x = np.lib.stride_tricks.sliding_window_view(freq_hz, 5) / (freq_hz[-1] / len(freq_hz))
     gaps = x[:, :, None] - x[:, None, :] + np.eye(5)
     c = 1 / gaps.prod(axis=2)
@@ -116,7 +116,7 @@ def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:
 
 
 def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
-    """Variances (F, n_y, n_u) of few degrees of freedom as (a + b |G|^2) c: a by outputs, b by inputs, c a local mean.
+    """Smooth variances (F, n_y, n_u) of few dof as (a + b |G|^2) c: a by outputs, b by inputs, c a local mean.
 
     a, b >= 0 of each element by least squares relative to their sum; single variances would weigh lines by chance.
     """
@@ -147,7 +147,7 @@ def estimate_modes(
     poles_hz: Sequence[float] | None = None,
     exponential_s: float | None = None,
 ) -> Modes:
-    r"""Modes of a response with 95 % intervals: p-LSCF over orders, F tests, weighted least squares.
+    r"""Return modes of a response with 95 % intervals: p-LSCF over orders, F tests, weighted least squares.
 
     band_hz: lines that are used.  max_order: of the matrix polynomial, 60 by default as lines allow.  poles_hz: natural
     frequencies of the poles that are taken, the nearest stable one each, in place of the choice by F tests.
@@ -183,7 +183,7 @@ def estimate_modes(
 def _search(
     response: Response, max_order: int | None, poles_hz: Sequence[float] | None
 ) -> tuple[tuple[tuple[int, ComplexArray], ...], ModalFit]:
-    """Poles of all orders, and the fit with those that are modes."""
+    """Return poles of all orders, and the fit with those that are modes."""
     data, correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
         response.freq_hz, weighted(response, data), data.weight, max_order or int(np.clip(response.n_lines // 6, 8, 60))
@@ -198,13 +198,13 @@ def _search(
 
 
 def _unexplained(response: Response, fit: ModalFit) -> float:
-    """Residual power over the power of the response."""
+    """Return residual power over the power of the response."""
     residual = response.G - fit.synthesis().reshape(response.G.shape)
     return float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(response.G) ** 2))
 
 
 def modes_of_responses(responses: Sequence[Response], spec: ModalSpec) -> tuple[Modes, ...]:
-    """The modes of each response as a study asks for them; none, with a note, of one with too few lines."""
+    """Return the modes of each response as a study asks for them; none, with a note, of one with too few lines."""
     return tuple(_modes_or_none(response, spec) for response in responses)
 
 
@@ -216,7 +216,7 @@ def _modes_or_none(response: Response, spec: ModalSpec) -> Modes:
 
 
 def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
-    """The response on lines in the band that inputs reach and outputs answer; DataError where they are too few."""
+    """Return the response on lines in the band that inputs excite and outputs answer; DataError if they are too few."""
     keep = response.freq_hz > 0
     if band_hz is not None:
         keep &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
@@ -233,7 +233,7 @@ def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
 
 
 def _refuse_overload(response: Response) -> None:
-    """Clipping is not linear: a fit mends it by poles that no structure has, with narrow intervals."""
+    """Refuse overloads: clipping is not linear, and false poles with narrow intervals would fit it."""
     if any(note.code == "frf/overload" for note in response.notes):
         raise DataError(
             "modal/lines",
@@ -244,7 +244,7 @@ def _refuse_overload(response: Response) -> None:
 
 
 def _reached(response: Response) -> BoolArray:
-    """Flags (F,) of lines with force and coherence."""
+    """Return flags (F,) of lines with force and coherence."""
     from scipy.ndimage import median_filter
 
     quality = response.quality
@@ -261,7 +261,7 @@ def _reached(response: Response) -> BoolArray:
 
 
 def _residual_variance(response: Response, fit: ModalFit) -> FloatArray:
-    """Variance (F, n_y, n_u) of the residuals of a model, smoothed over frequency."""
+    """Return variance (F, n_y, n_u) of the residuals of a model, smoothed over frequency."""
     power = np.abs(response.G) ** 2
     model = fit.synthesis().reshape(response.G.shape)
     free = np.maximum(1 - np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2, 0.1)[:, None, None]
@@ -269,12 +269,12 @@ def _residual_variance(response: Response, fit: ModalFit) -> FloatArray:
 
 
 def modal_data(response: Response, variance: FloatArray | None = None) -> ModalData:
-    """The response as weighted columns; variance: by default that stated, or by neighbouring lines."""
+    """Return the response as weighted columns; variance: by default that stated, or by neighbouring lines."""
     return ModalData.of(Basis.of(response), response.G, line_variance(response) if variance is None else variance)
 
 
 def weighted(response: Response, data: ModalData) -> ComplexArray:
-    """G (F, n_y, n_u) divided by the scale of its elements, or by one scale per input so that G = B / A holds."""
+    """Return G (F, n_y, n_u) over the scale of its elements, or over one scale per input so that G = B / A holds."""
     scale = data.scale.reshape(response.G.shape[1:])
     of_outputs = np.exp(np.log(scale).mean(axis=1, keepdims=True))
     of_inputs = np.exp((np.log(scale) - np.log(of_outputs)).mean(axis=0, keepdims=True))
@@ -288,7 +288,7 @@ def _fitted(
     poles_hz: Sequence[float] | None,
     start: ComplexArray = NO_POLES,
 ) -> ModalFit:
-    """The chosen poles, refined; else those that noise has not by chance, from `start` on."""
+    """Return the chosen poles, refined; else those that noise has not by chance, from `start` on."""
     if poles_hz is not None:
         return ModalFit(data, _nearest(candidates, np.asarray(poles_hz), data)).refined(30, 1e-4)
     fit = pursued(ModalFit(data, start).refined(), candidates, correlated_lines)
@@ -301,7 +301,7 @@ def _fitted(
 
 
 def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
-    """Candidates nearest to natural frequencies, each once; a pole of 1 % damping without a candidate within 2 %."""
+    """Return candidates nearest to natural frequencies, each once; a pole of 1 % damping if no candidate is within 2 %."""
     chosen = []
     for f in poles_hz:
         size = 2 * np.pi * f / data.basis.scale
@@ -318,7 +318,7 @@ def _modes(
     shift: float,
     poles_hz: Sequence[float] | None,
 ) -> Modes:
-    """Poles selected as modes. shift: correction for an exponential window, 1/s. poles_hz: user selection."""
+    """Return poles selected as modes. shift: correction for an exponential window, 1/s. poles_hz: user selection."""
     influences, scale = Influences(fit, response.correlated_lines), fit.data.basis.scale
     fitted = []
     for r in np.argsort(np.abs(fit.poles)).tolist():
@@ -374,12 +374,12 @@ def _gathered(
 
 
 def _relative_std(shape: ComplexArray, noise: FloatArray) -> FloatArray:
-    """Standard deviation (n,) of entries over the largest one, which is 1, with noise (n,) on each."""
+    """Return standard deviation (n,) of entries over the largest one, which is 1, with noise (n,) on each."""
     largest = int(np.argmax(np.abs(shape)))
     return np.asarray(np.sqrt(noise**2 + (np.abs(shape) * noise[largest]) ** 2) * (np.arange(len(shape)) != largest))
 
 
 def _second_singular_value(s: FloatArray, std: FloatArray) -> float:
-    """The second singular value that a residue of rank 1 has by noise, or by its own errors."""
+    """Return the second singular value that a residue of rank 1 has by noise, or by its own errors."""
     noise = float(np.sqrt(np.mean(std**2))) * (np.sqrt(std.shape[0]) + np.sqrt(std.shape[1])) / 2
     return float(max(LIMITS.second_shape * float(s[0]), LIMITS.second_shape_std * noise))

@@ -76,7 +76,7 @@ class FittedMode:
 
     @classmethod
     def of(cls, response: Response, influences: "Influences", r: int, pole: complex) -> "FittedMode":
-        """The pole r of a fit; pole: the same in 1/s, without windows."""
+        """Return the pole r of a fit; pole: the same in 1/s, without windows."""
         fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
         C = influences.pole_covariances[r] * scale**2
         # zeta = -Re lambda / |lambda|
@@ -90,18 +90,18 @@ class FittedMode:
         return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, r, slopes)
 
     def is_within(self, response: Response, shift: float = 0.0) -> bool:
-        """True within the band, if frequency and damping have small intervals. Widths below a line need no damping."""
+        """Return True within the band if frequency and damping have small intervals; narrow widths need no damping."""
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
         inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
         is_damped = LIMITS.damping_significance * self.zeta_std < self.zeta or self.lines_in_width(response, shift) < 1
         return bool(inside and is_damped and self.zeta < POLES.max_damping)
 
     def lines_in_width(self, response: Response, shift: float = 0.0) -> float:
-        """Lines within the half-power width 2 zeta f, with an exponential window of 1 / shift s: 1 / (pi tau) more."""
+        """Return lines within the width 2 zeta f; with an exponential window of 1 / shift s 1 / (pi tau) more."""
         return (2 * self.zeta * self.freq_hz + shift / np.pi) / float(np.median(np.diff(response.freq_hz)))
 
     def is_background(self, response: Response) -> bool:
-        """True for a broad pole of little height within its half powers, or of a shape that is not known."""
+        """Return True for a broad pole of little height within its half powers, or of a shape that is not known."""
         if self.zeta < LIMITS.broad:
             return False
         size, half_width = float(np.linalg.norm(self.residue)), self.freq_hz * self.zeta
@@ -111,11 +111,11 @@ class FittedMode:
         return bool(is_unknown or size / (2 * np.pi * half_width) < LIMITS.min_peak_ratio * rms)
 
     def is_near(self, poles_hz: Sequence[float]) -> bool:
-        """True where one of these frequencies is within 5 %, or within the half width: poles may wander in a fit."""
+        """Return True if one of these frequencies is within 5 %, or the half width: poles may move in a fit."""
         return any(abs(self.freq_hz / f - 1) < max(LIMITS.max_pole_distance, self.zeta) for f in poles_hz)
 
     def is_twin_of(self, other: "FittedMode") -> bool:
-        """True for a weak pole within a resonance of the same shape: it follows an error of that one."""
+        """Return True for a weak pole within a resonance of the same shape: it follows an error of that one."""
         size, size_of_other = float(np.linalg.norm(self.residue)), float(np.linalg.norm(other.residue))
         width = LIMITS.twin_distance * max(self.freq_hz * self.zeta, other.freq_hz * other.zeta)
         overlap = abs(np.vdot(self.residue, other.residue)) / (size * size_of_other)
@@ -124,12 +124,12 @@ class FittedMode:
 
 
 def without_twins(modes: Sequence[FittedMode]) -> list[FittedMode]:
-    """The modes without weak poles within the resonance of a stronger one of the same shape."""
+    """Return the modes without weak poles within the resonance of a stronger one of the same shape."""
     return [mode for mode in modes if not any(mode.is_twin_of(near) for near in modes if near is not mode)]
 
 
 def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequence[float] | None) -> tuple[Note, ...]:
-    """A note on chosen frequencies without a pole."""
+    """Return a note on chosen frequencies without a pole."""
     lost = [f"{f:g}" for f in poles_hz or () if not any(mode.is_near([f]) for mode in modes)]
     if not lost:
         return ()
@@ -142,7 +142,7 @@ def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequen
 
 
 def window_notes(modes: Sequence[FittedMode], shift: float, response: Response) -> tuple[Note, ...]:
-    """Note on poles with significantly less damping than the removed exponential window."""
+    """Return note on poles with significantly less damping than the removed exponential window."""
     count = sum(mode.zeta < -LIMITS.undamped_std * mode.zeta_std for mode in modes) if shift else 0
     if not count:
         return ()
@@ -154,7 +154,7 @@ def window_notes(modes: Sequence[FittedMode], shift: float, response: Response) 
 
 
 def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:
-    """A note on modes whose half-power width 2 zeta f holds too few lines: records too short for their damping."""
+    """Return a note on modes with too few lines within the half-power width 2 zeta f: records are too short."""
     lines = np.array([mode.lines_in_width(response) for mode in modes])
     if not np.any(lines < LIMITS.lines_in_width):
         return ()
@@ -185,7 +185,7 @@ class Influences:
     correlated_lines: float
 
     def covariance(self, influence: ComplexArray) -> FloatArray:
-        """Covariance (p, p) of p real numbers by their influence (p, F, C) on weighted complex errors."""
+        """Return covariance (p, p) of p real numbers by their influence (p, F, C) on weighted complex errors."""
         power = np.sum(np.abs(influence) ** 2, axis=(0, 2))
         # Lines that matter; most of a pole's influence is within its half widths.
         used = np.flatnonzero(power > 1e-4 * power.max())
@@ -257,7 +257,7 @@ class Influences:
         return model / np.maximum(np.abs(model), np.finfo(float).tiny)
 
     def _pole_leverage(self) -> FloatArray:
-        """Part (F,) of each line in the fit of the poles, over all elements."""
+        """Return part (F,) of each line in the fit of the poles, over all elements."""
         fit, n = self.fit, len(self.fit.poles)
         if not n:
             return np.zeros(len(fit.data.weight))
@@ -274,7 +274,7 @@ class Influences:
         return np.asarray(np.linalg.pinv(self.fit.information, rcond=1e-14, hermitian=True))
 
     def of_pole(self, r: int) -> ComplexArray:
-        """Influence (2, F, C) of weighted errors on Re and Im of a pole: its rows of (J^T J)^-1 J^T."""
+        """Return influence (2, F, C) of weighted errors on Re and Im of a pole: its rows of (J^T J)^-1 J^T."""
         fit, n = self.fit, len(self.fit.poles)
         b = fit.directions
         rows = self._inverse[2 * r : 2 * r + 2].reshape(2, n, 2)
@@ -288,7 +288,7 @@ class Influences:
         return tuple(self.covariance(self.of_pole(r)) for r in range(len(self.fit.poles)))
 
     def joint_covariance(self, modes: Sequence[FittedMode]) -> FloatArray:
-        """Covariance (2 m, 2 m) of frequency and damping of m modes, in this order; std as each mode states it.
+        """Return covariance (2 m, 2 m) of frequency and damping of m modes, in this order; std as each mode states it.
 
         The correlation is of all poles together.
         """
@@ -304,7 +304,7 @@ class Influences:
         return np.asarray(together / np.outer(scatter, scatter) * np.outer(std, std))
 
     def residue_std(self, r: int) -> FloatArray:
-        """Standard deviation (C,), complex: E|dR|^2 is its square, of a pole's residue over the elements' scale.
+        """Return standard deviation (C,), complex: E|dR|^2 is its square, of a pole's residue over the elements' scale.
 
         That at the pole as it is, and that by the pole, whose errors move all elements together.
         """

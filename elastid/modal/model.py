@@ -50,7 +50,7 @@ class Basis:
 
     @classmethod
     def of(cls, response: Response) -> "Basis":
-        """The columns for a response, smoothed where its segments had a window."""
+        """Return the columns for a response, smoothed where its segments had a window."""
         correlation = window_correlation(response) if response.window else None
         scale = 2 * np.pi * float(response.freq_hz[-1])
         order = MOTION_ORDER[response.quantity]
@@ -62,7 +62,7 @@ class Basis:
         return np.asarray(2j * np.pi * self.freq_hz / self.scale)
 
     def poles(self, poles: ComplexArray, derivative: bool = False) -> ComplexArray:
-        """1 / (s - lambda) (F, n) for poles (n,) over the scale, or its derivative by lambda."""
+        """Return 1 / (s - lambda) (F, n) for poles (n,) over the scale, or its derivative by lambda."""
         if self.correlation is not None:
             return self._smoothed(poles, derivative)
         columns = 1 / (self.s[:, None] - poles)
@@ -83,14 +83,14 @@ class Basis:
         return columns
 
     def residuals(self) -> ComplexArray:
-        """Columns (F, 5) of the residuals."""
+        """Return columns (F, 5) of the residuals."""
         s = self.s
         middle = float(np.sqrt(np.abs(s[0] * s[-1])))
         return np.stack([(s / middle) ** (self.order + p) for p in RESIDUALS], axis=1)
 
 
 def window_correlation(response: Response) -> FloatArray:
-    """rho_w (n,) over one segment, with at least two samples in a period of the highest line."""
+    """Return rho_w (n,) over one segment, with at least two samples in a period of the highest line."""
     from scipy.signal import get_window
 
     n = 2 << int(np.ceil(np.log2(response.freq_hz[-1] * response.segment_s + 2)))
@@ -100,12 +100,12 @@ def window_correlation(response: Response) -> FloatArray:
 
 
 def stacked(columns: ComplexArray) -> FloatArray:
-    """Real parts over imaginary parts (2 F, ...)."""
+    """Return real parts over imaginary parts (2 F, ...)."""
     return np.concatenate([columns.real, columns.imag], axis=0)
 
 
 def unstacked(columns: FloatArray) -> ComplexArray:
-    """Complex (F, ...) of real over imaginary parts."""
+    """Return complex (F, ...) of real over imaginary parts."""
     real, imaginary = np.split(columns, 2)
     return real + 1j * imaginary
 
@@ -144,7 +144,7 @@ class ModalData:
 
     @classmethod
     def of(cls, basis: Basis, G: ComplexArray, variance: FloatArray) -> "ModalData":
-        """G and variance (F, n_y, n_u)."""
+        """Return G and variance (F, n_y, n_u)."""
         F = len(G)
         flat, log = G.reshape(F, -1), np.log(variance.reshape(F, -1))
         scale = np.exp(log.mean(axis=0) / 2)
@@ -159,7 +159,7 @@ class ModalData:
         return stacked(self.weight[:, None] * self.basis.residuals())
 
     def columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
-        """Weighted columns (2 F, 2 n) of real and imaginary parts of each pole's residue, or derivatives by the pole.
+        """Return weighted columns (2 F, 2 n) of real and imaginary parts of each pole's residue, or slopes by the pole.
 
         Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
         """
@@ -249,7 +249,7 @@ class ModalFit:
         return np.asarray(np.einsum("rpic,ric->rp", self.directions, inner).reshape(2 * n))
 
     def refined(self, steps: int = 20, tolerance: float = 1e-3) -> "ModalFit":
-        """Fit at the poles with the least squares, by damped Gauss-Newton steps; tolerance in standard deviations."""
+        """Fit the poles by least squares with damped Gauss-Newton steps; tolerance in standard deviations."""
         fit, damping = self, 1e-3
         if not len(fit.poles):
             return fit
@@ -277,10 +277,10 @@ class ModalFit:
         return fit
 
     def without(self, r: int) -> "ModalFit":
-        """The model without a pole."""
+        """Return the model without a pole."""
         return ModalFit(self.data, np.delete(self.poles, r))
 
     def synthesis(self) -> ComplexArray:
-        """G (F, C) of the model."""
+        """Return G (F, C) of the model."""
         model = self.Q @ (self.Q.T @ self.data.y)
         return unstacked(model) * self.data.scale / self.data.weight[:, None]

@@ -114,7 +114,7 @@ class Modes:
         return omega * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
 
     def state_space(self, residual: bool = True) -> StateSpace:
-        r"""The modes as a real state space, two states a mode, and the residual of the modes outside the band.
+        r"""Return the modes as a real state space, two states a mode, and the residual of the modes outside the band.
 
         .. math:: A_r = \begin{bmatrix} \sigma & -\omega \\ \omega & \sigma \end{bmatrix}, \quad
                   B_r = \begin{bmatrix} \mathrm{Re}\, L_r^T \\ \mathrm{Im}\, L_r^T \end{bmatrix}, \quad
@@ -137,7 +137,7 @@ class Modes:
         return StateSpace(place, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
 
     def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
-        """Fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
+        """Return fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
         freq_hz, G = self.at_hz, self.synthesis
         s = 2j * np.pi * freq_hz
         ends = 2 * np.pi * np.array([freq_hz[0] * _OUTSIDE[0], *(freq_hz[-1] * x for x in _OUTSIDE[1:])])
@@ -154,7 +154,7 @@ class Modes:
         return D, [(polynomial, w * slope, w**2 * offset) for w, polynomial, slope, offset in triples]
 
     def transfer_polynomials(self, residual: bool = True) -> tuple[FloatArray, FloatArray]:
-        """Numerators (n_y, n_u, m) and the common denominator (m,) of `state_space`, the highest power of s first.
+        """Return numerators (n_y, n_u, m) and common denominator (m,) of `state_space`, the highest power of s first.
 
         Coefficients of more than some ten modes exceed the precision of numbers; prefer `state_space`.
         """
@@ -173,7 +173,7 @@ class Modes:
         return numerators, denominator
 
     def transfer_function(self, residual: bool = True) -> Any:
-        """`transfer_polynomials` as `control.TransferFunction`."""
+        """Return `transfer_polynomials` as `control.TransferFunction`."""
         import control  # takes a second or two
 
         numerators, denominator = self.transfer_polynomials(residual)
@@ -188,7 +188,7 @@ class Modes:
         return float(np.linalg.norm(difference) / np.linalg.norm(self.synthesis))
 
     def to_control(self, residual: bool = True) -> Any:
-        """`state_space` as `control.StateSpace`."""
+        """Return `state_space` as `control.StateSpace`."""
         return self.state_space(residual).to_control()
 
     @property
@@ -203,7 +203,7 @@ class Modes:
 
 
 def _product(factors: Sequence[FloatArray]) -> FloatArray:
-    """Coefficients of a product of polynomials, the highest power first."""
+    """Return coefficients of a product of polynomials, the highest power first."""
     product = np.ones(1)
     for factor in factors:
         product = np.asarray(np.polymul(product, factor))
@@ -221,7 +221,7 @@ def _interval(value: FloatArray, std: FloatArray) -> FloatArray:
 
 
 def without_modes(response: Response, note: Note) -> Modes:
-    """No mode, and why."""
+    """Return no mode, and why."""
     n_y, n_u = len(response.outputs), len(response.inputs)
     none, no_lines = np.empty(0), response.lines(np.zeros(response.n_lines, bool))
     diagram = StabilisationDiagram(np.empty(0, int), none, none, np.empty(0, bool))
@@ -234,7 +234,7 @@ def without_modes(response: Response, note: Note) -> Modes:
 
 
 def mac(first: ComplexArray, second: ComplexArray) -> FloatArray:
-    """MAC (n, m) of shapes (n_y, n) and (n_y, m), 1 for shapes that differ by a factor; ValueError for other places.
+    """Return MAC (n, m) of shapes (n_y, n) and (n_y, m), 1 if they differ by a factor; ValueError for other places.
 
     >>> mac(np.array([[1.0], [2.0]]), np.array([[1j, 2.0], [2j, -1.0]])).round(3).tolist()
     [[1.0, 0.0]]
@@ -247,7 +247,7 @@ def mac(first: ComplexArray, second: ComplexArray) -> FloatArray:
 
 
 def phase_collinearity(shapes: ComplexArray) -> FloatArray:
-    """MPC (n,) of shapes (n_y, n): 1 where all entries have one phase or its opposite.
+    """Return MPC (n,) of shapes (n_y, n): 1 where all entries have one phase or its opposite.
 
     >>> phase_collinearity(np.array([[1 + 1j, 1.0], [2 + 2j, 1j]])).round(3).tolist()
     [1.0, 0.0]

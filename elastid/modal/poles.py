@@ -74,7 +74,7 @@ LIMITS = PoleLimits()
 def poles_over_orders(
     freq_hz: FloatArray, G: ComplexArray, weights: FloatArray, max_order: int
 ) -> tuple[tuple[int, ComplexArray], ...]:
-    """Poles (n,) in 1/s with positive frequency for each order; G (F, n_y, n_u), weights (F,) of its lines."""
+    """Return poles (n,) in 1/s with positive frequency for each order; G (F, n_y, n_u), weights (F,) of its lines."""
     n_y, n_u = G.shape[1:]
     max_order = max(2, min(max_order, MAX_ROWS // n_u, len(freq_hz) // 2))
     step_s = HIGHEST / (2 * freq_hz[-1])
@@ -99,7 +99,7 @@ def poles_over_orders(
 
 
 def _moments(powers: ComplexArray, G: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Real parts of sum_f z^k G and sum_f z^-k G, k = 0 .. n first."""
+    """Return real parts of sum_f z^k G and sum_f z^-k G, k = 0 .. n first."""
     flat = G.reshape(len(G), -1)
     ahead, back = powers.T @ flat, powers.conj().T @ flat
     shape = (powers.shape[1], *G.shape[1:])
@@ -107,7 +107,7 @@ def _moments(powers: ComplexArray, G: ComplexArray) -> tuple[FloatArray, FloatAr
 
 
 def _block_toeplitz(ahead: FloatArray, back: FloatArray) -> FloatArray:
-    """(n+1, n+1, ...): the moments at the lag s - r."""
+    """Return (n+1, n+1, ...): the moments at the lag s - r."""
     lag = np.arange(len(ahead))[None, :] - np.arange(len(ahead))[:, None]
     return np.asarray(np.where((lag >= 0)[:, :, None, None], ahead[np.abs(lag)], back[np.abs(lag)]))
 
@@ -128,27 +128,19 @@ def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:
 
 
 def stabilisation(orders: tuple[tuple[int, ComplexArray], ...]) -> StabilisationDiagram:
-    """All poles, stable where the order before has one within 1 % of its frequency and 5 % of its damping."""
-    order, f, zeta, stable = [np.empty(0, int)], [np.empty(0)], [np.empty(0)], [np.empty(0, bool)]
-    before = np.empty(0, complex)
+    """Return all poles, stable where the order before has one within 1 % of its frequency and 5 % of its damping."""
+    parts, before = [], np.empty((0, 2))
     for n, poles in orders:
-        size, damping = np.abs(poles), -poles.real / np.abs(poles)
-        near = np.zeros(len(poles), bool)
-        if len(before):
-            f_gap = np.abs(size[:, None] - np.abs(before)) / size[:, None]
-            lower = -before.real / np.abs(before)
-            z_gap = np.abs(damping[:, None] - lower) / damping[:, None]
-            near = np.any((f_gap < LIMITS.frequency) & (z_gap < LIMITS.damping), axis=1)
-        order.append(np.full(len(poles), n))
-        f.append(size / (2 * np.pi))
-        zeta.append(damping)
-        stable.append(near)
-        before = poles
-    return StabilisationDiagram(*(np.concatenate(parts) for parts in (order, f, zeta, stable)))
+        numbers = np.stack([np.abs(poles), -poles.real / np.abs(poles)], axis=1)
+        gap = np.abs(numbers[:, None] - before) / numbers[:, None]
+        stable = np.any(np.all(gap < (LIMITS.frequency, LIMITS.damping), axis=2), axis=1)
+        parts.append((np.full(len(poles), n), numbers[:, 0] / (2 * np.pi), numbers[:, 1], stable))
+        before = numbers
+    return StabilisationDiagram(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
-    """Poles (n,) that orders have in common, the median of each cluster."""
+    """Return poles (n,) that orders have in common, the median of each cluster."""
     members: list[list[complex]] = []
     for _, poles in reversed(orders):
         last = np.array([cluster[-1] for cluster in members]) if members else np.empty(0, complex)
@@ -166,7 +158,7 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
 
 
 def p_value(drops: FloatArray, levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
-    """The probability (n,) that noise has a pole somewhere that lowers the squares so.
+    """Return the probability (n,) that noise has a pole somewhere that lowers the squares so.
 
     drops (n, C): D of each element.  levels: s^2 likewise, over correlated lines.  lines (n,): that levels are from.
     """
@@ -178,7 +170,7 @@ def p_value(drops: FloatArray, levels: FloatArray, lines: FloatArray, trials: fl
 
 
 def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
-    """D (n, C) of each candidate by itself."""
+    """Return D (n, C) of each candidate by itself."""
     columns = fit.data.columns(candidates)
     columns = columns / np.linalg.norm(columns, axis=0)
     free = columns - fit.Q @ (fit.Q.T @ columns)
@@ -192,7 +184,7 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
 
 
 def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
-    """D (n, C) of each pole beside the others: on all lines, and without its highest line.
+    """Return D (n, C) of each pole beside the others: on all lines, and without its highest line.
 
     Of a pole narrower than a line without the four nearest lines: a disturbance of three lines has no more.
     """
@@ -221,7 +213,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
 
 
 def _at(fit: ModalFit, pole: complex) -> FloatArray:
-    """Stated variance (C,) of weighted elements about a pole, the mean over the lines within its half width."""
+    """Return stated variance (C,) of weighted elements about a pole, the mean over the lines within its half width."""
     omega = fit.data.basis.s.imag
     low, high = np.searchsorted(omega, (pole.imag + pole.real, pole.imag - pole.real))
     low = min(int(low), len(omega) - 1)
@@ -229,7 +221,7 @@ def _at(fit: ModalFit, pole: complex) -> FloatArray:
 
 
 def _about(fit: ModalFit, r: int) -> BoolArray:
-    """Flags (F,) of lines within three half widths of a pole, of twelve lines to either side at least."""
+    """Return flags (F,) of lines within three half widths of a pole, of twelve lines to either side at least."""
     omega, pole, F = fit.data.basis.s.imag, fit.poles[r], len(fit.data.weight)
     about, half = int(np.searchsorted(omega, pole.imag)), LIMITS.half_widths * -pole.real
     low = min(about - LIMITS.lines, int(np.searchsorted(omega, pole.imag - half)))
@@ -239,7 +231,7 @@ def _about(fit: ModalFit, r: int) -> BoolArray:
 
 
 def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
-    """s^2 (n, C) of complex residuals about each pole, at least that stated, and the lines (n,) that it is from."""
+    """Return s^2 (n, C) of complex residuals about each pole, at least as stated, and its number of lines (n,)."""
     variance, n = fit.data.variance, len(fit.poles)
     power = np.abs(unstacked(fit.residual)) ** 2
     leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
@@ -253,7 +245,7 @@ def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
 
 
 def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
-    """The probability (n,) of each pole by chance, somewhere in the record."""
+    """Return the probability (n,) of each pole by chance, somewhere in the record."""
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = levels(fit)
@@ -264,7 +256,7 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
 
 
 def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
-    """The model with the candidates that lower its squares most, in turn, as long as noise would not."""
+    """Return the model with the candidates that lower its squares most, in turn, as long as noise would not."""
     trials = LIMITS.trials_per_line * len(fit.data.weight)
     while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
@@ -288,7 +280,7 @@ def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) ->
 
 
 def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
-    """The model without the poles that noise has by chance, the likeliest first."""
+    """Return the model without the poles that noise has by chance, the likeliest first."""
     while len(fit.poles):
         chance = p_values(fit, correlated_lines)
         worst = int(np.argmax(chance))
@@ -301,7 +293,7 @@ def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
 
 
 def _unresolved(fit: ModalFit) -> int | None:
-    """The weaker of two poles within a line that are narrower than lines: one mode, moved between references."""
+    """Return the weaker of two poles within a line that are narrower than lines: one mode, moved between references."""
     spacing, order = float(np.median(np.diff(fit.data.basis.s.imag))), np.argsort(fit.poles.imag)
     for low, high in pairwise(order.tolist()):
         widths = -2 * fit.poles.real[[low, high]]
@@ -312,7 +304,7 @@ def _unresolved(fit: ModalFit) -> int | None:
 
 
 def residual_peaks(fit: ModalFit) -> ComplexArray:
-    """Candidates at the highest residual peaks of the model, with several dampings."""
+    """Return candidates at the highest residual peaks of the model, with several dampings."""
     power = np.mean(np.abs(unstacked(fit.residual)) ** 2, axis=1)
     smooth = np.convolve(power, np.ones(3), "same")
     tops = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1

@@ -31,7 +31,7 @@ class GeometrySpec:
                 raise ValueError(f"the direction of {output} is {direction}; give x, y or z, with - for the opposite")
 
     def direction_of(self, output: str) -> tuple[str, str] | None:
-        """Point and direction of an output; None if neither `motion` nor its name states them."""
+        """Return point and direction of an output; None if neither `motion` nor its name states them."""
         if output in self.motion:
             return self.motion[output]
         point, _, direction = output.rpartition(" ")
@@ -51,14 +51,10 @@ class ModalSpec:
         "band.", least=2, most=200)] = None
     poles_hz: Annotated[tuple[Frequency, ...] | None, Key("Natural frequencies of the selected poles, each the nearest "
         "stable one (default: automatic selection).", "select them in the stabilisation diagram of one band if the "
-        "automatic selection is wrong.", above=0, distinct=True)] = None
+        "automatic selection is wrong.", above=0, distinct=True, filled=True)] = None
     exponential: Annotated[Time | None, Key("Time constant of an exponential window in the data, whose damping elastid "
         "removes (default: no window).", "only if your analyser applied such a window; elastid needs none, since its "
         "local methods model the transient.", above=0)] = None
     geometry: Annotated[GeometrySpec | None, Key("Points and lines of the structure for animated mode shapes (default: "
         "geometry of universal files).", "give it for mode shapes on the page.")] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.poles_hz == ():
-            raise ValueError("poles_hz holds one frequency or more")

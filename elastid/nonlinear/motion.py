@@ -9,7 +9,7 @@ import numpy as np
 from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
-from elastid.base.statistics import mean_of_neighbours
+from elastid.base.statistics import NEIGHBOURS, mean_of_neighbours
 from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, since reversals of friction fall between samples.
@@ -18,7 +18,6 @@ CELLS = 4
 VELOCITY_NOISE = 0.04
 # Above which lines of the period are filtered as others are: below, friction moves the motor a little at all of them.
 _NOISY = VELOCITY_NOISE / 4
-NEIGHBOURS = 9  # lines over which powers are averaged
 _KNOWN = 1 - 1 / NEIGHBOURS  # share of a line's power that is not noise, which noise alone never seems to have
 
 
@@ -118,7 +117,7 @@ def noise_power(Y: ComplexArray) -> float:
 
 def _signal_share(power: FloatArray, noise: float) -> FloatArray:
     """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
-    near = mean_of_neighbours(power, NEIGHBOURS)
+    near = mean_of_neighbours(power)
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
 

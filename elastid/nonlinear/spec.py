@@ -12,9 +12,5 @@ class GearsSpec:
     # fmt: off
     orders: Annotated[tuple[float, ...], Key("Candidate orders per motor revolution of transmission error and torque "
         "ripple.", "add the orders of teeth, rollers and motor poles: 2 for a strain wave gear, 6 times the pole pairs "
-        "for commutation.", above=0, distinct=True)] = (1.0, 2.0)
+        "for commutation.", above=0, distinct=True, filled=True)] = (1.0, 2.0)
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if not self.orders:
-            raise ValueError("orders is empty; give one or more, such as [1, 2]")

@@ -9,7 +9,7 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolated, smallest_step
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
@@ -237,7 +237,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         scatter,
         is_excited,
         np.array([record.realisation for record in records]),
-        np.array([_smallest_step(first.y[:, column]) for column in columns]),
+        np.array([smallest_step(first.y[:, column]) for column in columns]),
         logged,
     )
 
@@ -251,13 +251,6 @@ def unsuited(first: Record) -> str:
     return f"the angle of {names} is not among the outputs; log the motors' angles, of which all is a function" * bool(
         missing
     )
-
-
-def _smallest_step(y: FloatArray) -> float:
-    """Smallest step of y (n,), a count of an encoder; next to nothing where noise or arithmetic is added to it."""
-    steps = np.diff(np.unique(y))
-    steps = steps[steps > 1e-12 * np.abs(y).max()]
-    return float(steps.min()) if steps.size else 0.0
 
 
 def _periods(

@@ -27,7 +27,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
 from elastid.base.statistics import mean_of_neighbours
 from elastid.nonlinear.friction_basis import BasisFunction, Kind
-from elastid.nonlinear.motion import NEIGHBOURS, Motion, motion_of
+from elastid.nonlinear.motion import Motion, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque
 from elastid.record import Record
 
@@ -148,7 +148,7 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
     smooth = np.empty_like(power)
     for kind in (excited, ~excited):
         if kind.any():
-            smooth[kind] = mean_of_neighbours(power[kind], NEIGHBOURS)
+            smooth[kind] = mean_of_neighbours(power[kind])
     return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))
 
 

@@ -64,7 +64,7 @@ class CommandedMotion:
     offsets: tuple[float, ...] = ()
 
     def first(self, seconds: float) -> "CommandedMotion":
-        """The motion up to a duration."""
+        """Return the motion up to a duration."""
         n = round(seconds * self.rate_hz)
         return replace(self, command=self.command[:n], velocity=self.velocity[:n], position=self.position[:n])
 
@@ -150,7 +150,7 @@ def replay(robot: Robot, motion: CommandedMotion, with_tests: bool = True) -> Re
 
 
 def drive_plant(robot: Robot, motion: CommandedMotion) -> Plant:
-    """The robot under controllers at a multiple of the log's rate, at rest where the motion starts."""
+    """Return the robot under controllers at a multiple of the log's rate, at rest where the motion starts."""
     rate_hz = math.ceil(DRIVE_HZ / motion.rate_hz - 1e-9) * motion.rate_hz
     start = Configuration(motion.name, motion.position[0])
     # Each of the tests simulates the whole log.
@@ -160,7 +160,7 @@ def drive_plant(robot: Robot, motion: CommandedMotion) -> Plant:
 
 
 def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None) -> FloatArray:
-    """Positions (n, n_u) at the samples of a log, from its commands alone."""
+    """Return positions (n, n_u) at the samples of a log, from its commands alone."""
     change, (n, n_u) = change or Change(), motion.command.shape
     period_s, drive_s = change.clock / motion.rate_hz, 1 / plant.loop.rate_hz
     ticks = math.ceil(n * period_s / drive_s - 1e-9)
@@ -176,7 +176,7 @@ def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None)
 
 
 def _held(signal: FloatArray, edges: FloatArray, period_s: float) -> FloatArray:
-    """Means (m, n_u) between times (m + 1,) of a signal (n, n_u) whose samples are held for a period each."""
+    """Return means (m, n_u) between times (m + 1,) of a signal (n, n_u) whose samples are held for a period each."""
     knots = np.arange(len(signal) + 1) * period_s
     integral = np.vstack([np.zeros((1, signal.shape[1])), np.cumsum(signal, axis=0) * period_s])
     inside = np.stack([np.interp(edges, knots, column) for column in integral.T], axis=1)
@@ -193,7 +193,7 @@ _GRIDS: dict[Literal["clock", "delay", "kp", "kd"], tuple[float, ...]] = {
 
 
 def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iterator[Tested]:
-    """The best value of each number: the best of its grid, then by Brent's method beside it."""
+    """Yield the best value of each number: the best of its grid, then by Brent's method beside it."""
     from scipy.optimize import minimize_scalar  # takes a while
 
     for name, grid in _GRIDS.items():
@@ -218,7 +218,7 @@ def _error_with(plant: Plant, motion: CommandedMotion, name: str) -> Callable[[f
 
 
 def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints: Sequence[int]) -> Iterator[Tested]:
-    """Some joints with the other sign of the position, and of position and command."""
+    """Yield some joints with the other sign of the position, and of position and command."""
     for i in joints:
         joint = plant.model.robot.driven_names[i]
         sign = np.where(np.arange(len(predicted[0])) == i, -1.0, 1.0)
@@ -235,7 +235,7 @@ def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints:
 
 
 def pooled_tests(replays: Sequence[Replay]) -> tuple[Tested, ...]:
-    """The tests of several logs as one, the median of each value; the best explanation first."""
+    """Return the tests of several logs as one, the median of each value; the best explanation first."""
     families: dict[tuple[str, str], list[Tested]] = {}
     for test in (test for log in replays for test in log.tests):
         families.setdefault((test.quantity, test.joint), []).append(test)
@@ -248,17 +248,20 @@ def pooled_tests(replays: Sequence[Replay]) -> tuple[Tested, ...]:
 
 
 def pooled_joints(replays: Sequence[Replay]) -> tuple[JointError, ...]:
-    """Errors of each joint over several logs; by octave if the logs have one rate and duration, else of the first."""
-    return tuple(_pooled(members) for members in zip(*(log.joints for log in replays), strict=True))
-
-
-def _pooled(rows: Sequence[JointError]) -> JointError:
-    rms, delay_s = _mean_square_root([row.rms for row in rows]), float(np.median([row.delay_s for row in rows]))
-    return replace(rows[0], rms=rms, octaves=pooled_octaves(rows), delay_s=delay_s)
+    """Return errors of each joint over several logs; by octave if all have one rate and duration, else of the first."""
+    return tuple(
+        replace(
+            rows[0],
+            rms=overall(rows),
+            octaves=pooled_octaves(rows),
+            delay_s=float(np.median([r.delay_s for r in rows])),
+        )
+        for rows in zip(*(log.joints for log in replays), strict=True)
+    )
 
 
 def pooled_octaves(rows: Sequence[JointError]) -> tuple[Octave, ...]:
-    """Errors by octave over all rows with the same octaves as the first row."""
+    """Return errors by octave over all rows with the same octaves as the first row."""
     ends = [octave[:2] for octave in rows[0].octaves]
     alike = [row.octaves for row in rows if [octave[:2] for octave in row.octaves] == ends]
     errors = (_mean_square_root([octave[2] for octave in members]) for members in zip(*alike, strict=True))
@@ -266,7 +269,7 @@ def pooled_octaves(rows: Sequence[JointError]) -> tuple[Octave, ...]:
 
 
 def overall(joints: Sequence[JointError]) -> tuple[float, ...]:
-    """Rms error over all joints, by predictor."""
+    """Return rms error over all joints, by predictor."""
     return _mean_square_root([row.rms for row in joints])
 
 
@@ -283,7 +286,7 @@ def _joint_error(robot: Robot, motion: CommandedMotion, predicted: FloatArray, i
 
 
 def _late_command(measured: FloatArray, command: FloatArray, rate_hz: float) -> tuple[float, FloatArray]:
-    """The delay in s, from 0 to 2 s, with which a command (n,) is nearest to the position, and the late command."""
+    """Return the delay in s, from 0 to 2 s, by which a command (n,) fits the position best, and the late command."""
     from scipy.optimize import minimize_scalar  # takes a while
 
     rows = np.arange(len(command), dtype=float)
@@ -299,7 +302,7 @@ def _late_command(measured: FloatArray, command: FloatArray, rate_hz: float) -> 
 
 
 def _by_octave(errors: FloatArray, rate_hz: float) -> Iterator[Octave]:
-    """Rms of errors (p, n) in octaves below half the rate, by Hann's window."""
+    """Yield rms of errors (p, n) in octaves below half the rate, by Hann's window."""
     n = errors.shape[1]
     window = np.hanning(n + 1)[:-1]
     power = np.abs(np.fft.rfft(window * errors)) ** 2 / (n * np.sum(window**2))

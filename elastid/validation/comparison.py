@@ -91,7 +91,7 @@ class ComparedModel:
         return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
 
     def behind(self, best: "ComparedModel") -> tuple[float, float]:
-        """Mean difference of the misfits to the best model's, and its standard error."""
+        """Return mean difference of the misfits to the best model's, and its standard error."""
         difference = self.misfit - best.misfit
         n = difference.size
         return float(difference.mean()), float(difference.std(ddof=1) / math.sqrt(n)) if n > 1 else math.inf
@@ -127,7 +127,7 @@ class Comparison:
 
 
 def divide(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
-    """The configurations in so many parts, each in one of them; 0: one a part. None for a single configuration.
+    """Return the configurations in so many parts, each in one of them; 0: one a part. None for a single configuration.
 
     The amplitudes of a posture are in one part: either would predict the other.
     """
@@ -141,7 +141,7 @@ Fit: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, ComparedModel]]
 
 
 def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterator[Trial]:
-    """Every trial, as soon as its step is decided; `final_model` is where they end.
+    """Yield every trial, as soon as its step is decided; `final_model` is where they end.
 
     fit: gives at least the models asked for, under one scale of QAIC.  start: elastic at the start.
     """
@@ -173,12 +173,12 @@ def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterato
 
 
 def final_model(trials: Sequence[Trial], start: Elastic = ()) -> Elastic:
-    """The coordinates that are elastic at the end of the search."""
+    """Return the coordinates that are elastic at the end of the search."""
     return next((trial.elastic for trial in reversed(trials) if trial.taken), start)
 
 
 def describe_search(coordinates: Sequence[str], trials: Sequence[Trial], start: Elastic = ()) -> str:
-    """The end of the search as a sentence."""
+    """Return the end of the search as a sentence."""
     if not any(math.isfinite(misfit) for trial in trials for misfit in (trial.before, trial.after)):
         return "The search has no result: no model could be fitted without each configuration; see compare.json."
     elastic = final_model(trials, start)
@@ -190,7 +190,7 @@ def describe_search(coordinates: Sequence[str], trials: Sequence[Trial], start: 
 
 
 def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
-    """True if the model with more elastic coordinates predicts better by its standard error, at a lower QAIC."""
+    """Return True if the model with more elastic coordinates predicts better by its standard error, at a lower QAIC."""
     if not math.isfinite(free.mean_misfit):
         return False
     if not math.isfinite(rigid.mean_misfit):
@@ -200,7 +200,7 @@ def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
 
 
 def _chosen(rows: Mapping[Elastic, ComparedModel], now: Elastic, tried: Sequence[Elastic]) -> Elastic | None:
-    """The model that predicts best of those tried whose step is justified; None without any."""
+    """Return the model that predicts best of those tried whose step is justified; None without any."""
     good = [
         model
         for model in tried
@@ -242,7 +242,7 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
 def rank(
     configurations: Sequence[str], variants: Sequence[ComparedVariant], refits: Sequence[Sequence[Refit]]
 ) -> Comparison:
-    """The comparison; refits of each variant: to all configurations, then without each part of them."""
+    """Return the comparison; refits of each variant: to all configurations, then without each part of them."""
     full = [by_part[0] for by_part in refits]
     best = min(full, key=lambda fit: fit.cost)  # a failed one has an infinite cost
     scale = max(best.cost / max(best.dof, 1), 1e-300) if math.isfinite(best.cost) else 1.0
@@ -257,7 +257,7 @@ def rank(
 
 
 def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
-    """Fit section of a study without the parameters that a variant lacks; raise StudyError if no parameter remains."""
+    """Return the fit section without the parameters that a variant lacks; raise StudyError if no parameter remains."""
     variant_names, own_names = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 
     def is_gone(key: str) -> bool:
@@ -275,7 +275,7 @@ def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
 
 
 def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
-    """A study's fit with these parameters fixed at their starts, for a model without them."""
+    """Return a study's fit with these parameters fixed at their starts, for a model without them."""
     free = [parameter.name for parameter in choose(spec, robot).free]
     still = {
         name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)

@@ -129,17 +129,17 @@ class _Parameter:
     series: tuple[_Series, ...]
 
     def between_robots(self) -> _Excess:
-        """Excess of the means over dates."""
+        """Return excess of the means over dates."""
         spread = np.var([s.mean for s in self.series], ddof=1) - np.mean([s.variance_of_mean for s in self.series])
         return float((len(self.series) - 1) * spread), len(self.series) - 1.0
 
     def between_dates(self, own: _Series | None = None) -> _Excess:
-        """Excess of the dates; not of the two of a robot's own, of which the change is judged."""
+        """Return excess of the dates; not of the two of a robot's own, of which the change is judged."""
         return _together(s.excess for s in self.series if s is not own or len(s.day) > 2)
 
 
 def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
-    """Differences and trends, the surest first.  Numbers without a std are left out."""
+    """Return differences and trends, the surest first.  Numbers without a std are left out."""
     parameters = _parameters(values)
     tests = [
         finding
@@ -154,7 +154,7 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
 
 
 def _parameters(values: Sequence[FleetValue]) -> list[_Parameter]:
-    """The numbers with a std, by parameter and robot; logarithms where all are positive."""
+    """Return the numbers with a std, by parameter and robot; logarithms where all are positive."""
     measured = [value for value in values if math.isfinite(value.std) and value.std > 0]
     parameters = []
     for name in dict.fromkeys(value.parameter for value in measured):
@@ -198,7 +198,7 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
 
 
 def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
-    """Straight line over the dates of each robot with two or more, with the scatter of dates or similar parameters."""
+    """Return straight lines over the dates of each robot with two or more, with scatter of dates or like parameters."""
     of_kind = [p.between_dates() for p in _same_kind(parameter, parameters)]
     findings = []
     for s in parameter.series:
@@ -219,7 +219,7 @@ def _together(parts: Iterable[_Excess]) -> _Excess:
 
 
 def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
-    """Variance and degrees of freedom of its own scatter and its kind's, which counts `MAX_SHARED_DOF` at most."""
+    """Return variance and dof of its own scatter and of its kind's, which counts `MAX_SHARED_DOF` at most."""
     total, dof = _together(of_kind)
     worth = min(1.0, MAX_SHARED_DOF / dof) if dof else 0.0
     total, dof = _together([own, (worth * total, worth * dof)])

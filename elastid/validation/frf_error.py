@@ -82,7 +82,7 @@ class PredictedResponse:
 
 
 def predict_response(result: Result, measured: Response, is_fitted: bool = False) -> PredictedResponse:
-    """The prediction of a response, its motors as they were.
+    """Return the prediction of a response, its motors as they were.
 
     StudyError for places that the robot lacks, and where it finds no rest.
     """
@@ -128,31 +128,25 @@ class FrfError:
         """Phase error over all judged lines of all elements, degrees."""
         return pooled_rms(self.phase_rms_deg, self.lines)
 
-    @property
-    def overall_rms_sigma(self) -> float:
-        """Residual over its standard deviation, rms over all elements with one."""
-        finite = self.rms_sigma[np.isfinite(self.rms_sigma)]
-        return math.sqrt(np.mean(finite**2)) if finite.size else math.nan
-
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
-    """Root mean square over elements or configurations of so many lines each, NaN without lines."""
+    """Return root mean square over elements or configurations of so many lines each, NaN without lines."""
     mask = lines > 0
     return float(np.sqrt(np.average(rms[mask] ** 2, weights=lines[mask]))) if mask.any() else math.nan
 
 
 def are_white(agreements: Sequence[FrfError]) -> bool:
-    """True if the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
+    """Return True if the residuals of all configurations together are white; FALSE_ALARM is the false-alarm rate."""
     return not together([result.white_p for result in agreements]) < FALSE_ALARM
 
 
 def noise_p(agreements: Sequence[FrfError]) -> float:
-    """P(as much power in the residuals) by noise alone; NaN where no noise is known."""
+    """Return P(as much power in the residuals) by noise alone; NaN where no noise is known."""
     return exceeds_by_chance(*power_ratio(agreements))
 
 
 def power_ratio(agreements: Sequence[FrfError]) -> tuple[float, float]:
-    """Ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
+    """Return ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
     tested = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
     dof = sum(weight for weight, _ in tested)
     return (sum(weight * ratio for weight, ratio in tested) / dof, dof) if tested else (math.nan, 0.0)
@@ -218,7 +212,7 @@ def validate(
 def agreement(
     measured: Response, modelled: Response, is_validation: bool = False, shifts: ComplexArray | None = None
 ) -> FrfError:
-    """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
+    """Return the errors of one configuration; ValueError if both responses differ in elements or lines.
 
     shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
     in independent directions; tests allow for them, as for the systematic errors of the measured one.
@@ -252,7 +246,7 @@ def agreement(
 
 
 def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArray | float:
-    """Mean (n_y, n_u) of |E / sigma|^2 of a correct model, as by `power_over_noise`: smoothing overestimates sigma."""
+    """Return mean (n_y, n_u) of |E / sigma|^2 of a correct model, as `power_over_noise`: smoothing raises sigma."""
     if noise is None:
         return 1.0
     ratio = np.divide(noise.measured.variance, sigma**2, out=np.zeros(sigma.shape), where=sigma > 0)
@@ -263,7 +257,7 @@ def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArra
 def _tests(
     measured: Response, noise: SmoothedNoise | None, E: ComplexArray, shifts: ComplexArray | None
 ) -> tuple[float, float, float]:
-    """Power of the errors E (F, n_y, n_u) over the noise with its degrees of freedom, and p of their whiteness."""
+    """Return power of the errors E (F, n_y, n_u) over the noise, its degrees of freedom, and p of whiteness."""
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
@@ -274,7 +268,7 @@ def _tests(
 
 
 def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
-    """Mean (n_y, n_u) along frequency over some lines, NaN without any."""
+    """Return mean (n_y, n_u) along frequency over some lines, NaN without any."""
     count = where.sum(axis=0)
     return np.asarray(np.where(where, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
 

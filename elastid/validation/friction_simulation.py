@@ -63,7 +63,7 @@ PART_OF = dict(zip(TORQUE_COMPONENTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=T
 
 
 def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
-    """Balances of joints with a regression of their motions, over the first log, in the regression's passband."""
+    """Return balances of joints with a regression of their motions, over the first log, in its passband."""
     return tuple(
         _balance(joint.motion, _record_of(joint.motion, measured.of(joint.joint, "motion")))
         for joint in joints
@@ -111,7 +111,7 @@ class _Log:
 
     @classmethod
     def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> "_Log":
-        """The log of joints that moved together, up to LONGEST_S."""
+        """Return the log of joints that moved together, up to LONGEST_S."""
         names, (regressions, records) = robot.driven_names, zip(*members, strict=True)
         n, rest = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
         signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
@@ -119,14 +119,14 @@ class _Log:
         return cls(min(len(records[0].position), n), rest, robot.mixing, moving, regressions, records, signals)
 
     def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
-        """Motions (n, n_u) of all joints from the moving motors. rest: values of the other joints."""
+        """Return motions (n, n_u) of all joints from the moving motors. rest: values of the other joints."""
         values = np.full((self.n, len(self.rest)), self.E @ rest if np.ndim(rest) else rest)
         for i, column in zip(self.moving, columns, strict=True):
             values[:, i] = column[: self.n]
         return np.asarray(np.linalg.solve(self.E, values.T).T)
 
     def torques(self, columns: Iterable[FloatArray]) -> FloatArray:
-        """Torques (n, n_u) on all joints from the moving motors."""
+        """Return torques (n, n_u) on all joints from the moving motors."""
         return self.whole(columns) @ self.E.T @ self.E
 
     @property
@@ -166,7 +166,7 @@ def compare_friction_logs(
 def _commanded_runs(
     robot: Robot, joints: Sequence[JointFriction], logs: Iterable[Mapping[str, FrictionRecord]]
 ) -> Iterator[LogSimulation]:
-    """Runs along logs without torques, simulated from their commands alone."""
+    """Yield runs along logs without torques, simulated from their commands alone."""
     fits = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
     for records in logs:
         log = {name: record for name, record in records.items() if name in fits}
@@ -181,7 +181,7 @@ def _commanded_runs(
 
 
 def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionRecord) -> FloatArray:
-    """The torque (n,) at full rate of all that is no friction in its log: rigid body, gravity and offset.
+    """Return the torque (n,) at full rate of all that is no friction in its log: rigid body, gravity and offset.
 
     A joint that moved with others has no numbers of its own of the rigid body.
     """
@@ -204,7 +204,7 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> LogSimulation
 
 
 def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[ComparedSignal]:
-    """Signals of a plant under reference, torque and gains; joints that rest have the same in all."""
+    """Yield signals of a plant under reference, torque and gains; joints that rest have the same in all."""
     q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
     smooth, path = formulate(without_friction(plant.model.robot)), log.position
     rate, curvature = (log.whole(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration"))
@@ -231,7 +231,7 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
 
 
 def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[ComparedSignal]:
-    """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
+    """Yield motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
     reading, u = moved.reading @ log.E.T, moved.u @ np.linalg.inv(log.E)
     for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
@@ -258,7 +258,7 @@ def predict_logs(
     controller: CascadeSpec | None,
     execution: Execution,
 ) -> LogComparison:
-    """The logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
+    """Return the logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
     by_name, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
     for log in motion_logs(measured):
@@ -276,7 +276,7 @@ def predict_logs(
 def _along(
     robot: Robot, source: JointFriction | None, record: FrictionRecord, log: Mapping[str, FrictionRecord]
 ) -> JointFriction:
-    """The joint with its motion of a log, less the torque of a rigid body where it shares one; else DataError."""
+    """Return the joint with its motion of a log, less the torque of a shared rigid body; else raise DataError."""
     if source is None or source.motion is None:
         raise DataError("predict/mismatch", "the result has no regression of a motion of it")
     if source.slides != record.slides:

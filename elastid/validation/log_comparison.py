@@ -85,7 +85,7 @@ class TorqueBalance:
         return np.asarray(self.measured - self.torques.sum(axis=0))
 
     def part(self, names: Sequence[str]) -> FloatArray:
-        """The torque (n,) of these parts together, 0 of those that the model lacks."""
+        """Return the torque (n,) of these parts together, 0 of those that the model lacks."""
         return np.asarray(self.torques[[name in names for name in self.parts]].sum(axis=0))
 
 
@@ -123,7 +123,7 @@ class LogSimulation:
     lost: str = ""
 
     def of(self, kind: SignalKind) -> tuple[ComparedSignal, ...]:
-        """The signals of a kind."""
+        """Return the signals of a kind."""
         return tuple(signal for signal in self.signals if signal.kind == kind)
 
     @property

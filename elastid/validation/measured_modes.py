@@ -85,7 +85,7 @@ class MeasuredModes:
 
 
 def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
-    """Measured modes of each configuration, compared with the model's."""
+    """Return measured modes of each configuration, compared with the model's."""
     return tuple(map(_beside, fitted.measured, fitted.responses, fitted.linear))
 
 
@@ -108,7 +108,7 @@ def _beside(response: Response, modelled: Response, linear: LinearModel) -> Meas
 
 
 def _partners(modes: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: FloatArray) -> IntArray:
-    """The model's mode (n,) of each measured one, -1 for none: nearest in frequency and shape, each taken once."""
+    """Return the model's mode (n,) of each measured one, -1 for none: nearest in frequency and shape, each once."""
     from scipy.optimize import linear_sum_assignment
 
     gap = np.abs(modes.freq_hz[:, None] - freq_hz)
@@ -122,7 +122,7 @@ def _partners(modes: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: Fl
 
 
 def _is_missed(modes: Modes, r: int, response: Response, modelled: Response) -> bool:
-    """True where the model misses the response by much of the height of a clear peak, in its strongest element."""
+    """Return True if the model misses the response by much of the height of a clear peak, in its strongest element."""
     residue = np.abs(np.outer(modes.shapes[:, r], modes.participation[:, r]))
     i, j = np.unravel_index(int(np.argmax(residue)), residue.shape)
     height = residue[i, j] / (2 * np.pi * modes.freq_hz[r] * modes.zeta[r])

@@ -21,7 +21,7 @@ LAGS = (1, 2, 3)
 
 
 def whitening(noise: SmoothedNoise) -> ComplexArray:
-    """L^-1 (F, m, m) of vec E, column-major, by element where C is singular; zero rows for zero variances."""
+    """Return L^-1 (F, m, m) of vec E, column-major, by element where C is singular; zero rows for zero variances."""
     C = noise.covariance
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     gain = quotient(1.0, deviation)
@@ -38,7 +38,7 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
 def power_over_noise(
     z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, of_shifts: float = 0.0
 ) -> tuple[float, float]:
-    r"""Ratio of the power of whitened residuals z (F, m) to the noise power, and its degrees of freedom d.
+    r"""Return ratio of the power of whitened residuals z (F, m) to the noise power, and its degrees of freedom d.
 
     .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
 
@@ -54,7 +54,7 @@ def power_over_noise(
 
 
 def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray, float]:
-    r"""Whitened residuals z (F, m) less the likeliest error of the parameters, and its own sum of squares in variances.
+    r"""Return whitened residuals z (F, m) less the likeliest error of the parameters, and its squares in variances.
 
     .. math:: z - B c, \qquad c = (1 + \mathrm{Re}\, 2 B^H B)^{-1} \mathrm{Re}\, 2 B^H z
 
@@ -68,7 +68,7 @@ def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray,
 
 
 def exceeds_by_chance(ratio: float, dof: float) -> float:
-    """P(as much or more) of a ratio of mean 1 and variance 2 / dof, half of it the denominator's; NaN without noise.
+    """Return P(as much or more) of a ratio of mean 1 and variance 2 / dof, half by the denominator; NaN without noise.
 
     That of as little is the same of 1 / ratio.
     """
@@ -76,7 +76,7 @@ def exceeds_by_chance(ratio: float, dof: float) -> float:
 
 
 def white_by_chance(z: ComplexArray) -> float:
-    r"""P(as much correlation between neighbouring lines) of whitened residuals z (F, m); NaN of too few lines.
+    r"""Return P(as much correlation between neighbouring lines) of whitened residuals z (F, m); NaN of too few lines.
 
     .. math:: T = \sum_{l=1}^{3} \sum_{a=1}^{m} \frac{|\sum_k \bar z_{ka} z_{k+l,a}|^2}{\sum_k |z_{ka}|^2 |z_{k+l,a}|^2}
 
@@ -105,13 +105,13 @@ def white_by_chance(z: ComplexArray) -> float:
 
 
 def together(p: Sequence[float] | FloatArray) -> float:
-    """P of independent tests jointly, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
+    """Return P of independent tests jointly, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
     logarithms = [math.log(max(value, 1e-300)) for value in p if math.isfinite(value)]
     return float(chdtrc(2 * len(logarithms), -2 * sum(logarithms))) if logarithms else math.nan
 
 
 def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> FloatArray:
-    """sigma (F, n_y, n_u), as the fit weighs without its floor; zeros where the measurement came without one.
+    """Return sigma (F, n_y, n_u), as the fit weighs without its floor; zeros where the measurement came without one.
 
     noise: that of `smooth_noise`, if it is known.
     """
@@ -120,7 +120,7 @@ def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> FloatArr
 
 
 def above_2sigma(measured: Response, sigma: FloatArray | None = None) -> BoolArray:
-    """Lines (F, n_y, n_u) of at least twice sigma (default: of `sigma_of`); without noise all that are not zero."""
+    """Return lines (F, n_y, n_u) of at least twice sigma (default: of `sigma_of`); without noise all but zeros."""
     magnitude = np.abs(measured.G)
     sigma = sigma_of(measured) if sigma is None else sigma
     return (magnitude >= 2 * sigma) & (magnitude > 0)

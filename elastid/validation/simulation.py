@@ -49,7 +49,7 @@ def simulate_log(
     spec: SimulatedSpec,
     moved: Callable[[Plant], Iterable[ComparedSignal]],
 ) -> LogSimulation:
-    """The run of a robot along a log, or why it is lost; empty: without its signals, at the rate of the samples.
+    """Return the run of a robot along a log, or why it is lost; empty: without its signals, at the rate of the samples.
 
     spec: equations and controller of its plant.  moved: the signals of that, without limits, at rest at the start.
     """
@@ -61,14 +61,14 @@ def simulate_log(
 
 
 def tracking_gains(plant: Plant, bandwidth_hz: float) -> JointLoop:
-    """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
+    """Return gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
     return tune(plant.model, plant.point.q, bandwidth_hz, 1.0)
 
 
 def simulate_tracking(
     plant: Plant, commands: Commands, moving: BoolArray, loop: JointLoop, position: FloatArray, velocity: FloatArray
 ) -> Trajectory:
-    """Trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
+    """Return trajectory from position and velocity (n_u,) of the motors; DataError where one is lost.
 
     loop: gains of motors that move (n_u,); others are held by a loop of 5 Hz.
     """
@@ -81,7 +81,7 @@ def simulate_tracking(
 def simulate_record(
     record: Record, robot: Robot, band_hz: tuple[float, float], delay_s: float = 0.0, spec: ModelSpec = EXACT
 ) -> tuple[LogSimulation, ...]:
-    """The run along a record, driven by its torque and compared within band_hz; none without a rate.
+    """Return the run along a record, driven by its torque and compared within band_hz; none without a rate.
 
     robot: with its fitted elasticity and friction.  delay_s: of its torques.  spec: the equations that it has.  Of a
     record without a period at most LONGEST_S from its beginning are simulated.
@@ -100,7 +100,7 @@ def simulate_record(
 def _along_record(
     record: Record, tracking_hz: float, band_hz: tuple[float, float], delay_s: float, plant: Plant
 ) -> Iterator[ComparedSignal]:
-    """Signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
+    """Yield signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
     model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
     last = last_counted(
@@ -145,7 +145,7 @@ def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
 
 
 def equivalent_zoh_input(record: Record, u: FloatArray) -> FloatArray:
-    """Command (N, n_u) with zero-order hold equivalent to one period u, without mean."""
+    """Return command (N, n_u) with zero-order hold equivalent to one period u, without mean."""
     N = record.period_samples
     freq_hz = line_frequencies(np.arange(N // 2 + 1), record.rate_hz, N)
     zoh_record = replace(record, hold="zero-order", hold_samples=())
@@ -157,7 +157,7 @@ def equivalent_zoh_input(record: Record, u: FloatArray) -> FloatArray:
 def _in_band(
     record: Record, band_hz: tuple[float, float], delay_s: float, plant: Plant, moved: Trajectory
 ) -> Iterator[ComparedSignal]:
-    """Torques and motions of the last period, at the lines within the band."""
+    """Yield torques and motions of the last period, at the lines within the band."""
     N = record.period_samples
     lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, N)
     late = np.exp(-2j * np.pi * line_frequencies(lines, record.rate_hz, N) * delay_s)[:, None]

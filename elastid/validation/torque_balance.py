@@ -49,7 +49,7 @@ def torque_balance(
     band_hz: tuple[float, float],
     has_rate: bool = True,
 ) -> TorqueBalance:
-    """Shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
+    """Return shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
     names, torques = tuple(parts), np.stack(list(parts.values()))
     dry = np.array([name not in FRICTION for name in names])
     shares, ratio, without = _explained(measured[None], torques[:, None], dry)
@@ -66,7 +66,7 @@ def torque_balance(
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
-    """Octaves below the top of band_hz, upwards, the lowest down to its bottom: ends, and lines of a DFT of n."""
+    """Yield octaves below the top of band_hz, upwards, the lowest down to its bottom: ends, and lines of a DFT of n."""
     low, high = band_hz
     edges = [high]
     # Below four lines, those of the window, a band is that of a neighbour.
@@ -82,7 +82,7 @@ def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterat
 def _explained(
     measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, no_friction: FloatArray
 ) -> tuple[tuple[float, ...], float, float]:
-    """Power fractions of torques (n_p, ...), and of the residuals with and without friction."""
+    """Return power fractions of torques (n_p, ...), and of the residuals with and without friction."""
     u, parts = measured.ravel(), torques.reshape(len(torques), -1)
     power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)
     ratio, without = (float(np.sum(np.abs(u - part.sum(axis=0)) ** 2)) / power for part in (parts, parts[no_friction]))
@@ -94,13 +94,13 @@ Part: TypeAlias = tuple[LinearModel, FloatArray]
 
 
 def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Linearisation:
-    """The fitted robot without its springs, to be linearised; StudyError where it cannot be without them."""
+    """Return the fitted robot without its springs, to be linearised; StudyError where it cannot be without them."""
     names = [coordinate.name for coordinate in elastic_coordinates(fitted.robot)]
     return Linearisation.of_robot(stiffened(fitted.robot, names), spec, fitted.result.parameters.names)
 
 
 def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> Sequence[Part] | None:
-    """The robot as fitted, without viscous friction, and without springs either.
+    """Return the robot as fitted, without viscous friction, and without springs either.
 
     None where the motion of a motor was not measured.
     """
@@ -121,7 +121,7 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
 def elastic_balances(
     record: Record, net: Record, parts: Sequence[Part], freq_hz: FloatArray, spec: EstimatorSpec
 ) -> tuple[TorqueBalance, ...]:
-    """Balances of each motor at freq_hz (F,), none of fewer than two settled periods; net: without dry friction."""
+    """Return balances of each motor at freq_hz (F,), none if fewer than two periods settled; net: no dry friction."""
     # Periods that count: neither dropped by the study nor left out by the repair of the log.
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.discarded_periods}) < 2:
@@ -147,7 +147,7 @@ def elastic_balances(
 
 
 def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
-    """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
+    """Return Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
     last = [last_counted(record.n_samples // record.repeat_samples, record.discarded_periods)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     spectra, n_y = RecordSpectra(record), len(record.outputs)
@@ -157,5 +157,5 @@ def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[Comp
 
 
 def last_counted(periods: int, left_out: Collection[int]) -> int:
-    """The last period that is not left out; the last one where all are."""
+    """Return the last period that is not left out; the last one where all are."""
     return max((p for p in range(periods) if p not in left_out), default=periods - 1)

@@ -23,17 +23,6 @@ from elastid.excitation.phases import crest_factors
 from elastid.excitation.spec import Phases
 
 
-@given(n_u=st.integers(1, 7), F=st.integers(7, 12), seed=st.integers(0, 2**32))
-@settings(deadline=None, max_examples=40)
-def test_experiments_of_a_set_are_orthogonal_at_every_line(n_u: int, F: int, seed: int) -> None:
-    """U U^H = n_u diag(a^2) to 1e-12, for any number of inputs, six included."""
-    amplitude = np.random.default_rng(seed).uniform(0.1, 3, (F, n_u))
-    U = orthogonal_set(amplitude, np.random.default_rng(seed)).transpose(1, 2, 0)
-    product = U @ U.conj().transpose(0, 2, 1)
-    expected = n_u * amplitude[:, :, None] ** 2 * np.eye(n_u)
-    np.testing.assert_allclose(product, expected, atol=1e-12 * n_u * 9)
-
-
 @pytest.mark.parametrize("spectrum", [(), ((2.0, 10.0), (20.0, 1.0))])
 def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
     spectrum: tuple[tuple[float, float], ...],

@@ -78,7 +78,7 @@ def hits() -> tuple[np.ndarray, np.ndarray]:
 
 
 def codes(u: np.ndarray, y: np.ndarray) -> list[str]:
-    return [note.code for note in hit_notes([record(u, y)])]
+    return [note.code for note in hit_notes(record(u, y))]
 
 
 def test_clean_hits_and_other_forces_have_no_note() -> None:
@@ -92,7 +92,7 @@ def test_a_double_hit_is_named_with_its_dips() -> None:
     """A second blow 25 ms later and half as strong makes dips every 40 Hz."""
     u, y = hits()
     u[4450 : 4450 + WIDTH] = 0.5 * u[4400 : 4400 + WIDTH]
-    (note,) = hit_notes([record(u, y)])
+    (note,) = hit_notes(record(u, y))
     assert note.code == "frf/hits"
     assert "1 of 3 hits of hammer are double" in note.text
 

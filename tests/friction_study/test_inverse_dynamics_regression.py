@@ -267,7 +267,7 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     for name, value in truth.items():
         assert abs(fit.regression[name] - value) < 3 * fit.regression.std(name), name
     assert not held(fit, "temperature")
-    by_heat = fit.to_friction().temperature
+    by_heat = fit.to_friction()[0].temperature
     assert by_heat.coulomb == fit.regression["temperature.coulomb"]
     assert by_heat.reference == pytest.approx(T_0)
 

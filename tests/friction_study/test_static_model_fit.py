@@ -38,11 +38,12 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
     assert set(reasons(law)) == {"directions", "quadratic"}
     for value, _, low, high in law.intervals.values():
         assert low < value < high
-    motor = Motor(1e-3, 1.0, law.viscous, friction=law.to_friction())
+    friction, viscous = law.to_friction()
+    motor = Motor(1e-3, 1.0, viscous, friction=friction)
     (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
     for i in range(0, levels.n_conditions, 17):
         v = float(levels.speed[i])
-        simulated = placed.sliding(v, levels.load[i], levels.temperature[i]) + law.viscous * v
+        simulated = placed.sliding(v, levels.load[i], levels.temperature[i]) + viscous * v
         assert simulated == pytest.approx(law.torque(levels.conditions)[i], rel=1e-9)
         assert simulated == pytest.approx(levels.torque[i], rel=0.02)
     assert law.measured.speed == pytest.approx((1.0, 280.0))
@@ -135,11 +136,11 @@ def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_fil
     law = StaticLaw.of(FrictionCurve("j", speeds, none, torque + 0.03 * noise, none + 0.03, none, warmth), LawSpec())
     value, _, low, high = law.intervals["temperature.coulomb"]
     assert low < -0.05 < high < 0
-    file = law.to_friction()
+    file, viscous = law.to_friction()
     assert file.temperature.coulomb == value
-    motor = Motor(1e-3, 1.0, law.viscous, friction=file)
+    motor = Motor(1e-3, 1.0, viscous, friction=file)
     (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
-    assert placed.sliding(0.5, temperature=25.0) + 0.5 * law.viscous == pytest.approx(10 + 0.55 + 4, rel=0.01)
+    assert placed.sliding(0.5, temperature=25.0) + 0.5 * viscous == pytest.approx(10 + 0.55 + 4, rel=0.01)
 
 
 def test_the_published_surface_is_refitted() -> None:

@@ -134,10 +134,10 @@ def test_counts_that_are_not_small_against_the_deflection_leave_the_fit_as_it_is
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize(("orders", "words"), [((), "give one or more"), ((1.0, 1.0), "twice")])
-def test_orders_that_no_turn_has_are_refused(orders: tuple[float, ...], words: str) -> None:
+@pytest.mark.parametrize("orders", [(), (1.0, 1.0)])
+def test_orders_that_no_turn_has_are_refused(orders: tuple[float, ...]) -> None:
     """None, not positive, or the same twice."""
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match="orders"):
         GearsSpec(orders=orders)
 
 

@@ -79,7 +79,7 @@ class FittedResponse:
 
 
 def separates_inputs(fit: LocalFit, experiments: Experiments) -> BoolArray:
-    """Flags (F,) of the lines where the fit separates the inputs."""
+    """Return flags (F,) of the lines where the fit separates the inputs."""
     separate = fit.condition < MAX_CONDITION
     if experiments.closed:
         B_u = fit.B[:, experiments.n_y :]
@@ -89,7 +89,7 @@ def separates_inputs(fit: LocalFit, experiments: Experiments) -> BoolArray:
 
 
 def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) -> FittedResponse:
-    """G (F, n_y, n_u) at the usable lines, its covariance by noise, and the total one from the residual."""
+    """Return G (F, n_y, n_u) at the usable lines, its covariance by noise, and the total one from the residual."""
     n_y, closed, dof = experiments.n_y, experiments.closed, experiments.dof
     B = fit.B[usable]
     F, _, n_u = B.shape
@@ -116,7 +116,7 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
 def _covariance(
     left: ComplexArray, right: ComplexArray, dof: float, poles: tuple[ComplexArray, ComplexArray]
 ) -> Covariance:
-    r"""left (x) right plus the share of the uncertain poles, in Kronecker form: it is added to right.
+    r"""Return left (x) right plus the share of the uncertain poles, in Kronecker form: it is added to right.
 
     .. math:: right + \frac{1}{n_u} \sum_{pq} A_{pq} M_p\, left^{-T} M_q^H
 
@@ -134,14 +134,14 @@ def _covariance(
 
 
 def local_mean(x: FloatArray) -> FloatArray:
-    """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
+    """Return mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
     return mean_of_neighbours(x, AVERAGED_LINES)
 
 
 def with_model_error(
     fitted: FittedResponse, richer: Sequence[tuple[LocalFit, BoolArray]], experiments: Experiments, usable: BoolArray
 ) -> Covariance:
-    """The total covariance of G at the usable lines with the error of its model, as richer ones show it.
+    """Return the total covariance of G at the usable lines with the error of its model, as richer ones show it.
 
     A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
     their correlations stay.
@@ -168,7 +168,7 @@ def with_model_error(
 
 
 def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArray, S_rr: ComplexArray) -> Quality:
-    """Quality of G (F, n_y, n_u), its nonlinear levels excepted; periods (E,) of each experiment.
+    """Return quality of G (F, n_y, n_u), its nonlinear levels excepted; periods (E,) of each experiment.
 
     S_rr (F, n_u, n_u): `window_power` of what drives.
 
@@ -199,7 +199,7 @@ def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArr
 def _coherences(
     fitted: FittedResponse, S_uu: ComplexArray, C_V: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Ordinary (F, n_y, n_u) and multiple coherence (F, n_y), and the power (F, n_y) of G U; C_V (F, n_y)."""
+    """Return ordinary (F, n_y, n_u) and multiple coherence (F, n_y), and the power (F, n_y) of G U; C_V (F, n_y)."""
     G, left, C_total = fitted.G, fitted.input_factor, power(fitted.C_total)
     S_yu = G @ S_uu
     # Powers that the error of G brings into G U and S_yu.

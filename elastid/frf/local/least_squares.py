@@ -41,12 +41,12 @@ class Windows:
     span: IntArray
 
     def on(self, lines: slice) -> "Windows":
-        """The windows of some lines."""
+        """Return the windows of some lines."""
         return Windows(self.index[lines], self.offset[lines], self.span[lines])
 
 
 def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
-    """Windows of n_w of the available bins (B,), increasing, around lines (F,); all bins where there are fewer.
+    """Return windows of n_w of the available bins (B,), increasing, around lines (F,); all bins where there are fewer.
 
     >>> windows(np.array([2, 4, 6, 8, 10]), np.array([2, 6]), 3).index.tolist()
     [[0, 1, 2], [1, 2, 3]]
@@ -64,7 +64,7 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
 
 
 def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
-    """Mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
+    """Return mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
     n_w = where.index.shape[1]
     bins = np.einsum("ebu,ebv->buv", R, R.conj())
     # Sums from the first bin to the one before the last, which may be the end of the array.
@@ -96,11 +96,11 @@ class WindowTerms:
         return self.order + 1 if self.transient else 0
 
     def degrees_of_freedom(self, n_w: int, experiments: int, n_z: int) -> float:
-        """Complex degrees of freedom of the residual of each of n_z outputs, which share the unknowns of A."""
+        """Return complex degrees of freedom of the residual of each of n_z outputs, which share the unknowns of A."""
         return experiments * (n_w - self.transient_columns) - self.columns - self.poles / n_z
 
     def width(self, dof: float, experiments: int, n_z: int) -> int:
-        """n_w, the fewest bins that leave dof degrees of freedom, but at least the unknowns of one element and T."""
+        """Return n_w, the fewest bins that leave dof degrees of freedom, at least all unknowns of one element."""
         n_w = self.transient_columns + math.ceil((dof + self.columns + self.poles / n_z) / experiments - 1e-9)
         return max(n_w, self.order + self.poles + 1 + self.transient_columns)
 
@@ -165,7 +165,7 @@ _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 
 def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[WindowTerms]) -> LadderFit:
-    """The local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
+    """Return the local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
 
     ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
     less in some output.  Poles found in mere noise would make the residual too small, and needless orders make the
@@ -182,12 +182,12 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
 
 
 def transient_half_width(n_y: int, n_z: int) -> int:
-    """Bins on either side of a line within which the window of its transient is, if half of the bins are unexcited."""
+    """Return bins to either side of a line that its transient's window has, if half of the bins are unexcited."""
     return 2 * _transient_ladder()[-1].width(n_y + 5, 1, n_z) + 2
 
 
 def fitted_transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
-    """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None with too few unexcited bins."""
+    """Return T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None with too few unexcited bins."""
     if len(rest) <= _ORDER + _POLES + 1:
         return None
     ladder = _transient_ladder()
@@ -201,12 +201,12 @@ def _transient_ladder() -> tuple[WindowTerms, ...]:
 
 
 def _power(fit: LocalFit) -> FloatArray:
-    """Residual power (F, n_z) of each output."""
+    """Return residual power (F, n_z) of each output."""
     return np.asarray(np.maximum(np.einsum("fzz->fz", fit.scatter).real, 1e-300) / fit.dof)
 
 
 def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
-    """Fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
+    """Return fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
     more = poles - fit.M.shape[1]
     return replace(
         fit,
@@ -218,7 +218,7 @@ def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
 
 
 def _chosen(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
-    """a at the lines taken (F,), b elsewhere."""
+    """Return a at the lines taken (F,), b elsewhere."""
     arrays = {name: getattr(b, name).copy() for name in _ARRAYS}
     for name, array in arrays.items():
         array[take] = getattr(a, name)[take]
@@ -235,7 +235,7 @@ def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTe
 
 
 def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
-    """One model at the lines of the windows (f of them), from Z (E, B, n_z) and R (E, B, n_u) at the available bins."""
+    """Fit one model at the lines of f windows, from Z (E, B, n_z) and R (E, B, n_u) at the available bins."""
     E, n_z = len(Z), Z.shape[2]
     f, n_w = where.index.shape
     Phi = _regressors(R[:, where.index], where.offset, terms)
@@ -249,7 +249,7 @@ def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTer
 
 
 def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
-    """A from rows weighted by 1 / |A| of the iteration before, then B and T with A as it is; powers (f, d, rows)."""
+    """Solve for A with rows weighted by 1 / |A| of the iteration before, then for B and T; powers (f, d, rows)."""
     X = powers[..., None] * Z[:, None]
     iterations = 4 if powers.shape[1] else 0  # further ones change the denominator by less than the noise does
     a = np.zeros(powers.shape[:2], dtype=np.complex128)
@@ -270,7 +270,7 @@ def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Soluti
 
 
 def _regressors(R: ComplexArray, r: FloatArray, terms: WindowTerms) -> ComplexArray:
-    """Phi (f, E n_w, columns + E transient columns) from R (E, f, n_w, n_u): first R, r R, ..., then 1, r, ..."""
+    """Return Phi (f, E n_w, columns + E transient columns) from R (E, f, n_w, n_u): R, r R, ..., then 1, r, ..."""
     E, f, n_w, _ = R.shape
     powers = r[..., None] ** np.arange(terms.order + 1)
     of_R = np.asarray(np.einsum("efwu,fwp->fewpu", R, powers).reshape(f, E * n_w, terms.columns))
@@ -281,7 +281,7 @@ def _regressors(R: ComplexArray, r: FloatArray, terms: WindowTerms) -> ComplexAr
 
 
 def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: FloatArray) -> ComplexArray:
-    """a (f, d), d > 0: least squares of V + sum_p a_p V_Xp, outputs by their scale; 0 where rounding would decide."""
+    """Return a (f, d), d > 0: least squares of V + sum_p a_p V_Xp, outputs by their scale; 0 below rounding errors."""
     f, d = V_X.shape[:2]
     X = np.moveaxis(V_X / scale[:, None, None, :], 1, 3).reshape(f, -1, d)
     size = np.linalg.norm(W_X / scale[:, None, None, :], axis=(2, 3))
@@ -293,7 +293,7 @@ def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: F
 
 
 def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int, dof: float) -> LocalFit:
-    """The fit from a solution whose regressors were divided by size (f, 1, columns)."""
+    """Return the fit from a solution whose regressors were divided by size (f, 1, columns)."""
     Q, L, n_u = solution.Q, solution.L, terms.n_u
     diagonal = np.abs(np.einsum("fcc->fc", L))
     smallest = diagonal.min(axis=1)
@@ -321,7 +321,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
 
 
 def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexArray) -> ComplexArray:
-    """cov(A_1 ... A_d) (f, d, d) of weighted least squares whose weights are not the inverse of C_V."""
+    """Return cov(A_1 ... A_d) (f, d, d) of weighted least squares whose weights are not the inverse of C_V."""
     d = V_X.shape[1]
     X = V_X / scale[:, None, None, :]
     normal = np.einsum("fprz,fqrz->fpq", X.conj(), X, optimize=True)
@@ -335,6 +335,6 @@ def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexAr
 
 
 def _rms(Z: ComplexArray) -> FloatArray:
-    """RMS (f, n_z) over the rows of Z (f, rows, n_z), 1 where there is nothing."""
+    """Return RMS (f, n_z) over the rows of Z (f, rows, n_z), 1 where there is nothing."""
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=1))
     return np.where(rms > 0, rms, 1.0)

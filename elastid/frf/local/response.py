@@ -107,7 +107,7 @@ class _Signals:
 def local_response(
     records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None, most_lines: int | None = None
 ) -> Response:
-    """G (F, n_y, n_u) of one configuration with its covariances and quality, from one experiment of all inputs or more.
+    """Estimate G (F, n_y, n_u) of one configuration with covariances and quality, from one experiment or more.
 
     Transients are removed where bins between the excited ones show them, else fitted along; `transient_periods` of the
     spec are left out in any case.  noise is None where there are only excited lines.  most_lines: of G at most, evenly
@@ -167,7 +167,7 @@ def local_response(
 
 
 def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[Note, ...]]:
-    """Records without a period cut to the shortest, since their lines are compared, and a note on it."""
+    """Return records without a period cut to the shortest, since their lines are compared, and a note on it."""
     lengths = np.array([record.n_samples for record in records])
     n = int(lengths.min())
     if records[0].is_periodic or np.all(lengths == n):
@@ -191,7 +191,7 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
 
 
 def spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> ComplexArray:
-    r"""Complex amplitudes (B, c) of samples of signals (n, c), P periods of N, at bins b, one channel after the other.
+    r"""Return complex amplitudes (B, c) of samples of signals (n, c), P periods of N, at bins b, one channel at a time.
 
     Near the lines b = k P + r a few offsets r suffice: with the sums of period p turned by them, a DFT of N samples,
 
@@ -219,7 +219,7 @@ def spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> Comp
 
 
 def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SteadySpectra:
-    """The spectra of a record at lines (F,) of its period without the transient; `dropped` periods are not used."""
+    """Return the spectra of a record at lines (F,) of its period without the transient; skip `dropped` periods."""
     P = record.n_periods - dropped
     used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
     n = used.stop - used.start
@@ -248,7 +248,7 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: i
 def _signals(
     spectra: Sequence[SteadySpectra], closed: bool, lines: IntArray, step: int, most_lines: int | None
 ) -> _Signals:
-    """Records times sqrt(P) each, so that the noise equals the noise of one period in all of them."""
+    """Return records times sqrt(P) each, so that the noise equals the noise of one period in all of them."""
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
     Z = root_P * np.stack([np.concatenate([part.Y, part.U], axis=1) if closed else part.Y for part in spectra])
     R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
@@ -258,7 +258,7 @@ def _signals(
 
 
 def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -> Experiments:
-    """Experiments with the noise of all records in one period, each by its degrees of freedom."""
+    """Return experiments with the noise of all records in one period, each by its degrees of freedom."""
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
     if all(spectrum.is_steady for spectrum in spectra):
         C_Z = np.sum([part.noise[every] * (part.dof * part.n_periods / dof) for part in spectra], axis=0)
@@ -269,7 +269,7 @@ def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -
 def _fits(
     signals: _Signals, spec: EstimatorSpec, first: Record, transient: bool
 ) -> tuple[LadderFit, list[tuple[LocalFit, BoolArray]]]:
-    """The fit at each line of G; and with a transient richer ones, each with the lines (F,) where it has more poles.
+    """Return the fit at each line of G; with a transient also richer ones, each with the lines (F,) of further poles.
 
     For a polynomial the richer one is the rational fit as `auto` would take it, where lines are enough for its windows.
     Raises DataError where they are too few for those of the spec.
@@ -298,7 +298,7 @@ def _fits(
 
 
 def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:
-    """Lines that a window needs.
+    """Return lines that a window needs.
 
     Where each experiment has a transient of its own, only different excitations separate the response from it.
     """
@@ -308,14 +308,14 @@ def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:
 
 
 def _step(spec: EstimatorSpec, first: Record) -> int:
-    """DFT lines from one line of G to the next: 1 for records with a period."""
+    """Return DFT lines from one line of G to the next: 1 for records with a period."""
     if spec.resolution_hz is None or first.is_periodic:
         return 1
     return max(1, round(spec.resolution_hz * first.period_samples / first.rate_hz))
 
 
 def _refuse_dead_inputs(first: Record, spectra: Sequence[SteadySpectra]) -> None:
-    """DataError where an input stands out of its noise at too few lines, whatever the reference was."""
+    """Raise DataError where an input stands out of its noise at too few lines, whatever the reference was."""
     n_y = len(first.outputs)
     signal = np.sum([np.abs(spectrum.U) ** 2 for spectrum in spectra], axis=0)
     noise = np.sum([power(spectrum.noise)[:, n_y:] for spectrum in spectra], axis=0)
@@ -330,7 +330,7 @@ def _refuse_dead_inputs(first: Record, spectra: Sequence[SteadySpectra]) -> None
 
 
 def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]:
-    """The models for a line: one polynomial; or polynomial and rational of one order less, and rational."""
+    """Return the models for a line: one polynomial; or polynomial and rational of one order less, and rational."""
     d = spec.local_order
     if spec.method == "local_polynomial":
         return [WindowTerms(n_u, 2 if d == "auto" else d, 0, transient)]
@@ -340,7 +340,7 @@ def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]
 
 
 def independent_excitations(R: ComplexArray, n_w: int) -> int:
-    """Number of the inputs R (E, F, n_u) that differ within windows of n_w lines, by more than a complex factor."""
+    """Return the number of inputs R (E, F, n_u) that differ within windows of n_w lines by more than a factor."""
     E, F, _ = R.shape
     if E == 1:
         return 1
@@ -358,7 +358,7 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
 
 
 def merge_repeats(spectra: Sequence[SteadySpectra], closed: bool) -> list[SteadySpectra]:
-    """One experiment for each excitation, in order; the reference excites if closed, otherwise the inputs do."""
+    """Return one experiment for each excitation, in order; the reference excites if closed, otherwise the inputs do."""
     groups: list[list[SteadySpectra]] = []
     for spectrum in spectra:
         driver = driver_of(spectrum, closed)
@@ -370,12 +370,12 @@ def merge_repeats(spectra: Sequence[SteadySpectra], closed: bool) -> list[Steady
 
 
 def driver_of(spectra: SteadySpectra, closed: bool) -> ComplexArray:
-    """The reference in closed loop, else the inputs, (F, n_u)."""
+    """Return the reference in closed loop, else the inputs, (F, n_u)."""
     return spectra.R if closed and spectra.R is not None else spectra.U
 
 
 def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
-    """c with other = c of up to a small difference, both (F, n_u); None without such a factor."""
+    """Return c with other = c of up to a small difference, both (F, n_u); None without such a factor."""
     power, power_other = np.sum(np.abs(R) ** 2), np.sum(np.abs(R_other) ** 2)
     if power == 0 or power_other == 0:
         return None
