@@ -96,8 +96,8 @@ class Named(dict[str, T]):
 def check_kind(value: object, kind: type | UnionType, name: str, remedy: str) -> None:
     """Raise TypeError if an argument has another type. remedy: how to obtain an argument of the right type."""
     if not isinstance(value, kind):
-        wanted = " or ".join(type_.__name__ for type_ in get_args(kind) or (kind,))
-        raise TypeError(f"{name} is of type {type(value).__name__}, not {wanted}; {remedy}")
+        names = " or ".join(type_.__name__ for type_ in get_args(kind) or (kind,))
+        raise TypeError(f"{name} is of type {type(value).__name__}, not {names}; {remedy}")
 
 
 def index_of(name: str, names: Sequence[str], noun: str) -> int:

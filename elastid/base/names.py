@@ -48,8 +48,8 @@ class NameRule:
         ValueError: the name '1\nevil: 1' contains the character U+000A, which cannot be printed; take it out
         """
         if problem := "" if self.is_optional and not name else self._problem(name):
-            shown = f"'{name}'" if name.isprintable() and len(name) <= MAX_NAME_LENGTH else f"{name[:20]!a}"
-            raise ValueError(f"the name {shown} {problem}")
+            text = f"'{name}'" if name.isprintable() and len(name) <= MAX_NAME_LENGTH else f"{name[:20]!a}"
+            raise ValueError(f"the name {text} {problem}")
         return name
 
     def _problem(self, name: str) -> str:
@@ -144,5 +144,5 @@ def matching(pattern: str, names: Iterable[str]) -> tuple[str, ...]:
     >>> matching("k_[1]", ["k_1", "d_1"])
     ('k_1',)
     """
-    listed = tuple(names)
-    return (pattern,) if pattern in listed else tuple(name for name in listed if fnmatchcase(name, pattern))
+    known_names = tuple(names)
+    return (pattern,) if pattern in known_names else tuple(name for name in known_names if fnmatchcase(name, pattern))

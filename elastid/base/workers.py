@@ -52,12 +52,12 @@ class End:
 
     def packed(self, value: Any, is_first: bool = False) -> bytearray:
         """Pickle a message. is_first: first message of a task, which releases values that were deleted here."""
-        gone = [name for name in self._known if name not in _VALUES] if is_first else []
+        dropped = [name for name in self._known if name not in _VALUES] if is_first else []
         message = _Message()
         pickler = _Pickler(message, self._known)
         pickler.dump(value)
-        pickle.dump(gone, message)
-        self._has(pickler.new, gone)
+        pickle.dump(dropped, message)
+        self._has(pickler.new, dropped)
         return message
 
     def unpacked(self, message: bytes) -> Any:
@@ -196,7 +196,7 @@ def outcomes(
     ends = [len(items) * place // count for place in range(count + 1)] if at_home else [0, len(items)]
     waiting = [deque(items[first:last]) for first, last in pairwise(ends)]
     at_rest: list[Worker] = [] if lasting is None else lasting
-    called: list[Worker] = []
+    workers: list[Worker] = []
     busy: dict[Connection, tuple[int, Worker]] = {}
 
     def give(worker: Worker, is_new: bool = False) -> Iterator[tuple[int, Outcome]]:
@@ -219,10 +219,10 @@ def outcomes(
         index, worker = busy.pop(pipe)
         end(worker)
         yield index, Outcome(died=True)
-        yield from give(_call(at_rest, called, worker.place, new or _local), is_new=True)
+        yield from give(_call(at_rest, workers, worker.place, new or _local), is_new=True)
 
     try:
-        for worker in [_call(at_rest, called, place, new or _local) for place in range(count)]:
+        for worker in [_call(at_rest, workers, place, new or _local) for place in range(count)]:
             yield from give(worker, is_new=True)
         while busy:
             ready = wait(list(busy))
@@ -236,7 +236,7 @@ def outcomes(
                     yield from give(worker)
                     yield index, outcome
     finally:
-        for worker in called:
+        for worker in workers:
             if worker not in at_rest:
                 end(worker)
         if lasting is None:

@@ -89,13 +89,13 @@ def _proposed(
     n = len(robot.driven)
     if spec.given:
         for name, given in spec.given.items():
-            if refused := robot.count_refusal(len(given)):
-                raise StudyError("design/candidates", refused, f"design.candidates.given.{name}")
+            if refusal := robot.count_refusal(len(given)):
+                raise StudyError("design/candidates", refusal, f"design.candidates.given.{name}")
         return list(spec.given), np.array(list(spec.given.values()))
     if spec.grid is not None:
         counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
-        if refused := robot.count_refusal(len(counts), "numbers"):
-            raise StudyError("design/candidates", refused, "design.candidates.grid")
+        if refusal := robot.count_refusal(len(counts), "numbers"):
+            raise StudyError("design/candidates", refusal, "design.candidates.grid")
         if math.prod(counts) > 200_000:  # a typing error
             text = "more than 200000 candidates. Reduce the points per joint"
             raise StudyError("design/candidates", text, "design.candidates.grid")
@@ -148,10 +148,10 @@ def choose_configurations(
     H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
     visible_parameters, ground = visible(criterion, H, elsewhere, prospect.parameters)
     numbers, efficiency = best_experiments(H[None], count, visible_parameters, (elsewhere + ground)[None])
-    chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
-    names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in chosen)
+    selection = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
+    names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in selection)
     best = f"{100 * efficiency:.1f} % of the best possible allocation"
-    return chosen, f"chosen among {len(rows)} candidates: {names}; {best}"
+    return selection, f"chosen among {len(rows)} candidates: {names}; {best}"
 
 
 def informations(
@@ -205,11 +205,11 @@ def _named(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
     """Chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
-    chosen: list[DesignedConfiguration] = []
+    selection: list[DesignedConfiguration] = []
     used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
     for configuration, number in zip(configurations, numbers.tolist(), strict=True):
         if number:
             name = next(free) if configuration.name.startswith("candidate") else configuration.name
-            chosen.append(DesignedConfiguration(replace(configuration, name=name), number * realisations))
-    return tuple(chosen)
+            selection.append(DesignedConfiguration(replace(configuration, name=name), number * realisations))
+    return tuple(selection)

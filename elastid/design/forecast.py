@@ -131,8 +131,8 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Raise StudyError for a grid with fewer lines than unknowns; the message states a sufficient period."""
-    if refused := line_count_refusal(len(freq_hz), len(parameters.of_interest), "unknowns"):
-        raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
+    if refusal := line_count_refusal(len(freq_hz), len(parameters.of_interest), "unknowns"):
+        raise StudyError("excitation/power", f"{refusal}, or fix some of fit.parameters", "excitation")
 
 
 def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:

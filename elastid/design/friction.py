@@ -85,8 +85,8 @@ def optimal_speeds(
     speeds, d = np.geomspace(lowest, highest, 200), len(LINEAR) + len(SEARCHED)
     H = np.stack([_information(guess, speeds) for guess in guesses])
     numbers, efficiency = best_experiments(H, count, DesignCriterion(np.eye(d)), np.zeros((len(H), d, d)))
-    chosen = numbers > 0
-    return speeds[chosen], numbers[chosen].astype(float), efficiency
+    has_passes = numbers > 0
+    return speeds[has_passes], numbers[has_passes].astype(float), efficiency
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
@@ -385,8 +385,8 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
     """A configuration by name, by default the first; without any, every joint at zero or the nearest that it may."""
     configurations = experiment.configurations
     if configurations:
-        chosen = name or next(iter(configurations))
-        return Configuration(chosen, np.array(configurations[chosen]))
+        configuration = name or next(iter(configurations))
+        return Configuration(configuration, np.array(configurations[configuration]))
     return Configuration("zero", np.array([float(np.clip(0.0, *joint.limits.angle)) for joint in robot.driven]))
 
 

@@ -257,12 +257,12 @@ def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> Fl
         S = np.einsum("fckoi,mefi->meckof", response, realisations * a)
         return used(np.max([signal_peaks(plan.lines, spectra, 16).max(axis=0) for spectra in S], axis=0))
 
-    a = wanted = np.ones(len(plan.inputs))
+    a = target = np.ones(len(plan.inputs))
     if is_shared:
         S = np.einsum("fckoi,efi->eckof", response, plan.R[q, 0])
-        wanted = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=-1).mean(axis=0)))
+        target = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=-1).mean(axis=0)))
     for _ in range(15):
-        a = a * (wanted / peak_used(a, plan.R[q, :1])) ** 0.8
+        a = a * (target / peak_used(a, plan.R[q, :1])) ** 0.8
     return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
 
 

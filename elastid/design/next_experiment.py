@@ -117,8 +117,8 @@ class PriorEstimate:
     @property
     def information(self) -> FloatArray:
         """M_0 (n_x, n_x): vague prior information for unidentifiable parameters."""
-        reached, M = np.isfinite(np.diag(self.covariance)), _prior_information(self.parameters)
-        M[np.ix_(reached, reached)] = np.linalg.inv(self.covariance[np.ix_(reached, reached)])
+        is_known, M = np.isfinite(np.diag(self.covariance)), _prior_information(self.parameters)
+        M[np.ix_(is_known, is_known)] = np.linalg.inv(self.covariance[np.ix_(is_known, is_known)])
         return M
 
 
@@ -185,21 +185,21 @@ def next_experiment(
     settled = completed_problem(problem)
     options = _ranked(settled, candidates, state, goal, execution)
     options = [option for option in options if option.time_s <= left_s] or options
-    refused: list[str] = []
+    refusals: list[str] = []
     for option in options[:TRIED]:
-        drawn = replace(settled, seed=phase_seed)
+        with_phases = replace(settled, seed=phase_seed)
         experiment = replace(settled.experiment, periods=option.periods)
         configuration = replace(option.configuration, name=name)
-        chosen = [DesignedConfiguration(configuration, experiment.realisations)]
+        configurations = [DesignedConfiguration(configuration, experiment.realisations)]
         try:
-            spectra = best_spectra_of(settled, experiment, chosen, problem.excitation.torque_rms)
-            plan = replace(drawn, excitation=problem.excitation).plan(experiment, chosen, spectra)
+            spectra = best_spectra_of(settled, experiment, configurations, problem.excitation.torque_rms)
+            plan = replace(with_phases, excitation=problem.excitation).plan(experiment, configurations, spectra)
             plan, use = _within_envelope(problem, plan, robots, execution)
             _check_obstacles(problem, configuration, use)
             return NextExperiment(plan, option, use)
         except StudyError as error:
-            refused.append(f"{option.configuration.name}: {error}")
-    raise StudyError("design/limits", f"no experiment keeps the limits of the robot: {refused[0]}")
+            refusals.append(f"{option.configuration.name}: {error}")
+    raise StudyError("design/limits", f"no experiment keeps the limits of the robot: {refusals[0]}")
 
 
 def _ranked(

@@ -264,10 +264,10 @@ class Prospect:
         if not noise.encoder_counts:
             return variances
         steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
-        counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
+        quantisation = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
         for i, place in enumerate(self.outputs):
             if place in self.robot.motor_locations:
-                variances[:, i] += counted[self.robot.motor_locations.index(place)]
+                variances[:, i] += quantisation[self.robot.motor_locations.index(place)]
         return variances
 
 

@@ -115,13 +115,13 @@ class DesignProblem:
 
         Its phases are random where the study's are optimised, since it is not measured.
         """
-        drawn = self
+        problem = self
         if self.excitation.phases == "optimised":
-            drawn = replace(self, excitation=replace(self.excitation, phases="random"))
+            problem = replace(self, excitation=replace(self.excitation, phases="random"))
         if self.design is None:
-            return drawn.plan(experiment)
+            return problem.plan(experiment)
         probes = self.candidates(self.design).configurations[:8]
-        return drawn.plan(
+        return problem.plan(
             experiment,
             [DesignedConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)],
         )
@@ -134,16 +134,16 @@ class DesignProblem:
         StudyError or DataError of a needed one (by its name), and of the last one where none has.
         """
         values: list[Value] = []
-        refused: StudyError | DataError | None = None
+        error_of_last: StudyError | DataError | None = None
         for q, configuration in enumerate(probe.configurations):
             try:
                 values.append(value(q, configuration))
             except (StudyError, DataError) as error:
                 if configuration.name in names:
                     raise
-                refused = error
-        if refused is not None and not values:
-            raise refused
+                error_of_last = error
+        if error_of_last is not None and not values:
+            raise error_of_last
         return values
 
     def prospect(self, plan: Plan, q: int) -> Prospect:

@@ -392,6 +392,6 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     length = np.linalg.norm(R, axis=0)
     length[length == 0] = 1.0
     _, singular_values, Vt = np.linalg.svd(R / length)
-    reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
-    half = (Vt[reached] / singular_values[reached, None]) / length
-    return half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
+    is_reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
+    half = (Vt[is_reached] / singular_values[is_reached, None]) / length
+    return half, singular_values, np.any(np.abs(Vt[~is_reached]) > 1e-3, axis=0)

@@ -59,8 +59,8 @@ class FittedRobot:
             linear = linear_model(linearisation, G, theta)
             models.append(FittedModel.of(linear, result.parameters, result.x, result.covariance))
             if springs:
-                both = np.insert(theta, len(theta) - 1, numbers)
-                of_both = frequency_response(linear_model(with_springs, G, both), both, G.freq_hz)
+                theta_of_both = np.insert(theta, len(theta) - 1, numbers)
+                of_both = frequency_response(linear_model(with_springs, G, theta_of_both), theta_of_both, G.freq_hz)
                 changes.append(of_both - frequency_response(linear, theta, G.freq_hz))
         return cls(result, linearisation.model, tuple(measured), tuple(models), presliding=tuple(changes))
 

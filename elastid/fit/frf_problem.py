@@ -97,8 +97,8 @@ class Assembly:
     def only(self, of_tool: bool) -> "Assembly":
         """Return the assembly with the tool responses or the motor responses alone, and without load tests."""
         pairs = zip(self.responses, self.weights, strict=True)
-        chosen = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
-        responses, weights = zip(*chosen, strict=True) if chosen else ((), ())
+        selection = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
+        responses, weights = zip(*selection, strict=True) if selection else ((), ())
         return replace(self, responses=responses, weights=weights, loads=None)
 
     def with_model_error(self, floor: float | None) -> "Assembly":
@@ -124,8 +124,8 @@ class Assembly:
 
     def as_linearised(self, fit: ElasticFit, of: "Assembly") -> ElasticFit:
         """Return the fit with every configuration linearised as in the fit of another assembly."""
-        each = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
-        return replace(fit, parts=tuple(each_at_home(_part_again, each, self.home)))
+        groups = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
+        return replace(fit, parts=tuple(each_at_home(_part_again, groups, self.home)))
 
     @cached_property
     def is_local(self) -> bool:

@@ -127,19 +127,23 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
     """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
     (starts, n_converged), quiet = ends, evidence.execution
     try:
-        if (freed := find_presliding(evidence)) is None:
+        if (with_springs := find_presliding(evidence)) is None:
             return evidence
-        assembly, begin = freed[0], (replace(starts[0], x=freed[1]), *starts[1:])
+        assembly, begin = with_springs[0], (replace(starts[0], x=with_springs[1]), *starts[1:])
         near = evidence.optimum if evidence.optimum.end.converged else None
         assembly, optimum, uncertainty, result = _with_model_error(assembly, spec, (begin, n_converged), quiet, near)
         if not are_identified(result, assembly.linearisation.presliding):
             return evidence
-        both = rank_causes(result, assembly, optimum, uncertainty, quiet, hypotheses)
+        evidence_with = rank_causes(result, assembly, optimum, uncertainty, quiet, hypotheses)
     except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence
     # A spring that drives another parameter to its bound takes the place of it.
-    is_new_bound = both.result.status == "at_bound" != evidence.result.status
-    return both if both.result.status in ("converged", "at_bound", "misfit") and not is_new_bound else evidence
+    is_new_bound = evidence_with.result.status == "at_bound" != evidence.result.status
+    return (
+        evidence_with
+        if evidence_with.result.status in ("converged", "at_bound", "misfit") and not is_new_bound
+        else evidence
+    )
 
 
 def fit_parameters(
@@ -237,25 +241,25 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
 def _check_robot(response: Response, robot: Robot) -> None:
     where, angles = f"configuration {response.configuration.name}", response.configuration.angles
     advice = "is this response from another robot?"
-    if refused := robot.count_refusal(angles.size):
-        raise DataError("fit/responses", f"{where}: {refused}" + (f"; {advice}" if angles.size else ""))
+    if refusal := robot.count_refusal(angles.size):
+        raise DataError("fit/responses", f"{where}: {refusal}" + (f"; {advice}" if angles.size else ""))
     at_tool = any(map(is_load, response.inputs))
     locations = robot.load_locations if at_tool else robot.motor_locations
     if response.controller is not None:
         locations = tuple(f"{REFERENCE}{name}" for name in robot.driven_names)
-    if missing := [name for name in response.inputs if name not in locations]:
-        has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
+    if unknown := [name for name in response.inputs if name not in locations]:
+        has_not = f"the response has the input {', '.join(unknown)}, which robot {robot.name} has not"
         both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""
         raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(locations)}; {advice}", where)
-    refused, still = "", ", ".join(place for place in response.outputs if place.startswith("motor "))
+    refusal, still = "", ", ".join(place for place in response.outputs if place.startswith("motor "))
     if response.motors != "free" and not at_tool:
-        refused = f"torques of its motors, which are {response.motors}, cannot act on them"
+        refusal = f"torques of its motors, which are {response.motors}, cannot act on them"
     elif response.motors == "locked" and still:
-        refused = f"nothing moves at {still} while the motors are held; leave out what is read there"
+        refusal = f"nothing moves at {still} while the motors are held; leave out what is read there"
     elif response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
-        refused = "its motors are controlled; give their loop, stiffness kp and damping kd without ki"
-    if refused:
-        raise DataError("fit/responses", refused, where)
+        refusal = "its motors are controlled; give their loop, stiffness kp and damping kd without ki"
+    if refusal:
+        raise DataError("fit/responses", refusal, where)
     for place in response.outputs:
         try:
             robot.check_location(place)
@@ -291,8 +295,8 @@ def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, executi
             thin = thinning(log, RESIDUALS // 3)
             log = replace(log, parts=tuple(each_at_home(thin, log.parts, assembly.home)))
         problems.insert(0, assembly.search_problem(log, "log"))
-    drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
-    starts = feasible_starts(drawn, fit.inertias, parameters)
+    candidates = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
+    starts = feasible_starts(candidates, fit.inertias, parameters)
     return multistart(problems, starts, spec.solver, fit.evaluated_by(execution))
 
 
@@ -319,18 +323,20 @@ def free_nuisance_parameters(
         return wide
 
     ends = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
-    freed = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights)
+    released = Assembly.of(
+        assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
+    )
     begins = [ends[0], replace(ends[0], x=parameters.x, x_start=parameters.x, iterations=0), *ends[1:]]
     best: LocalOptimum | None = None
     for begin in begins[:ATTEMPTS]:
         try:
-            end, dof = _released(freed, begin)
+            end, dof = _released(released, begin)
         except (StudyError, FitError):  # no robot stands on the way
             continue
         best = end if best is None or end.cost < best.cost else best
         if best.cost <= COST_RATIO * dof:
             break
-    return (assembly, starts) if best is None else (freed, (best, *ends[1:]))
+    return (assembly, starts) if best is None else (released, (best, *ends[1:]))
 
 
 def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:

@@ -140,9 +140,9 @@ def _profile(
 ) -> tuple[float, float]:
     """Both ends in x of the interval of one parameter, infinite where the data give no bound; least: V at x."""
     curvature = max(float(A_inverse[place, place]), 1e-300)
-    stated = float(variance[place]) if 0 < variance[place] < math.inf else curvature
-    tangent, threshold = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(stated / curvature)
-    reach, end = QUANTILE_95 * math.sqrt(stated), partial(_end, problem, x, least, tangent, threshold, place)
+    variance_of_x = float(variance[place]) if 0 < variance[place] < math.inf else curvature
+    tangent, threshold = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(variance_of_x / curvature)
+    reach, end = QUANTILE_95 * math.sqrt(variance_of_x), partial(_end, problem, x, least, tangent, threshold, place)
     return end(-reach), end(reach)
 
 
@@ -198,8 +198,8 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
         free = result.parameters.free_names
-        if lost := next((key for key in spec.profile if not matching(key, free)), ""):
-            text = f"no free parameter is {lost}; {did_you_mean(lost, free)}"
+        if unknown := next((key for key in spec.profile if not matching(key, free)), ""):
+            text = f"no free parameter is {unknown}; {did_you_mean(unknown, free)}"
             raise StudyError("fit/parameters", text, "fit.profile")
         names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))
     if names:
@@ -221,5 +221,5 @@ def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple
     std = np.sqrt(variance)
     rough = [i for i, p in enumerate(parameters.of_interest) if p.log and ROUGH_STD < std[i] < math.inf]
     worst = sorted(rough, key=lambda i: -float(std[i]))
-    chosen, omitted = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
-    return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in omitted)
+    names, omitted = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
+    return tuple(parameters.free_names[i] for i in names), tuple(parameters.free_names[i] for i in omitted)

@@ -110,27 +110,27 @@ def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
     table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    wanted = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
-    wanted = late | wanted
-    grouped = {name: groups_of(name, rule, spec.robots, configurations) for name, rule in wanted.items()}
+    rules = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
+    rules = late | rules
+    grouped = {name: groups_of(name, rule, spec.robots, configurations) for name, rule in rules.items()}
     linear, motors = _linear_names(robot), {j.name: j.motor for j in robot.driven if j.motor is not None}
     # Of motor friction of which the file has none, that which stops the rotor within 1 s.
     coasting = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
-    chosen: list[Parameter] = []
-    further = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
+    selection: list[Parameter] = []
+    ratios = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
     for name, (value, unit) in table.items():
         log, groups = name not in linear, grouped.get(name, {})
-        if name not in wanted:
-            chosen.append(Parameter(name, value, unit, log=log, free=False))
+        if name not in rules:
+            selection.append(Parameter(name, value, unit, log=log, free=False))
             continue
-        rule = wanted[name]
+        rule = rules[name]
         if name in coasting and rule.start is None and not rule.fixed:
             rule = replace(rule, start=coasting[name])
         parameter = _parameter(name, value, unit, rule, log)
         everywhere = bool(groups) and {c for only in groups.values() for c in only} >= set(configurations)
-        chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
-        further += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items())
-    return Parameters((*chosen, *further))
+        selection.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
+        ratios += (replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items())
+    return Parameters((*selection, *ratios))
 
 
 def named_geometry(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
@@ -141,29 +141,29 @@ def named_geometry(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
     keys = [key for key in rules if key[:1].isalpha()]
     keys += [rule.tie.to for rule in rules.values() if rule.tie is not None and rule.tie.to in robot.geometry]
     every = tuple(robot.numbers) + tuple(robot.geometry)
-    chosen = {name for key in keys for name in matching(key, every)}
-    return tuple(name for name in robot.geometry if name in chosen)
+    names = {name for key in keys for name in matching(key, every)}
+    return tuple(name for name in robot.geometry if name in names)
 
 
 def named_on_demand(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
     """Return the names of robot.on_demand in fit.parameters: geometry, and values of channels (gain_kp_*)."""
     keys = [key for key in rules if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
     keys += [rule.tie.to for rule in rules.values() if rule.tie is not None]
-    chosen = {name for key in keys for name in matching(key, robot.channel_numbers)}
-    return (*named_geometry(rules, robot), *(name for name in robot.channel_numbers if name in chosen))
+    names = {name for key in keys for name in matching(key, robot.channel_numbers)}
+    return (*named_geometry(rules, robot), *(name for name in robot.channel_numbers if name in names))
 
 
 def _match(
     rules: Mapping[str, ParameterSpec], table: Mapping[str, object], on_demand: Iterable[str]
 ) -> dict[str, ParameterSpec]:
-    matched: dict[str, ParameterSpec] = {}
+    rules_of: dict[str, ParameterSpec] = {}
     for key, rule in rules.items():
         names = matching(key, table)
         if not names:
             near = did_you_mean(key, table, on_demand)
             raise StudyError("fit/parameters", f"the robot has no parameter {key}; {near}", "fit.parameters")
-        matched |= {name: _starred(key, name, rule, table) for name in names}
-    return matched | {key: rule for key, rule in rules.items() if key in table}
+        rules_of |= {name: _starred(key, name, rule, table) for name in names}
+    return rules_of | {key: rule for key, rule in rules.items() if key in table}
 
 
 def _starred(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -> ParameterSpec:
@@ -272,8 +272,8 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
             numbers.append(replace(number, tie=Tie(given.factor, number.value)))
         else:
             numbers.append(_within(number, given.std))
-    written = {number.name for number in numbers}
-    return Parameters((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
+    of_file = {number.name for number in numbers}
+    return Parameters((*numbers, *(p for p in parameters if p.name not in of_file), *factors.values()))
 
 
 def _within(fixed: Parameter, std: float) -> Parameter:

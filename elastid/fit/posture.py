@@ -138,11 +138,11 @@ class Family:
 
     def _ports(self, configuration: Configuration) -> Ports:
         model, theta = self.model, self.theta
-        rows, turned = {place: i for i, place in enumerate(self.places)}, {}
+        rows, rotations = {place: i for i, place in enumerate(self.places)}, {}
         if self.request.axes == "world":
             q = equilibrium(model, theta, configuration).q[None, : len(self.robot.joints)]
             names = dict.fromkeys(filter(None, map(_frame_of, self.places)))
-            turned = {name: frame_poses(model.robot_at(theta), q, name).rotation[0] for name in names}
+            rotations = {name: frame_poses(model.robot_at(theta), q, name).rotation[0] for name in names}
 
         def row(place: str) -> FloatArray:
             """Row (n,) of a place, as a sum of `places`."""
@@ -151,7 +151,7 @@ class Family:
             if kind in ("motor", "joint", "body") or self.request.axes == "own":
                 weights[rows[place]] = 1.0
                 return weights
-            for along, cosine in zip("xyz", turned[name]["xyz".index(axis[-1])], strict=True):
+            for along, cosine in zip("xyz", rotations[name]["xyz".index(axis[-1])], strict=True):
                 weights[rows[f"{kind} {name} {axis[:-1]}{along}"]] = cosine
             return weights
 
@@ -197,8 +197,8 @@ def as_configuration(posture: Posture, robot: Robot, configurations: Sequence[Co
             )
         posture = [float(posture[name]) for name in names]
     angles = np.atleast_1d(np.asarray(posture, float))
-    if refused := robot.count_refusal(angles.size):
-        raise StudyError("fit/posture", refused, "posture")
+    if refusal := robot.count_refusal(angles.size):
+        raise StudyError("fit/posture", refusal, "posture")
     return Configuration("posture", angles)
 
 

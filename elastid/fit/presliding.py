@@ -70,8 +70,10 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     last = _with_all(first, joints)
     if not last.springs or _is_beaten(evidence, first, last):
         return None
-    freed = with_presliding(assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint))))
-    return freed, _start(freed.parameters, last.parameters, last.x)
+    with_springs = with_presliding(
+        assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint)))
+    )
+    return with_springs, _start(with_springs.parameters, last.parameters, last.x)
 
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:

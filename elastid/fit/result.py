@@ -365,9 +365,9 @@ class Result:
         return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
-        wanted, std = self.parameters.of_interest, np.sqrt(np.maximum(variance, 0.0))
-        scale = [math.exp(x) if p.log else 1.0 for p, x in zip(wanted, self.x, strict=False)]
-        return Named("parameter", {p.name: float(s * e) for p, s, e in zip(wanted, std, scale, strict=True)})
+        of_interest, std = self.parameters.of_interest, np.sqrt(np.maximum(variance, 0.0))
+        scale = [math.exp(x) if p.log else 1.0 for p, x in zip(of_interest, self.x, strict=False)]
+        return Named("parameter", {p.name: float(s * e) for p, s, e in zip(of_interest, std, scale, strict=True)})
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a free parameter in SI, by profile likelihood if computed, else symmetric in x.

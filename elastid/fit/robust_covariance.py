@@ -227,8 +227,8 @@ def bands(n_lines: int, length: float) -> tuple[slice, ...]:
     >>> bands(60, 7.0)
     (slice(0, 15, None), slice(15, 30, None), slice(30, 45, None), slice(45, 60, None))
     """
-    wanted = int(np.clip(n_lines / (2 * length), MIN_BANDS, MAX_BANDS))
-    edges = np.unique(np.linspace(0, n_lines, wanted + 1).round().astype(int))
+    count = int(np.clip(n_lines / (2 * length), MIN_BANDS, MAX_BANDS))
+    edges = np.unique(np.linspace(0, n_lines, count + 1).round().astype(int))
     return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
 
 
@@ -269,8 +269,10 @@ def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArra
 def _change_without(part: LineSums) -> FloatArray:
     """The change of z (n_x,) without a configuration, in the directions that the others determine."""
     values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
-    reached = values > 1e-10  # the others are identified by this configuration alone
-    return np.asarray(vectors[:, reached] @ ((vectors[:, reached].T @ part.pull.sum(axis=1)) / values[reached]))
+    is_reached = values > 1e-10  # the others are identified by this configuration alone
+    return np.asarray(
+        vectors[:, is_reached] @ ((vectors[:, is_reached].T @ part.pull.sum(axis=1)) / values[is_reached])
+    )
 
 
 def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:

@@ -123,10 +123,10 @@ class ParameterSpec:
     def __post_init__(self) -> None:
         if self.per is not None and (self.fixed or self.tie is not None):
             raise ValueError("per is for a parameter that is identified, neither fixed nor tied")
-        further = [name for name in ("start", "bounds", "prior") if getattr(self, name) is not None]
-        if self.tie is not None and (further or self.fixed):
+        keys = [name for name in ("start", "bounds", "prior") if getattr(self, name) is not None]
+        if self.tie is not None and (keys or self.fixed):
             raise ValueError(
-                f"a tied parameter follows {self.tie.to}: {' and '.join(further) or 'fixed'} would not count; leave "
+                f"a tied parameter follows {self.tie.to}: {' and '.join(keys) or 'fixed'} would not count; leave "
                 "the tie or the rest out"
             )
 

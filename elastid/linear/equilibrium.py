@@ -152,8 +152,8 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
     theta (n_theta,): model.parameters, of which the geometry counts; default the robot's own.
     StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
     """
-    if refused := model.robot.count_refusal(configuration.angles.size):
-        raise StudyError("robot/no-equilibrium", refused, f"configuration {configuration.name}")
+    if refusal := model.robot.count_refusal(configuration.angles.size):
+        raise StudyError("robot/no-equilibrium", refusal, f"configuration {configuration.name}")
     q = np.zeros(model.n_q)
     try:
         angles, joints = configuration.angles, model.robot.opened(configuration.angles)

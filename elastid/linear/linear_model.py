@@ -241,8 +241,8 @@ class LinearModel:
                 return gains
             delays = np.array([number("delay", role, "") + number("delay", role, place) for place in places])
             common = low_pass_response(s, number("low_pass", role, ""))[..., None]
-            own = [low_pass_response(s, number("low_pass", role, place)) for place in places]
-            return np.asarray(gains * np.exp(-s[..., None] * delays) * common * np.stack(own, axis=-1))
+            filters = [low_pass_response(s, number("low_pass", role, place)) for place in places]
+            return np.asarray(gains * np.exp(-s[..., None] * delays) * common * np.stack(filters, axis=-1))
 
         of_inputs = factors(self.input_role, self.driven)
         return factors("y", self.outputs), 1 / of_inputs if self.controller is None else of_inputs

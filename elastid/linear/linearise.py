@@ -88,9 +88,9 @@ class PointDerivatives:
             )
         dq = back - Y @ np.linalg.lstsq(Y.T @ K_f @ Y, Y.T @ (statics + K_f @ back))[0]
         dlambda = -inverse.T @ (statics + K_f @ dq)
-        turned = (Phi_theta + Phi_q @ dq).T.reshape(-1, model.n_q, model.n_c).transpose(0, 2, 1)
-        dZ = np.zeros((len(turned), *Z.shape))
-        dZ[:, free] = -inverse @ (turned @ Z)
+        dPhi = (Phi_theta + Phi_q @ dq).T.reshape(-1, model.n_q, model.n_c).transpose(0, 2, 1)
+        dZ = np.zeros((len(dPhi), *Z.shape))
+        dZ[:, free] = -inverse @ (dPhi @ Z)
         return dq, A_q @ dq + A_lambda @ dlambda, dZ
 
 
@@ -238,8 +238,10 @@ class Linearisation:
 def _moves_with_parameters(model: ElasticModel) -> bool:
     """True if the geometry is among the parameters, a tangent depends on deflection, or springs are in series."""
     robot = model.robot
-    bent = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
-    return bool(model.geometry) or (model.n_c == 0 and (bent or any(box.is_in_series for box in robot.gearboxes)))
+    is_nonlinear = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
+    return bool(model.geometry) or (
+        model.n_c == 0 and (is_nonlinear or any(box.is_in_series for box in robot.gearboxes))
+    )
 
 
 @lru_cache(maxsize=4)

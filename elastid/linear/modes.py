@@ -86,9 +86,9 @@ def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
 
 @frozen_value
 class StrainEnergy:
-    """Strain energy of modes, over that of all springs.
+    """Strain energy of modes.
 
-    springs: names k_... of the parameters.  fraction (n_s, n_m): of each spring.  load (n_m,): w_g, the rest.
+    springs: names k_... of the parameters.  fraction (n_s, n_m): of each spring in each mode.  load (n_m,): w_g, the rest.
     """
 
     springs: tuple[str, ...]

@@ -311,11 +311,11 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     q, v, a, lambda_, theta = model.symbols("q", "v", "a", "lambda", "theta")
     forces = model.mass(q, theta) @ a + model.force(q, v, theta) + model.constraint_jacobian(q, theta).T @ lambda_
     rates = model.readout(q, theta, outputs)[0] @ v
-    read = [
+    outputs_of = [
         _acceleration(model, place, q, v, a, theta) if is_point(place) else rates[i] for i, place in enumerate(outputs)
     ]
     z = ca.vertcat(q, lambda_, v, a)
-    R = ca.vertcat(forces, model.constraint(q, theta), *read)
+    R = ca.vertcat(forces, model.constraint(q, theta), *outputs_of)
     return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
 
 

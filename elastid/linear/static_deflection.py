@@ -84,9 +84,11 @@ class LoadedRobot:
         wrench = np.zeros((len(loads), len(frames), 6))
         for i, load in enumerate(loads):
             wrench[i, frames.index(load.frame)] = np.append(load.force, load.torque)
-        both = np.concatenate([np.zeros_like(wrench), wrench]).reshape(2 * len(loads), -1)
+        wrenches = np.concatenate([np.zeros_like(wrench), wrench]).reshape(2 * len(loads), -1)
         functions = _functions(model, frames, tuple(places.tolist()))
-        return cls(model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(locked, (2, 1)), both, *functions)
+        return cls(
+            model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(locked, (2, 1)), wrenches, *functions
+        )
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
         """Readings (n,) of each load and their slopes (n, n_p) to the parameters; theta (n_theta,) of each.
@@ -95,9 +97,9 @@ class LoadedRobot:
         """
         pairs = zip(theta, self.loads, strict=True)
         carried = [self.model.carried(t, load.configuration.has_payload) for t, load in pairs]
-        both = np.tile(np.array(carried), (2, 1))
-        z, K = self._rest(both)
-        by_theta, p, p_z, p_theta = self._at(self.slopes, z, both)
+        numbers = np.tile(np.array(carried), (2, 1))
+        z, K = self._rest(numbers)
+        by_theta, p, p_z, p_theta = self._at(self.slopes, z, numbers)
         slopes = p_theta - p_z @ self._solve(K, by_theta)
         L, places = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
         readings, of_theta = [], []
@@ -163,7 +165,7 @@ def _functions(
     q[free] = z[: len(free)]
     named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
     layout = tree(model.robot, {name: symbol for name, symbol in named.items() if name in model.robot.geometry})
-    turned, names = turns(layout, q[: len(model.robot.joints)]), [frame.name for frame in model.robot.frames]
+    joint_turns, names = turns(layout, q[: len(model.robot.joints)]), [frame.name for frame in model.robot.frames]
     Phi = model.constraint_jacobian(q, theta)
     forces = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
     rates = model.frame_velocity(q, theta)
@@ -171,8 +173,8 @@ def _functions(
     for i, name in enumerate(frames):
         place = names.index(name)
         seat = layout.named[place]
-        points.append(position(layout, turned, seat))
-        R = rotation(layout, turned, seat)
+        points.append(position(layout, joint_turns, seat))
+        R = rotation(layout, joint_turns, seat)
         J = rates[6 * place : 6 * place + 6, :]
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
     h, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(dependent)]

@@ -97,8 +97,8 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
     geometry: names of robot.geometry that are parameters of the model besides robot.parameters(); others do not count.
     """
     formulation = spec.formulation or ("constrained" if robot.loops else "serial")
-    for (key, *_), refused in spec.refusals(robot):
-        raise StudyError("model/variant", refused, f"model.{key}")
+    for (key, *_), refusal in spec.refusals(robot):
+        raise StudyError("model/variant", refusal, f"model.{key}")
     if formulation == "minimal":
         return minimal(robot, spec, geometry)
     return (serial if formulation == "serial" else constrained)(robot, geometry)

@@ -197,29 +197,31 @@ def ends_of(
     )
 
 
-def rotation(layout: Tree, R: Sequence[Turn], seat: Attachment) -> ca.SX:
+def rotation(layout: Tree, joint_turns: Sequence[Turn], seat: Attachment) -> ca.SX:
     """R (3, 3) from the axes of a body to the base axes."""
-    return ca.horzcat(*(direction(layout, R, seat, axis) for axis in np.eye(3)))
+    return ca.horzcat(*(direction(layout, joint_turns, seat, axis) for axis in np.eye(3)))
 
 
 def position(
-    layout: Tree, turned: Sequence[Turn], seat: Attachment, point: Point = (0.0, 0.0, 0.0), seen_from: int = -1
+    layout: Tree, joint_turns: Sequence[Turn], seat: Attachment, point: Point = (0.0, 0.0, 0.0), seen_from: int = -1
 ) -> ca.SX:
     """A point (3,) of a body, given in the body's axes, in the axes of the frame `seen_from` (-1: the base), m.
 
-    seat: of the body.  turned: of `turns(layout, q)`.  seen_from: the body's frame or one that carries it.
+    seat: of the body.  joint_turns: of `turns(layout, q)`.  seen_from: the body's frame or one that carries it.
     """
     p = ca.SX(seat.p) + ca.DM(seat.R) @ ca.vertcat(point)
     frame = seat.frame
     while frame != seen_from:
-        p = turned[frame].origin + ca.DM(layout.frames[frame].R) @ turned[frame].forth(p)
+        p = joint_turns[frame].origin + ca.DM(layout.frames[frame].R) @ joint_turns[frame].forth(p)
         frame = layout.frames[frame].parent
     return p
 
 
-def direction(layout: Tree, turned: Sequence[Turn], seat: Attachment, vector: FloatArray, seen_from: int = -1) -> ca.SX:
+def direction(
+    layout: Tree, joint_turns: Sequence[Turn], seat: Attachment, vector: FloatArray, seen_from: int = -1
+) -> ca.SX:
     """A direction (3,) of a body in the axes of the frame `seen_from`, as of `position`."""
-    tip, foot = (position(layout, turned, seat, point, seen_from) for point in (vector.tolist(), (0.0, 0.0, 0.0)))
+    tip, foot = (position(layout, joint_turns, seat, point, seen_from) for point in (vector.tolist(), (0.0, 0.0, 0.0)))
     return tip - foot
 
 
@@ -230,11 +232,11 @@ def last_common(layout: Tree, first: int, second: int) -> int:
 
 
 def between(
-    layout: Tree, turned: Sequence[Turn], first: tuple[Attachment, Point], second: tuple[Attachment, Point]
+    layout: Tree, joint_turns: Sequence[Turn], first: tuple[Attachment, Point], second: tuple[Attachment, Point]
 ) -> ca.SX:
     """The vector (3,) from one body's point to another's, in the axes of the last frame that carries both, m."""
     frame = last_common(layout, first[0].frame, second[0].frame)
-    return position(layout, turned, *second, frame) - position(layout, turned, *first, frame)
+    return position(layout, joint_turns, *second, frame) - position(layout, joint_turns, *first, frame)
 
 
 def carriers(layout: Tree, frame: int) -> list[int]:

@@ -93,8 +93,8 @@ class Poses:
 def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
     """Forward kinematics of a named frame or body at positions q (Q, n_l) of all joints; StudyError without such."""
     _, seat, R, p = _seated(robot, q, frame)
-    turned = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    return Poses(placed(R, p, seat.frame, seat.p, len(q)), turned @ seat.R)
+    rotation = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
+    return Poses(placed(R, p, seat.frame, seat.p, len(q)), rotation @ seat.R)
 
 
 def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:

@@ -63,8 +63,8 @@ class Closure:
 def closures(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX] = NUMBERS) -> tuple[Closure, ...]:
     """The loops of a robot at joint coordinates q (n_l,); theta: names to symbols, as of `tree`."""
     layout = tree(robot, theta)
-    turned = turns(layout, q)
-    return tuple(_closure(robot, layout, turned, loop, theta) for loop in robot.loops)
+    joint_turns = turns(layout, q)
+    return tuple(_closure(robot, layout, joint_turns, loop, theta) for loop in robot.loops)
 
 
 def rod_row(closure: Closure, length: ca.SX | float) -> ca.SX:
@@ -73,20 +73,22 @@ def rod_row(closure: Closure, length: ca.SX | float) -> ca.SX:
     return (ca.sumsqr(closure.gap) - length**2) / (2 * closure.loop.rod.length)
 
 
-def _closure(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, theta: Mapping[str, ca.SX]) -> Closure:
+def _closure(
+    robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...], loop: Loop, theta: Mapping[str, ca.SX]
+) -> Closure:
     first, second = ends_of(robot, layout, loop, "p", theta)
-    gap = between(layout, turned, first, second)
-    closure = Closure(loop, gap, (position(layout, turned, *first), position(layout, turned, *second)), gap)
+    gap = between(layout, joint_turns, first, second)
+    closure = Closure(loop, gap, (position(layout, joint_turns, *first), position(layout, joint_turns, *second)), gap)
     if loop.rod is not None:
         length = theta.get(f"l_{loop.name}", loop.rod.length)
         return replace(closure, rows=rod_row(closure, length), length=length)
     if loop.pin is not None:
-        return replace(closure, rows=_pin_rows(layout, turned, (first[0], second[0]), loop.pin, gap))
+        return replace(closure, rows=_pin_rows(layout, joint_turns, (first[0], second[0]), loop.pin, gap))
     return closure
 
 
 def _pin_rows(
-    layout: Tree, turned: tuple[Turn, ...], seats: tuple[Attachment, Attachment], pin: Pin, gap: ca.SX
+    layout: Tree, joint_turns: tuple[Turn, ...], seats: tuple[Attachment, Attachment], pin: Pin, gap: ca.SX
 ) -> ca.SX:
     """Displacements across the axis; where the pin is spatial, that along it and the two tilts as well."""
     along = unit_axis(pin.axis)
@@ -94,11 +96,11 @@ def _pin_rows(
     across /= np.linalg.norm(across)
     axes = (across, np.cross(along, across), along)
     root = last_common(layout, seats[0].frame, seats[1].frame)
-    x, y, z = (direction(layout, turned, seats[0], axis, root) for axis in axes)
+    x, y, z = (direction(layout, joint_turns, seats[0], axis, root) for axis in axes)
     rows = [ca.dot(x, gap), ca.dot(y, gap)]
     if not pin.planar:
         axis = unit_axis(pin.axis if pin.other_axis is None else pin.other_axis)
-        hinge = direction(layout, turned, seats[1], axis, root)
+        hinge = direction(layout, joint_turns, seats[1], axis, root)
         rows += [ca.dot(z, gap), ca.dot(x, hinge), ca.dot(y, hinge)]
     return ca.vertcat(*rows)
 

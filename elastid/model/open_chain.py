@@ -77,18 +77,18 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
 
     gravity, none = np.array(robot.gravity), ca.SX(n_q - n_l, 1)
     layout = tree(robot, named)
-    turned = turns(layout, q[:n_l])
+    joint_turns = turns(layout, q[:n_l])
     carried = inertias(robot, layout, named)
-    composite = composites(layout, carried, turned)
-    M_bodies = ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l))
-    f_bodies = ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), none)
-    J, gravity_seen = sensor_kinematics(robot, layout, turned)
+    composite = composites(layout, carried, joint_turns)
+    M_bodies = ca.diagcat(mass_matrix(layout, composite, joint_turns), ca.SX(n_q - n_l, n_q - n_l))
+    f_bodies = ca.vertcat(bias(layout, carried, joint_turns, v[:n_l], gravity), none)
+    J, gravity_seen = sensor_kinematics(robot, layout, joint_turns)
     J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
     B, delta, (M_drive, D, K) = input_matrix(robot), gear_deflections(robot), drivetrain(robot, named)
     rigid = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]
     M_carried, c_carried = rotors(robot, named, q, v, J)
     V_hard, f_hard, strains = joint_springs(robot, q, named)
-    V_balance, f_balance = compensators(robot, layout, turned, q, named)
+    V_balance, f_balance = compensators(robot, layout, joint_turns, q, named)
     M = M_bodies + M_drive + M_carried
     f = f_bodies + c_carried + K @ q + D @ v + f_hard + f_balance
     V = q.T @ K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance
@@ -169,12 +169,12 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
 def compensators(
-    robot: Robot, layout: Tree, turned: tuple[Turn, ...], q: ca.SX, theta: Mapping[str, ca.SX]
+    robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...], q: ca.SX, theta: Mapping[str, ca.SX]
 ) -> tuple[ca.SX, ca.SX]:
-    """V, a scalar, and dV/dq (n_q, 1) of all compensators; the joints that `turned` turns are among q."""
+    """V, a scalar, and dV/dq (n_q, 1) of all compensators; the joints that `joint_turns` turns are among q."""
     V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
     for compensator in robot.compensators:
-        square = ca.sumsqr(between(layout, turned, *ends_of(robot, layout, compensator, "pc", theta)))
+        square = ca.sumsqr(between(layout, joint_turns, *ends_of(robot, layout, compensator, "pc", theta)))
         # Two points that meet are 1 nm apart, so that a coil without rest length has its derivatives there too.
         L = ca.sqrt(square + 1e-9**2)
         energy, force = (_coil if compensator.coil is not None else _gas)(compensator, L, theta)

@@ -58,13 +58,15 @@ def _tensor(numbers: ca.SX) -> ca.SX:
     return ca.reshape(numbers[TENSOR.ravel().tolist()], 3, 3)
 
 
-def composites(layout: Tree, carried: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> tuple[BodyInertia, ...]:
+def composites(
+    layout: Tree, carried: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]
+) -> tuple[BodyInertia, ...]:
     """Inertia moved by each joint, in its own frame; last, the inertia of the robot about the origin of the base."""
     total = [*carried, NOTHING]
     for i in reversed(range(len(layout.frames))):
-        body, frame, p = total[i], layout.frames[i], turned[i].origin
+        body, frame, p = total[i], layout.frames[i], joint_turns[i].origin
         R = ca.DM(frame.R)
-        h, tensor = R @ turned[i].forth(body.h), R @ turned[i].tensor(body.I) @ R.T
+        h, tensor = R @ joint_turns[i].forth(body.h), R @ joint_turns[i].tensor(body.I) @ R.T
         # Steiner's theorem twice over: I - [p x][h x] - [h x][p x] - m [p x][p x], by way of g = 2 h + m p.
         g = 2 * h + body.m * p
         product = p @ g.T
@@ -73,7 +75,7 @@ def composites(layout: Tree, carried: tuple[BodyInertia, ...], turned: tuple[Tur
     return tuple(total)
 
 
-def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> ca.SX:
+def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]) -> ca.SX:
     """M (n, n), symmetric: row i is the momentum that joint i makes at a rate of 1, on every joint below it."""
     n = len(layout.frames)
     M = ca.SX(n, n)
@@ -84,7 +86,7 @@ def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], turned: tuple[
         M[i, i] = linear[frame.axis] if frame.slides else angular[frame.axis]
         child, j = i, frame.parent
         while j >= 0:
-            angular, linear = _force_on_parent(angular, linear, layout.frames[child], turned[child])
+            angular, linear = _force_on_parent(angular, linear, layout.frames[child], joint_turns[child])
             carrier = layout.frames[j]
             M[i, j] = M[j, i] = linear[carrier.axis] if carrier.slides else angular[carrier.axis]
             child, j = j, carrier.parent
@@ -101,7 +103,7 @@ def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) 
 def bias(
     layout: Tree,
     carried: tuple[BodyInertia, ...],
-    turned: tuple[Turn, ...],
+    joint_turns: tuple[Turn, ...],
     v: ca.SX,
     gravity: FloatArray,
     acceleration: ca.SX | None = None,
@@ -116,7 +118,7 @@ def bias(
     still = zero, zero, ca.SX(-ca.DM(gravity)), ca.SX.zeros(3, 3)
     motion: list[tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = []  # omega, alpha, a, U of each frame
     moments, forces = [], []
-    for i, (frame, turn, body) in enumerate(zip(layout.frames, turned, carried, strict=True)):
+    for i, (frame, turn, body) in enumerate(zip(layout.frames, joint_turns, carried, strict=True)):
         (omega, alpha, a, U), R = motion[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         a = turn.back(R @ (a + U @ turn.origin))
         omega, alpha = turn.back(R @ omega), turn.back(R @ alpha)
@@ -134,13 +136,13 @@ def bias(
     for i in reversed(range(len(layout.frames))):
         parent = layout.frames[i].parent
         if parent >= 0:
-            moment, force = _force_on_parent(moments[i], forces[i], layout.frames[i], turned[i])
+            moment, force = _force_on_parent(moments[i], forces[i], layout.frames[i], joint_turns[i])
             moments[parent], forces[parent] = moments[parent] + moment, forces[parent] + force
     parts = zip(layout.frames, forces, moments, strict=True)
     return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in parts))
 
 
-def sensor_kinematics(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
+def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
     """J (3 n_bodies + 6 n_f, n) and gravity (3 n_f,) in axes fixed to bodies and named frames.
 
     J v stacks the absolute angular velocity of each body, then velocity of the origin and angular velocity of each
@@ -150,7 +152,7 @@ def sensor_kinematics(robot: Robot, layout: Tree, turned: tuple[Turn, ...]) -> t
     still = ca.SX(3, n), ca.SX(3, n), gravity
     # Angular velocity, velocity of the origin and gravity in each joint's frame; last, in the base.
     readings: list[tuple[ca.SX, ca.SX, ca.SX]] = []
-    for i, (frame, turn) in enumerate(zip(layout.frames, turned, strict=True)):
+    for i, (frame, turn) in enumerate(zip(layout.frames, joint_turns, strict=True)):
         (angular, linear, g), R = readings[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         linear = turn.back(ca.densify(R @ (linear - ca.skew(turn.origin) @ angular)))
         angular = turn.back(ca.densify(R @ angular))

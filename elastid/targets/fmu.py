@@ -255,8 +255,8 @@ def _attributes(variable: Variable, reference: int) -> dict[str, str]:
 
 
 def _configuration(reference: int, names: tuple[str, ...]) -> dict[str, str]:
-    listed = ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
-    text = f"posture of the start, from 1: {listed}"
+    choices = ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
+    text = f"posture of the start, from 1: {choices}"
     return _attributes(Variable("configuration", "parameter", "fixed", text, 1.0), reference)
 
 
@@ -299,8 +299,8 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
 def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
     """Origins (3 n_f,) of all frames at q (n_q,), in the axes of the base, m."""
     layout = tree(framed(model.robot))
-    turned = turns(layout, q[: len(model.robot.joints)])
-    return ca.vertcat(*(position(layout, turned, seat) for seat in layout.named))
+    joint_turns = turns(layout, q[: len(model.robot.joints)])
+    return ca.vertcat(*(position(layout, joint_turns, seat) for seat in layout.named))
 
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -368,11 +368,11 @@ def compiled(compiler: str, sources: Mapping[str, str], names: Sequence[str]) ->
         library = Path(temporary) / f"{IDENTIFIER}.library"
         command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-o", str(library)]
         command += [*names, "-lm"]
-        done = subprocess.run(command, cwd=temporary, capture_output=True, encoding="utf-8", errors="replace")
-        if done.returncode:
+        process = subprocess.run(command, cwd=temporary, capture_output=True, encoding="utf-8", errors="replace")
+        if process.returncode:
             raise StudyError(
                 "install/missing-package",
-                f"{compiler} cannot compile the unit: {done.stderr.strip()[:400]}",
+                f"{compiler} cannot compile the unit: {process.stderr.strip()[:400]}",
                 "export to fmu",
             )
         return library.read_bytes()

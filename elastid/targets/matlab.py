@@ -64,9 +64,9 @@ def _write(
 
 def write_mat(path: Path, content: Mapping[str, Any]) -> None:
     """A MAT-file of version 5, the same bytes at any time."""
-    written = io.BytesIO()
-    savemat(written, content, do_compression=True)
-    write_atomically(path, HEADING + written.getvalue()[len(HEADING) :])
+    buffer = io.BytesIO()
+    savemat(buffer, content, do_compression=True)
+    write_atomically(path, HEADING + buffer.getvalue()[len(HEADING) :])
 
 
 def _measured(G: Response) -> dict[str, Any]:

@@ -96,20 +96,20 @@ def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
 
 
 def _check(robot: Robot) -> None:
-    lost = [
+    parts = [
         f"the spring of joint {j.name}" for j in robot.joints if j.spring and not replace(j.spring, **_NO_GAP).is_linear
     ]
-    lost += [f"compensator {compensator.name}" for compensator in robot.compensators]
-    lost += [
+    parts += [f"compensator {compensator.name}" for compensator in robot.compensators]
+    parts += [
         f"the motor of joint {joint.name}, which {f'rides on {motor.on}' if motor.on else 'has a spring in its shaft'}"
         for joint in robot.driven
         if (motor := joint.motor) is not None and (motor.on or motor.spring is not None)
     ]
-    lost += ["gears that couple axes"] if robot.gears else []
-    if lost:
+    parts += ["gears that couple axes"] if robot.gears else []
+    if parts:
         raise StudyError(
             "export/not-representable",
-            f"MJCF has linear springs and motors on the axes that they drive: {', '.join(lost)} would be lost; export "
+            f"MJCF has linear springs and motors on the axes that they drive: {', '.join(parts)} would be lost; export "
             "to casadi or c instead",
             f"robot {robot.name}",
         )
@@ -294,8 +294,8 @@ def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robo
     for loop in robot.loops:
         if loop.rod is None:
             continue
-        drawn = _turn(_ALONG, start[loop.name].direction)
-        turn = drawn.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ drawn
+        rotation = _turn(_ALONG, start[loop.name].direction)
+        turn = rotation.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ rotation
         positions[f"turn {loop.name}"] = quaternion(turn).tolist()
         if loop.rod.is_elastic:
             s = now[loop.name].elongation

@@ -63,8 +63,8 @@ def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     """Header of an exported file: status of the fit, then a row per free parameter."""
     every = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
     numbers = [number for number in every if number.interval_text != HELD]
-    ended = result.status.replace("_", " ")
-    head = f"Numbers of the fit ({ended}), SI, with standard deviation and 95 % interval; all others were held:"
+    status = result.status.replace("_", " ")
+    head = f"Numbers of the fit ({status}), SI, with standard deviation and 95 % interval; all others were held:"
     rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.interval_text}" for number in numbers]
     presliding = [
         f"  {f.place}: presliding friction of {f.stiffness:.3g} {f.unit} relaxing at {f.rate:.3g} 1/s was estimated "

@@ -35,7 +35,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
     covariance, exact = result.covariance_of_prediction, replace(result.known_robot, tolerances="exact")
     names = result.parameters.dependent_names(configuration)
     axes, rng = principal_axes(covariance), np.random.default_rng(seed)
-    drawn, values, robots, refused = [], [], list[Robot](), 0
+    samples, values, robots, n_bad = [], [], list[Robot](), 0
     while len(robots) < count:
         x = result.x + rng.standard_normal(len(axes)) @ axes
         sizes = rng.standard_normal(len(result.doubts))
@@ -51,16 +51,16 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         try:
             robots.append(exact.with_parameters(numbers))
         except ValueError:
-            refused += 1
+            n_bad += 1
             # A fit with more than 20 impossible draws for each robot is too uncertain to be drawn from.
-            if refused > 20 * (len(robots) + 10):
+            if n_bad > 20 * (len(robots) + 10):
                 raise FitError(
                     "fit/impossible-inertia",
-                    f"{refused} of {refused + len(robots)} posterior samples have impossible inertias. Give masses and "
+                    f"{n_bad} of {n_bad + len(robots)} posterior samples have impossible inertias. Give masses and "
                     "inertias a prior, or fix them",
                 ) from None
         else:
             values.append(moved)
-            drawn.append(np.append(x - moved_by_doubts, sizes))
+            samples.append(np.append(x - moved_by_doubts, sizes))
     fixed = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
-    return DrawnRobots(names, np.array(drawn), np.array(values), tuple(robots), tuple(fixed))
+    return DrawnRobots(names, np.array(samples), np.array(values), tuple(robots), tuple(fixed))

@@ -246,14 +246,16 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
         return None
     for _ in range(rounds):
         low, high = best.bounds(reach, scene.plants.rate_hz)
-        solved = minimize(
+        optimum = minimize(
             lambda x: (-uphill @ x, -uphill), best.vector, jac=True, method="SLSQP",
             bounds=list(zip(low, high, strict=True)), options={"maxiter": _STEPS, "ftol": 1e-5},
             constraints={
                 "type": "ineq", "fun": lambda x: known(x.tobytes())[0], "jac": lambda x: known(x.tobytes())[1],
             },
         )  # fmt: skip
-        trial = slowed(best.at(np.clip(solved.x, low, high)), is_accepted, 20) if np.isfinite(solved.x).all() else None
+        trial = (
+            slowed(best.at(np.clip(optimum.x, low, high)), is_accepted, 20) if np.isfinite(optimum.x).all() else None
+        )
         gained = (trial or best).reached(scene) - best.reached(scene)
         best = trial if trial and gained > 0 else best
         reach /= 3 if gained < 0.005 else 1
@@ -290,13 +292,13 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
     """
     limit_db, Q, scene = LIMIT_DB, len(estimate), Scene.of(estimate)
     fine = Scene.of(estimate, lines=600, per_mode=41)
-    drawn = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
+    scene_of_draws = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
     def excess(cascade: Cascade) -> float:
         """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
         peaks = [float(cascade.on(fine).peaks_db.max())]
-        if drawn is not None:
-            of_draws = cascade.on(drawn).peaks_db.reshape(-1, Q).max(axis=1)
+        if scene_of_draws is not None:
+            of_draws = cascade.on(scene_of_draws).peaks_db.reshape(-1, Q).max(axis=1)
             peaks.append(float(np.quantile(of_draws, 0.95, method="higher")))
         return max(peaks) - LIMIT_DB
 

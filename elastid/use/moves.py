@@ -196,15 +196,15 @@ def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | N
     position, rotation = table.poses(robot)
     path_parameters, s = _path_parameters(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
     spline = _through(path_parameters, position, times is not None)
-    turned = None
+    rotations = None
     if rotation is not None:
         first = Rotation.from_matrix(rotation[0])
         vectors = (first.inv() * Rotation.from_matrix(rotation)).as_rotvec()
         turning = _through(path_parameters, vectors, times is not None)
-        turned = (first * Rotation.from_rotvec(turning(s))).as_matrix()
-    angles, reached = follow_path(robot, frame, spline(s), turned)
-    if not reached.all():
-        path_parameter = float(s[int(np.argmin(reached))])
+        rotations = (first * Rotation.from_rotvec(turning(s))).as_matrix()
+    angles, distance = follow_path(robot, frame, spline(s), rotations)
+    if not distance.all():
+        path_parameter = float(s[int(np.argmin(distance))])
         row = min(int(np.searchsorted(path_parameters, path_parameter)), len(path_parameters) - 1)
         place = ", ".join(f"{value:.4g}" for value in spline(path_parameter))
         raise DataError(

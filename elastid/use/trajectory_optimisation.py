@@ -98,12 +98,12 @@ class CommandedRobot:
         """(q, p, R) -> error (3,) or (6,) in m of the frame from a pose p (3,), R (9,) column by column; its slope."""
         q, p, R = ca.SX.sym("q", self.model.n_q), ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
         layout = tree(self.robot)
-        turned = turns(layout, q[: len(self.robot.joints)])
+        joint_turns = turns(layout, q[: len(self.robot.joints)])
         names = [frame.name for frame in self.robot.frames]
         seat = layout.named[names.index(self.frame)]
-        error = position(layout, turned, seat) - p
+        error = position(layout, joint_turns, seat) - p
         if self.model.n_u > 3:  # the orientation is followed, too
-            axes = rotation(layout, turned, seat)
+            axes = rotation(layout, joint_turns, seat)
             error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], axes[:, i]) for i in range(3)))
         results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
         return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})

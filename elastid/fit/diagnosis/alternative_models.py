@@ -47,16 +47,16 @@ def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scor
     # V that the file's own robot reaches from the study's start is no merit of a variant.
     as_stated = min(_judged(AlternativeModel("", "", evidence.assembly), evidence, scores)[1], scores.cost)
     first, least = judged[0]
-    chosen = []
+    alternatives = []
     if as_stated - least > LIMITS.majority_fraction * (as_stated - scores.noise):
         equal = tuple(index.name for index, V in judged[1:] if least > LIMITS.equal_drop * V)
-        chosen.append(replace(first, alike=equal))
-    if max(explained, *(index.explained_fraction for index in chosen), 0.0) <= LIMITS.complete_fraction:
-        chosen += [
+        alternatives.append(replace(first, alike=equal))
+    if max(explained, *(index.explained_fraction for index in alternatives), 0.0) <= LIMITS.complete_fraction:
+        alternatives += [
             index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.majority_fraction
         ]
     fractions = {index.name: index.explained_fraction for index in indices}
-    better = {i.name: i for i in chosen if i.explained_fraction > fractions.get(i.name, 0.0)}
+    better = {i.name: i for i in alternatives if i.explained_fraction > fractions.get(i.name, 0.0)}
     return [*(index for index in indices if index.name not in better), *better.values()]
 
 
@@ -99,15 +99,15 @@ def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
         "angles of all configurations in radians, read as degrees": np.diag(np.where(turns, 1 / degree, 1.0)),
     }
     for i, joint in enumerate(driven):
-        counted = f"angle of axis {joint.name} counted in the other direction in all configurations"
-        changes[counted] = np.diag([-1.0 if j == i else 1.0 for j in range(n)])
+        phrase = f"angle of axis {joint.name} counted in the other direction in all configurations"
+        changes[phrase] = np.diag([-1.0 if j == i else 1.0 for j in range(n)])
     for i, (first, second) in enumerate(pairwise(driven)):
         order = [*range(i), i + 1, i, *range(i + 2, n)]
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
-    stated = np.array([G.configuration.angles for G in assembly.responses])
+    angles = np.array([G.configuration.angles for G in assembly.responses])
     for name, change in changes.items():
-        stood = stated @ change.T
-        if not np.allclose(stood, stated):
+        stood = angles @ change.T
+        if not np.allclose(stood, angles):
             pairs = zip(assembly.responses, stood, strict=True)
             responses = (replace(G, configuration=replace(G.configuration, angles=row)) for G, row in pairs)
             yield AlternativeModel(name, "postures", replace(assembly, responses=tuple(responses)))

@@ -27,17 +27,17 @@ CHECK_OR_PRIOR = (
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """Return notes on the causes in the order of the ranking, or one that no cause explains enough."""
     result, sequence = evidence.result, [index for index in evidence.result.indices if index.place]
-    stated = [index for index in sequence if index.explained_fraction >= LIMITS.min_stated_fraction]
+    causes = [index for index in sequence if index.explained_fraction >= LIMITS.min_stated_fraction]
     if result.is_within_declared and evidence.best.explained_fraction < LIMITS.min_cause_fraction:
         return ()
     is_without = not (sequence or evidence.apart) and result.status == "misfit" and result.exceeds_noise
-    if sequence and contradicted_tolerances(result) and (stated or not evidence.is_unexplained):
-        stated = stated or sequence[:1]
+    if sequence and contradicted_tolerances(result) and (causes or not evidence.is_unexplained):
+        causes = causes or sequence[:1]
     elif (sequence and sequence[0].explained_fraction < LIMITS.min_cause_fraction) or is_without:
-        best = "".join(f" (best: {phrase(i, evidence)}, {_percent(i.explained_fraction)})" for i in stated[:1])
+        best = "".join(f" (best: {phrase(i, evidence)}, {_percent(i.explained_fraction)})" for i in causes[:1])
         is_friction = any(map(_is_motor_friction, sequence[:1]))
         return (Note("fit/likely-cause", f"{NO_CAUSE}{best}. {FREE_MOTORS if is_friction else result.test_of_causes}"),)
-    return tuple(Note("fit/likely-cause", f"{fault(i, evidence)}. {_remedy(i, evidence)}") for i in stated)
+    return tuple(Note("fit/likely-cause", f"{fault(i, evidence)}. {_remedy(i, evidence)}") for i in causes)
 
 
 def fault(index: ModificationIndex, evidence: Evidence) -> str:
@@ -45,12 +45,12 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
     result = evidence.result
     by_name = {index.name: phrase(index, evidence) for index in reversed(result.indices)}
     alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
-    same = f", or {', or '.join(alternatives)} (indistinguishable)" if alternatives else ""
+    equivalents = f", or {', or '.join(alternatives)} (indistinguishable)" if alternatives else ""
     tolerance = tolerance_of(index, result)
     of_tolerance = f"; its prior std in this fit is {tolerance}" if tolerance else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f"changes {name} by {relative(math.log1p(max(change, 1e-9 - 1)))}" if abs(change) > LIMITS.effect else ""
-    named = f"{phrase(index, evidence)}{same}{of_tolerance}"
+    named = f"{phrase(index, evidence)}{equivalents}{of_tolerance}"
     if not evidence.is_unexplained:
         return f"{REQUIRED} {named}{effect and f' ({effect})'}"
     certainty = "likely" if index.explained_fraction >= LIMITS.certain_fraction else "possible"
@@ -63,8 +63,8 @@ def phrase(index: ModificationIndex, evidence: Evidence) -> str:
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     if hypothesis is not None and hypothesis.phrase:
         words, where = hypothesis.phrase, index.name.partition("@")[2]
-        alone = f" in configuration {where} alone" if where else ""
-        return words.format(name=index.name) if isinstance(words, str) else f"{words(index)}{alone}"
+        only_there = f" in configuration {where} alone" if where else ""
+        return words.format(name=index.name) if isinstance(words, str) else f"{words(index)}{only_there}"
     return number_phrase(index) if index.members else index.name
 
 

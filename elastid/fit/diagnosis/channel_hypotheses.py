@@ -130,10 +130,12 @@ def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterato
     for a, b in combinations(outputs, 2):
         yield Misreading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
     for a, b in combinations(inputs, 2):
-        both = {a: b, b: a}
-        yield Misreading(f"u at {a} and at {b} exchanged", family, partial(_permuted, {}, both))
+        exchange = {a: b, b: a}
+        yield Misreading(f"u at {a} and at {b} exchanged", family, partial(_permuted, {}, exchange))
         if a in outputs and b in outputs:
-            yield Misreading(f"{a} and {b} exchanged, torques and motions", family, partial(_permuted, both, both))
+            yield Misreading(
+                f"{a} and {b} exchanged, torques and motions", family, partial(_permuted, exchange, exchange)
+            )
 
 
 def _permuted(
@@ -222,7 +224,7 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
 def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:
     """ln c of outputs and inputs that make the measured elements as large as the model's, by the median of lines."""
     outputs, inputs = _channels(evaluated)
-    rows, wanted = [], []
+    rows, values = [], []
     for e in evaluated:
         model, used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
         for (i, output), (j, input_) in product(enumerate(model.outputs), enumerate(model.inputs)):
@@ -231,8 +233,8 @@ def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str,
                 row = np.zeros(len(outputs) + len(inputs))
                 row[outputs.index(output)] = row[len(outputs) + inputs.index(input_)] = 1.0
                 rows.append(row)
-                wanted.append(float(np.median(np.log(G[lines, i, j] / np.abs(e.part.measured[lines, i, j])))))
-    c, n_y = np.linalg.lstsq(np.array(rows), np.array(wanted))[0], len(outputs)
+                values.append(float(np.median(np.log(G[lines, i, j] / np.abs(e.part.measured[lines, i, j])))))
+    c, n_y = np.linalg.lstsq(np.array(rows), np.array(values))[0], len(outputs)
     # Only sums of output and input are known: as few channels as possible are off, outputs rather than inputs.
     common = np.where(np.arange(len(c)) < n_y, -1.0, 1.0)
     shifted = [c - shift * common for shift in (*c[n_y:], *-c[:n_y])]

@@ -108,14 +108,14 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
             f"{listed(names, unreached)}: only a combination of them is identifiable (smallest singular value "
             f"{values[-1]:.1e}, largest {values[0]:.1e}). Fix or tie one of them",
         )
-    wanted = result.parameters.of_interest
-    for parameter in (p for p, beyond in zip(wanted, unreached, strict=False) if p.log and not beyond):
+    of_interest = result.parameters.of_interest
+    for parameter in (p for p, beyond in zip(of_interest, unreached, strict=False) if p.log and not beyond):
         if is_weak(result, parameter.name):
             limit = percent(LIMITS.stiffness_std)
             text = f"weakly identifiable (std above {limit} of the estimate). Do not use the estimate"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
-    yield from correlated(names, covariance_by_noise(result.covariance, len(wanted)))
+    yield from correlated(names, covariance_by_noise(result.covariance, len(of_interest)))
 
 
 def is_weak(result: Result, name: str) -> bool:
@@ -125,9 +125,9 @@ def is_weak(result: Result, name: str) -> bool:
 
 def _search(result: Result) -> Iterator[Note]:
     starts = result.starts
-    if lost := [start.message for start in starts if not math.isfinite(start.cost)]:
-        yield Note("fit/starts", f"{len(lost)} of {len(starts)} starts failed, the first with: {lost[0]}")
-    if result.n_converged_starts == 1 < len(starts) - len(lost):
+    if failures := [start.message for start in starts if not math.isfinite(start.cost)]:
+        yield Note("fit/starts", f"{len(failures)} of {len(starts)} starts failed, the first with: {failures[0]}")
+    if result.n_converged_starts == 1 < len(starts) - len(failures):
         yield Note(
             "fit/starts",
             f"only 1 of {len(starts)} starts reached the best optimum; the residuals of the next are "

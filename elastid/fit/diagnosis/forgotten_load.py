@@ -42,14 +42,14 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
     places, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
     S, g = test.S[np.ix_(places, places)], test.g[places]
     mass = next((n.value for n in numbers if n.name.startswith("m_")), 0.0)
-    reached = np.diag(S) > 0
-    if not (mass > 0 and test.is_distinct[places].any() and reached.any()):
+    is_reached = np.diag(S) > 0
+    if not (mass > 0 and test.is_distinct[places].any() and is_reached.any()):
         return None
-    scale = np.sqrt(np.where(reached, np.diag(S), math.inf))
+    scale = np.sqrt(np.where(is_reached, np.diag(S), math.inf))
     power, turn = np.linalg.eigh(S / np.outer(scale, scale))
     used = power > 1e-9 * power[-1]
     root = np.sqrt(power[used])
-    L = (root * turn[:, used]).T * np.where(reached, scale, 0.0)
+    L = (root * turn[:, used]).T * np.where(is_reached, scale, 0.0)
     target = (turn[:, used].T @ (g / scale)) / root
     if float(target @ target) < least:
         return None

@@ -70,20 +70,23 @@ def score(evidence: Evidence) -> Scores:
     extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
     few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
-    chosen, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
-    sums = partial(_sums, extended, fit.parameters, x, columns, chosen, thinning(few, RESIDUALS))
+    names_of, columns = (
+        {part.configuration for part in few.parts},
+        [h.columns for h in evidence.hypotheses if h.columns],
+    )
+    sums = partial(_sums, extended, fit.parameters, x, columns, names_of, thinning(few, RESIDUALS))
     every_sum = each_at_home(sums, fit.parts, evidence.execution)
-    A, b, V, counted, names = _add_sums((sums for sums in every_sum if sums is not None), len(x))
+    A, b, V, n_residuals, names = _add_sums((sums for sums in every_sum if sums is not None), len(x))
     numbers, scale = _fixed_numbers(names, evidence, extended, x)
-    every, lines = np.concatenate([np.ones(len(x)), scale]), counted / max(fit.n_residuals, 1)
+    every, lines = np.concatenate([np.ones(len(x)), scale]), n_residuals / max(fit.n_residuals, 1)
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
-    freed = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
+    every_candidate = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
     noise, V = evidence.noise_cost * lines, V + pull - free_drop(A, b, ~evidence.result.at_bound)
-    variance = (noise or V) / max(counted - len(x), 1)
+    variance = (noise or V) / max(n_residuals - len(x), 1)
     excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
-    return Scores(extended, test, freed, excess, V - noise - excess, variance, lines, evidence.noise_cost)
+    return Scores(extended, test, every_candidate, excess, V - noise - excess, variance, lines, evidence.noise_cost)
 
 
 def _with_priors(
@@ -130,7 +133,7 @@ def _sums(
 
 def _add_sums(sums: Iterable[_Sums], n_x: int) -> _Sums:
     names: dict[str, int] = {}
-    A, b, V, counted = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0, 0
+    A, b, V, n_residuals = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0, 0
     for A_q, b_q, V_q, count_q, names_q in sums:
         for name in names_q:
             names.setdefault(name, len(names))
@@ -139,8 +142,8 @@ def _add_sums(sums: Iterable[_Sums], n_x: int) -> _Sums:
         places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in names_q]]).astype(int)
         A[np.ix_(places, places)] += A_q
         b[places] += b_q
-        V, counted = V + V_q, counted + count_q
-    return A, b, V, counted, tuple(names)
+        V, n_residuals = V + V_q, n_residuals + count_q
+    return A, b, V, n_residuals, tuple(names)
 
 
 def _fixed_numbers(
@@ -231,20 +234,20 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
         return ()
     counts = Counter(index.group for index in indices)
     odds = {index.name: log_odds(index, counts[index.group], evidence, scores) for index in indices}
-    alone = sorted(indices, key=lambda index: odds[index.name], reverse=True)
-    best = odds[alone[0].name]
-    alone = [replace(index, odds=odds[index.name] - best) for index in alone]
-    equal = [index.name for index in alone[1:] if index.odds > -LIMITS.equal_odds]
+    single = sorted(indices, key=lambda index: odds[index.name], reverse=True)
+    best = odds[single[0].name]
+    single = [replace(index, odds=odds[index.name] - best) for index in single]
+    equal = [index.name for index in single[1:] if index.odds > -LIMITS.equal_odds]
     names = dict.fromkeys(
-        [*equal, *(name for name in alone[0].alike if odds.get(name, best) > best - 4 * LIMITS.equal_odds)]
+        [*equal, *(name for name in single[0].alike if odds.get(name, best) > best - 4 * LIMITS.equal_odds)]
     )
-    first = replace(alone[0], alike=tuple(name for name in names if name != alone[0].name))
-    return (replace(first, place=1), *_following_causes(first, scores), first, *alone[1 : LIMITS.alone])
+    first = replace(single[0], alike=tuple(name for name in names if name != single[0].name))
+    return (replace(first, place=1), *_following_causes(first, scores), first, *single[1 : LIMITS.alone])
 
 
 def _following_causes(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
     by_name = {candidate.name: candidate for candidate in scores.candidates}
-    before, further, test = first, list[ModificationIndex](), scores.test
+    before, following, test = first, list[ModificationIndex](), scores.test
     for place in range(2, LIMITS.sequence + 1):
         linear = as_delay(before.name)
         # Further resonances, and what a fit of its own has found, are no linear changes.
@@ -255,8 +258,8 @@ def _following_causes(first: ModificationIndex, scores: Scores) -> list[Modifica
         if not best or best[0].explained_fraction < LIMITS.min_further_fraction:
             break
         before = best[0]
-        further.append(before)
-    return further
+        following.append(before)
+    return following
 
 
 def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:

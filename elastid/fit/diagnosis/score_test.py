@@ -115,8 +115,8 @@ class ScoreTest:
                 D[candidate.places, i] = candidate.directions[:, 0]
         products = D.T @ self.S @ D
         size = np.diag(products)
-        both = np.outer(size, size)
-        return quotient(products**2, both)
+        norms = np.outer(size, size)
+        return quotient(products**2, norms)
 
     def effects(self, candidate: Candidate, steps: FloatArray) -> FloatArray:
         """Return the change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""

@@ -132,9 +132,9 @@ def _shifts(evidence: Evidence) -> FloatArray:
 
 
 def _decides(evidence: Evidence) -> BoolArray:
-    names, wanted = [p.name for p in evidence.result.parameters.of_interest], evidence.assembly.spec.focus
-    matched = {name for key in wanted for name in matching(key, names)}
-    return np.array([name in matched or not matched for name in names])
+    names, patterns = [p.name for p in evidence.result.parameters.of_interest], evidence.assembly.spec.focus
+    of_interest = {name for key in patterns for name in matching(key, names)}
+    return np.array([name in of_interest or not of_interest for name in names])
 
 
 def decisive_index(
@@ -152,8 +152,8 @@ def decisive_index(
         return bool(np.any(_in_deviations(index.effects, result) > LIMITS.shift))
 
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
-    alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
-    decisive = [i for i in alone if i.drop > LIMITS.drop and moves(i)]
+    single = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
+    decisive = [i for i in single if i.drop > LIMITS.drop and moves(i)]
     largest = max(decisive, key=lambda index: index.drop, default=None)
     likeliest = next((index for index in indices if index.place == 1), largest)
     if largest is None or likeliest is None or largest.name == likeliest.name:
@@ -203,8 +203,8 @@ def _beyond_declared(evidence: Evidence) -> str:
     result = evidence.result
     if result.model_error <= TYPICAL_MODEL_ERROR or result.error_ratio < LARGE or not _blocks_disagree(evidence):
         return ""
-    needed = f"fit.weights.model_error={result.model_error * result.error_ratio:.2g}"
-    return f"the residuals exceed the declared model error. Find their cause, or set {needed}"
+    option = f"fit.weights.model_error={result.model_error * result.error_ratio:.2g}"
+    return f"the residuals exceed the declared model error. Find their cause, or set {option}"
 
 
 def _by_prior(evidence: Evidence) -> str:

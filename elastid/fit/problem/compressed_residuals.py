@@ -288,7 +288,7 @@ class NormalEquations:
         """
         base, power = self.columns.pieces.base, self.columns.pieces.power
         order, apart = power + power[:, None], power - power[:, None]
-        turned = np.where(base < base[:, None], -1.0, 1.0) ** order
+        signs = np.where(base < base[:, None], -1.0, 1.0) ** order
         n_b = base.max(initial=-1) + 1
         places = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
-        return places, turned * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]
+        return places, signs * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]

@@ -332,8 +332,8 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
     )
     places = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
     for kind, wanted, modelled in places:
-        if missing := ", ".join(name for name in wanted if name not in modelled):
-            has_not = f"the response has the {kind} {missing}, which the model has not"
+        if unknown := ", ".join(name for name in wanted if name not in modelled):
+            has_not = f"the response has the {kind} {unknown}, which the model has not"
             names = ", ".join(modelled) or "none"
             raise DataError(
                 "fit/responses", f"{has_not}; there are {names}", f"configuration {response.configuration.name}"

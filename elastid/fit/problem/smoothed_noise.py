@@ -237,10 +237,10 @@ def larger(response: Response) -> Covariance | None:
     total, noise = response.total, response.noise
     if total is None or noise is None:
         return response.uncertainty
-    both = (total.variance > 0) & (noise.variance > 0)
-    if not both.any() or math.isinf(total.dof):
+    is_positive = (total.variance > 0) & (noise.variance > 0)
+    if not is_positive.any() or math.isinf(total.dof):
         return total
-    ratio = math.exp(float(np.mean(np.log(total.variance[both] / noise.variance[both]))))
+    ratio = math.exp(float(np.mean(np.log(total.variance[is_positive] / noise.variance[is_positive]))))
     far = gammainc(total.dof, total.dof * ratio) if math.isinf(noise.dof) else fdtr(2 * total.dof, 2 * noise.dof, ratio)
     return noise if far < 1e-3 else total
 

@@ -60,9 +60,9 @@ class StaticLoads:
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
         """Return the loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
-        listed = tuple(load.test for load in tests)
-        readings = ([test.measured for test in listed], [test.deviations for test in listed])
-        return cls(listed, loaded, *map(np.concatenate, readings))
+        load_tests = tuple(load.test for load in tests)
+        readings = ([test.measured for test in load_tests], [test.deviations for test in load_tests])
+        return cls(load_tests, loaded, *map(np.concatenate, readings))
 
     @property
     def n_residuals(self) -> int:
@@ -106,7 +106,7 @@ def loaded_robot(
 def load_of(placed_test: PlacedTest, robot: Robot) -> Load:
     """Return the force and torque of a test, a hanging mass as its weight; StudyError for a wrong number of angles."""
     test, where = placed_test.test, placed_test.configuration
-    if refused := robot.count_refusal(where.angles.size):
-        raise StudyError("study/invalid", f"{where.name}: {refused}", "loads")
+    if refusal := robot.count_refusal(where.angles.size):
+        raise StudyError("study/invalid", f"{where.name}: {refusal}", "loads")
     force = np.asarray(test.force, dtype=float) + test.mass * np.asarray(robot.gravity, dtype=float)
     return Load(where, test.frame, force, np.asarray(test.torque, dtype=float), test.read_at, test.directions)

@@ -115,8 +115,8 @@ def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray
     The largest of these three, and at most the width of its bounds.
     """
     curvature = np.diag(now.hessian)
-    alone, deviation = quotient(np.abs(now.gradient), curvature), np.sqrt(quotient(2.0, curvature))
-    size = np.maximum(np.abs(x), np.maximum(alone, deviation))
+    newton, deviation = quotient(np.abs(now.gradient), curvature), np.sqrt(quotient(2.0, curvature))
+    size = np.maximum(np.abs(x), np.maximum(newton, deviation))
     size[size == 0] = 1.0
     return np.where(parameters.is_log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))
 
@@ -212,8 +212,8 @@ def solve(
         return LocalOptimum(x0, x0, beginning.cost, 0, True, "nothing is free")
     end = _SOLVERS[method](problem, x0, beginning, tolerance, max_iterations)
     off = distance_to_optimum(end.evaluation, problem.dof, find_active_bounds(problem, end.x, end.evaluation))
-    ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
-    message = f"{ended}, {off:.1e} standard deviations from the stationary point"
+    outcome = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
+    message = f"{outcome}, {off:.1e} standard deviations from the stationary point"
     # A tenth of a deviation moves no interval. One that creeps far from any noise has converged, too: the model is
     # wrong, and not the search.
     converged = off < ROUGH or end.status == CREEPING

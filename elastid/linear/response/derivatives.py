@@ -74,10 +74,10 @@ class Sensitivity:
         # Rows of S by their row first, so that the matrices of a line stand side by side in one product with left.
         S = (self.S * scale[:, None, None]).transpose(0, 2, 1, 3).reshape(2, r * n_2, r).astype(real)
         lines = np.ascontiguousarray(right.swapaxes(1, 2)).view(real)
-        turned = S[0] @ lines
+        products = S[0] @ lines
         if S[1].any():
-            turned -= S[1] @ (lines * (self.omega**2).astype(real)[:, None, None])
-        full = left @ turned.view(right.dtype).reshape(F, r, n_2 * n_u)
+            products -= S[1] @ (lines * (self.omega**2).astype(real)[:, None, None])
+        full = left @ products.view(right.dtype).reshape(F, r, n_2 * n_u)
         place = ((self.outputs[:, None] * n_2 + np.arange(n_2)) * n_u + self.inputs[:, None]).ravel()
         return np.asarray(full.reshape(F, -1).take(place, axis=1).reshape(F, len(self.outputs), n_2))
 

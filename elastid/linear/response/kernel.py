@@ -267,11 +267,11 @@ class Kernel(Kept):
         T = np.array([model.tilt, *(slope.T for slope in slopes if slope.T is not None)])
         directions, extra, columns = list(B.transpose(2, 0, 1)), [], []
         for row, direction in enumerate(C.transpose(1, 0, 2)):
-            same = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]
-            if not same:
+            places = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]
+            if not places:
                 directions.append(direction)
                 extra.append(row)
-            columns.append(same[0] if same else len(directions) - 1)
+            columns.append(places[0] if places else len(directions) - 1)
         tilted = np.flatnonzero(T.any(axis=(0, 2)))
         tilts = len(directions) + np.arange(len(tilted))
         return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
