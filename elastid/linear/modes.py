@@ -88,7 +88,7 @@ def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
 class StrainEnergy:
     """Strain energy of modes.
 
-    springs: names k_... of the parameters.  fraction (n_s, n_m): of each spring in each mode.  load (n_m,): w_g, the rest.
+    springs: names k_... of the parameters.  fraction (n_s, n_m): of each spring.  load (n_m,): w_g, the rest.
     """
 
     springs: tuple[str, ...]
