@@ -61,10 +61,10 @@ def bode(measured: Response, model: FittedModel | Response | None = None, *, ban
             f"the model has inputs {', '.join(modelled.inputs)} and outputs {', '.join(modelled.outputs)}, the "
             f"measured response {', '.join(measured.inputs)} and {', '.join(measured.outputs)}"
         )
-    posture, other = measured.configuration, modelled.configuration
-    if isinstance(model, FittedModel) and not np.array_equal(posture.angles, other.angles):
+    posture, at_model = measured.configuration, modelled.configuration
+    if isinstance(model, FittedModel) and not np.array_equal(posture.angles, at_model.angles):
         raise ValueError(
-            f"the model is of configuration {other.name}, the measured response of {posture.name}, elsewhere; take "
+            f"the model is of configuration {at_model.name}, the measured response of {posture.name}, elsewhere; take "
             f"result.model('{posture.name}')"
         )
     return fit.bode(measured, in_quantity(modelled, measured.quantity), std)
@@ -146,5 +146,5 @@ def _on_dense_lines(model: FittedModel, measured: Response, band: bool) -> tuple
     """Response of a model, and its standard deviation, on the measured lines and many between them."""
     low, high = measured.freq_hz[[0, -1]]
     lines = np.union1d(measured.freq_hz, np.geomspace(low, high, 1000))
-    same = model.linear.quantity == measured.quantity
-    return model.response(lines, sampled=True), model.response_std(lines) if band and same else None
+    is_same_quantity = model.linear.quantity == measured.quantity
+    return model.response(lines, sampled=True), model.response_std(lines) if band and is_same_quantity else None

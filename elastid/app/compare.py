@@ -119,8 +119,8 @@ def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     # Elastic joints that are not driven make the flexible joint model an extended one.
-    further = [coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint"]
-    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further]
+    joints = [coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint"]
+    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in joints]
     return (*_loop_variants(study), *coupling, *rigid)
 
 

@@ -186,16 +186,16 @@ class _Fit(_Responses):
         }
 
     def draws(self) -> Values:
-        run, result, drawn = self.run, self.result, {}
+        run, result, samples = self.run, self.result, {}
         if self.gears is not None and result.robot is not None:
             geared = with_effects(result.robot, self.gears)
             result = with_terms_of(replace(result, robot=geared), geared)
             run.console.say("export: all samples have the same effects of the gears")
         for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
-            drawn[label] = draw_robots(result, self.count, run.study.seed, members[0])
-            if fixed := drawn[label].fixed:
+            samples[label] = draw_robots(result, self.count, run.study.seed, members[0])
+            if fixed := samples[label].fixed:
                 run.console.warn(f"export: {', '.join(fixed)} not identifiable: the same in all samples")
-        return drawn
+        return samples
 
 
 class _Friction(_Results):

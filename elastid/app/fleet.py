@@ -109,16 +109,18 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
     """How each member ended; those whose worker died are tried again after the others."""
     work = partial(_identified, fleet.study, folder)
-    done: dict[str, Outcome] = {}
+    outcomes: dict[str, Outcome] = {}
     for attempt in range(2):
-        todo = [member for member in fleet.members if member.name not in done]
+        todo = [member for member in fleet.members if member.name not in outcomes]
         if todo and attempt:
             console.warn(f"fleet: workers died at {', '.join(member.label for member in todo)}; second attempt")
         with console.progress(f"fleet of {len(fleet.members)}") as progress:
             for index, outcome in surviving(work, todo, jobs, progress):
                 if outcome is not None:
-                    done[todo[index].name] = outcome
-    return tuple(done.get(member.name, Outcome(member.robot, member.date, "died", DIED)) for member in fleet.members)
+                    outcomes[todo[index].name] = outcome
+    return tuple(
+        outcomes.get(member.name, Outcome(member.robot, member.date, "died", DIED)) for member in fleet.members
+    )
 
 
 def _identified(study: Path, folder: Path, member: Member) -> Outcome:

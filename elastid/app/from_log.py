@@ -59,8 +59,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     Raises StudyError or DataError for a log that cannot be read, in which nothing moves, or that is not of the robot.
     """
     first = logs[0]
-    if lost := [path for path in logs if not path.exists()]:
-        raise StudyError("files/missing", "there is no such file or folder. Give the path of a log", f"{lost[0]}")
+    if absent := [path for path in logs if not path.exists()]:
+        raise StudyError("files/missing", "there is no such file or folder. Give the path of a log", f"{absent[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
     form = guess_format(first)
@@ -139,25 +139,28 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
         return "records/values", text
     lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
-        listed = ", ".join(f"{name} {n}" for n, name in lengths.items())
-        return "records/clock", f"its signals differ in their numbers of samples ({listed}). Export them with one clock"
+        lengths_text = ", ".join(f"{name} {n}" for n, name in lengths.items())
+        return (
+            "records/clock",
+            f"its signals differ in their numbers of samples ({lengths_text}). Export them with one clock",
+        )
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
-        missing = "power spectra have no phase and no input. Give --from the time histories of force and accelerations"
+        reason = "power spectra have no phase and no input. Give --from the time histories of force and accelerations"
     elif any(re.search(r"putData\{\d", signal.name) for signal in signals):
-        missing = "an iddata object of several experiments. Save each one, getexp(data, k), in a file of its own"
+        reason = "an iddata object of several experiments. Save each one, getexp(data, k), in a file of its own"
     elif signals and {signal.quantity for signal in signals} == {"acceleration"}:
-        missing = (
+        reason = (
             "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same "
             "clock, and name both files after --from"
         )
     else:
-        missing = (
+        reason = (
             "no input and output recognised: neither a torque (force) with a motion, nor a command for each position. "
             "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
         )
-    return "records/channels", f"{missing}. Varying channels: {named}"
+    return "records/channels", f"{reason}. Varying channels: {named}"
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
@@ -169,8 +172,8 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
     names |= {channel.name for channel in guess.further if channel.file == 1 and not guess.is_motion}
     first, *others = (headings_of(path, form) for path in logs)
     for path, row in zip(logs[1:], others, strict=True):
-        if (lost := names - {*row}) and not (may_differ and len(row) == len(first)):
-            problem = f"channel {min(lost)} of {logs[0]} is missing. Rename the column, or write one study per log"
+        if (absent := names - {*row}) and not (may_differ and len(row) == len(first)):
+            problem = f"channel {min(absent)} of {logs[0]} is missing. Rename the column, or write one study per log"
             raise DataError("records/channels", problem, path)
     is_alike = all(names <= {*row} for row in others)
     return {} if is_alike else {name: i for i, name in enumerate(first, start=1)}
@@ -217,8 +220,8 @@ def _command_files(
     """
     names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
     if len(names) != len(pairs):
-        listed = ", ".join(y.place for y, _ in pairs)
-        problem = f"the logs have {len(pairs)} positions with commands ({listed}), the robot model {len(names)} motors"
+        places = ", ".join(y.place for y, _ in pairs)
+        problem = f"the logs have {len(pairs)} positions with commands ({places}), the robot model {len(names)} motors"
         raise DataError("records/channels", f"{problem}. Log all of them, or remove the other motors", logs[0])
     by_joint = {y.parts[1]: (y, reference) for y, reference in pairs}
     pairs = [by_joint[name] for name in names] if set(names) == by_joint.keys() else pairs  # else in the log's order
@@ -227,8 +230,8 @@ def _command_files(
         raise DataError("records/clock", problem, logs[0])
     gains = _controller(logs[0], len(pairs))
     for path in logs[1:]:
-        if other := _unlike(path, logs[0], clock, pairs, gains):
-            raise DataError("records/channels", f"{other}. Write a study for each", path)
+        if difference := _unlike(path, logs[0], clock, pairs, gains):
+            raise DataError("records/channels", f"{difference}. Write a study for each", path)
     kp, kd = np.ones((2, len(pairs))) if gains is None else gains
     is_known = gains is not None
     why = "kp / kd and kd of the log" if is_known else "guessed: enter the gains of the joint controller, link side"
@@ -270,8 +273,8 @@ def _unused(
     sensors = [joint.sensor for joint in guess.joints if joint.sensor]
     used |= {channel.key for channel in (*guess.references, *sensors)}
     named, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
-    if other := [one_line(name) for name in shapes if name not in named]:
-        reasons["times, or no numbers that change"] = other
+    if unused_names := [one_line(name) for name in shapes if name not in named]:
+        reasons["times, or no numbers that change"] = unused_names
     for signal in [signal for signal in signals if signal.key not in used]:
         name = f"{signal.name} column {signal.column}".removesuffix(" column None")
         reasons.setdefault(f"{signal.quantity or 'unknown quantity'}: {signal.why}", []).append(one_line(name))

@@ -45,10 +45,10 @@ def robot_files(
 
     Not robot.yml: a study may lie in its own run folder, together with the robot that it reads.
     """
-    for label, (fitted, members) in robots_by_group(result, robot, configurations).items():
+    for label, (estimated, members) in robots_by_group(result, robot, configurations).items():
         file = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
-        fitted = replace(fitted, tolerances=remaining_tolerances(result, robot))
-        yield file, robot_of_fit(name, fitted, friction, lines_of(result, members[0]), gears)
+        estimated = replace(estimated, tolerances=remaining_tolerances(result, robot))
+        yield file, robot_of_fit(name, estimated, friction, lines_of(result, members[0]), gears)
 
 
 def robot_of_fit(

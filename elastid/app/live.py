@@ -66,14 +66,14 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
     """
     session = Session.of(run, goals, simulate, robot_time)
     with logged_in(run.folder, run.jobs, run.console), persistent_workers():
-        plans, reached, words = session.work()
+        plans, progress, words = session.work()
         study = session.write_study(plans)
         run.console.say(f"live: {words}")
     finished = replace(run, loaded=load(study))
     run_all(finished)
     used = session.goal.reached(read_fit(finished.path("fit")))
-    if not reached or max(used.values()) > 1:
-        raise FitError("live/goal", f"{session.worst(used) if reached else words}", "the goal is not reached")
+    if not progress or max(used.values()) > 1:
+        raise FitError("live/goal", f"{session.worst(used) if progress else words}", "the goal is not reached")
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,12 @@ class Session:
     @cached_property
     def stamp(self) -> Stamp:
         """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
-        own = self.run.stamps["design"]
-        return replace(own, study="", inputs=hash_of([own.inputs, "simulated"]) if self.simulate else own.inputs)
+        stamp_of_design = self.run.stamps["design"]
+        return replace(
+            stamp_of_design,
+            study="",
+            inputs=hash_of([stamp_of_design.inputs, "simulated"]) if self.simulate else stamp_of_design.inputs,
+        )
 
     def work(self) -> tuple[list[Plan], bool, str]:
         """The plans that were carried out, True where the goal is reached, and how it ended."""
@@ -130,8 +134,8 @@ class Session:
         while True:
             if result is not None:
                 used, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
-                reached = f"{sum(ratio <= 1 for ratio in used.values())} of {len(used)} reached, {self.worst(used)}"
-                self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {reached}")
+                progress = f"{sum(ratio <= 1 for ratio in used.values())} of {len(used)} reached, {self.worst(used)}"
+                self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {progress}")
                 if result.status not in TRUSTED:
                     step, before = len(plans), "" if len(plans) == 1 else "contradict the earlier logs, or "
                     words = f"the logs of x{step} {before}have a significant model error: {result.message}. Replace"
@@ -168,8 +172,10 @@ class Session:
         if not plans:
             return design
         measured = read_responses(self.plan(len(plans)).with_suffix("") / "frf.h5")
-        shown = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
-        ratios = [np.median((by_distortion / size) ** 2) for by_distortion, size in shown if by_distortion is not None]
+        amplitudes = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
+        ratios = [
+            np.median((by_distortion / size) ** 2) for by_distortion, size in amplitudes if by_distortion is not None
+        ]
         distortion = math.sqrt(np.mean(ratios)) if ratios else design.distortion
         return replace(design, distortion=distortion)
 
@@ -252,14 +258,14 @@ class Session:
     def _measured(self, plan: Plan, step: int) -> None:
         logs = self.path / "logs"
         logs.mkdir(exist_ok=True)
-        missing = [run for run in plan.experiments if self.log(run) is None]
+        to_record = [run for run in plan.experiments if self.log(run) is None]
         if self.simulate:
             true = replace(self.problem.experiment, simulated=self.run.study.experiment.simulated)
             rig = SimulatedRig(self.run.study.as_robot(), true, plan, self._seed(step))
             with self._execution(f"x{step}") as execution:
-                execution.ordered(partial(write_simulated_log, logs, rig), missing)
+                execution.ordered(partial(write_simulated_log, logs, rig), to_record)
             return
-        if missing:
+        if to_record:
             self.run.console.say(
                 f"live: run {self.path / 'references'}/x{step}-*.csv and write the logs of the complete runs to "
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.channels)}"
@@ -381,17 +387,17 @@ def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> Non
 def require_one_robot_in_any_posture(study: Study) -> None:
     """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
-    grouped = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
-    refused: dict[str, Any] = {
+    per_group = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
+    refusals: dict[str, Any] = {
         "friction": study.friction,
         "experiment.simulated.outputs": {*motors} - {*(simulated.outputs or motors)},
         "experiment.simulated.carrier": simulated.carrier is not None and simulated.carrier.kind == "offset",
         "fit.robots": study.fit.robots,
-        f"fit.parameters.{''.join(grouped[:1])}.per": grouped,
+        f"fit.parameters.{''.join(per_group[:1])}.per": per_group,
         "fit.weights.factors": any(factor.configurations for factor in study.fit.weights.factors),
         "experiment.without_payload": study.experiment.without_payload,
     }
-    for place in (place for place, is_given in refused.items() if is_given):
+    for place in (place for place, is_given in refusals.items() if is_given):
         raise StudyError(
             "live/study",
             "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant "

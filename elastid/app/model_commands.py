@@ -163,11 +163,11 @@ def _given(
     simulated = study.experiment.simulated
     if simulated is not None:
         judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "simulation with the true parameters"
-    drawn = draw_robots(result, draws, study.seed).robots if draws else ()
+    samples = draw_robots(result, draws, study.seed).robots if draws else ()
     # Where the rate of the study's controller is not known 500 Hz are usual.
     study_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
     return MoveRobots(
-        identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, drawn)), family.frame,
+        identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, samples)), family.frame,
         rate_hz or study_rate, bandwidth_hz, error_m
     )  # fmt: skip
 
@@ -324,9 +324,9 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
     friction = read_friction(taken_out) if taken_out.is_file() else None
     gears = read_gears(laid_open if laid_open.is_file() else None)
-    fitted = FittedRobot.of(result, robot, responses, study.model)
+    model = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
-    validated = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
+    validated = Validated(replace(study, validation=ValidationSpec()), model, friction, gears)
     judged, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
     content = validation_summary(study.name, judged, log_comparison)
     return log_comparison, content, [words for words in (judged.verdict, *log_comparison.sentences) if words]

@@ -207,11 +207,11 @@ class Run:
         row, stamp = self.stages[stage], self.stamps[stage]
         there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
         sources = {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)}
-        shown = stamp if "text" in row.keys.split() else replace(stamp, study="")
+        stamp_shown = stamp if "text" in row.keys.split() else replace(stamp, study="")
         return Work(
             stage,
             self.partial(stage),
-            shown,
+            stamp_shown,
             self.loaded.path.parent,
             sources,
             self.jobs,
@@ -251,8 +251,8 @@ class Run:
         """Refuse a stage that this study does not have; StudyError."""
         if name in self.stages:
             return
-        needed = next((spec.needs for spec in stages_of(self.study.kind).values() if spec.name == name), "")
-        advice = f"; give it the section {needed}: {{}}, all of whose keys have defaults" if needed else ""
+        key = next((spec.needs for spec in stages_of(self.study.kind).values() if spec.name == name), "")
+        advice = f"; give it the section {key}: {{}}, all of whose keys have defaults" if key else ""
         raise StudyError(
             "study/stage",
             f"a study of kind {self.study.kind} has no stage `{name}`{advice}; its stages are {', '.join(self.stages)}",

@@ -157,20 +157,20 @@ def _postures(robot: Robot) -> tuple[FloatArray, float]:
     reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
     half = np.minimum(0.3 * (high - low), reach)
-    drawn = np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES**2, len(joints))), 2)
-    q = robot.opened(drawn @ robot.mixing.T).T  # of the motors' shafts
-    theta = np.array([[value] * len(drawn) for value, _ in robot.parameters().values()])
+    angles = np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES**2, len(joints))), 2)
+    q = robot.opened(angles @ robot.mixing.T).T  # of the motors' shafts
+    theta = np.array([[value] * len(angles) for value, _ in robot.parameters().values()])
     gravity = inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full()[list(robot.driven_indices)]
     part = np.max(np.abs(gravity.T) / [joint.limits.torque for joint in joints], axis=1)
-    chosen = np.argsort(np.maximum(part, 1 / 2), kind="stable")[:_POSTURES]
-    return drawn[chosen], float(part[chosen].max())
+    rows = np.argsort(np.maximum(part, 1 / 2), kind="stable")[:_POSTURES]
+    return angles[rows], float(part[rows].max())
 
 
 def _study(robot: Robot, postures: FloatArray, gravity: float, inertia: FloatArray) -> str:
     limits = [joint.limits.torque for joint in robot.driven]
     dry = [joint.motor.coulomb * abs(joint.motor.ratio) if joint.motor else 0.0 for joint in robot.driven]
-    needed = np.maximum(2 * _ACCELERATION * inertia, _TIMES_DRY * np.array(dry))  # of motor and link
-    rms = np.minimum(needed, _PART_OF_LIMIT * np.array(limits))
+    torque = np.maximum(2 * _ACCELERATION * inertia, _TIMES_DRY * np.array(dry))  # of motor and link
+    rms = np.minimum(torque, _PART_OF_LIMIT * np.array(limits))
     rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
     configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
     families = [name for name in ("k", "d", "fm") if any(p.startswith(f"{name}_") for p in robot.parameters())]
@@ -198,15 +198,15 @@ def read_mjcf_servos(path: Path) -> tuple[Robot, dict[str, tuple[float, float]]]
     Raises StudyError where MuJoCo is not installed, does not take the file, or a joint is neither hinge nor slide.
     """
     if find_spec("mujoco") is None:
-        needed = "it is compiled by mujoco, which is not installed: `pip install 'elastid[mjcf]'`"
-        raise StudyError("install/missing-package", needed, path)
+        advice = "it is compiled by mujoco, which is not installed: `pip install 'elastid[mjcf]'`"
+        raise StudyError("install/missing-package", advice, path)
     with tempfile.TemporaryDirectory() as folder:  # where MuJoCo writes its log
         try:
-            done = subprocess.run(
+            process = subprocess.run(
                 [sys.executable, "-m", "elastid.app.mjcf_reader", str(path.resolve())],
                 cwd=folder, capture_output=True, timeout=120, check=False
             )  # fmt: skip
-            reply: dict[str, Any] = json.loads(done.stdout)
+            reply: dict[str, Any] = json.loads(process.stdout)
         except (subprocess.TimeoutExpired, ValueError):
             raise StudyError(
                 "robot/file", "MuJoCo ends without an answer on this file; load it in `simulate` first", path

@@ -98,8 +98,8 @@ def summary(
     name, robot: of the study.  rows: of the free parameters.
     """
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
-    names, r, wanted = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)
-    above = np.argwhere(np.triu(np.abs(r[:wanted, :wanted]), 1) > 0.9)
+    names, r, n_of_interest = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)
+    above = np.argwhere(np.triu(np.abs(r[:n_of_interest, :n_of_interest]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
         **section(
             result,
@@ -321,7 +321,7 @@ def _friction_section(
     if friction is None:
         return None
     ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
-    fitted = list(zip(friction.shapes, friction.coulomb_torque.tolist(), friction.std.tolist(), strict=True))
+    rows = list(zip(friction.shapes, friction.coulomb_torque.tolist(), friction.std.tolist(), strict=True))
     return [
         {
             "motor": row.place,
@@ -330,7 +330,7 @@ def _friction_section(
             "coulomb": None if row.coulomb_torque is None else row.coulomb_torque / ratio[row.place],
             "shapes": [
                 section(shape, "kind threshold") | {"torque": torque, "std": std}
-                for shape, torque, std in fitted
+                for shape, torque, std in rows
                 if shape.place == row.place and torque > 0
             ],
             "before": named(friction.configurations, friction.before[:, i]),

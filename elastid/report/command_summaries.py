@@ -39,13 +39,13 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
         )
         for i, name in enumerate(m.springs)
     ]
-    lost = f"; {len(m.refused)} postures without equilibrium excluded" if m.refused else ""
+    exclusions = f"; {len(m.refused)} postures without equilibrium excluded" if m.refused else ""
     return Answer(
         f"Map of {m.name}",
         (
             ("Where is it soft?", (
                 f"{len(m)} postures: {_text(C.value[stiff], 'm/N')} to {_text(C.value[soft], 'm/N')} in the "
-                f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
+                f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{exclusions}.",
             )),
             ("What limits it, and what helps?", (
                 f"In the softest posture {m.limiting_springs[soft]} contributes {100 * part:.0f} % of the compliance; "
@@ -74,13 +74,13 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
 
 
 def _text(value: float, unit: str) -> str:
-    shown, factor = SHOWN[unit]
-    return f"{number(factor * float(value), 3)} {shown}" if np.isfinite(value) else "no limit"
+    unit_shown, factor = SHOWN[unit]
+    return f"{number(factor * float(value), 3)} {unit_shown}" if np.isfinite(value) else "no limit"
 
 
 def answer_of_move(tuned: TunedMove) -> Answer:
     """The time of a move, its exactness against rigid feedforward, its use of the motors' limits."""
-    rigid, last, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
+    rigid, last, has_samples = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
     used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
     most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} uses {percent(used[kind, i], 3)} of its limit"
@@ -99,7 +99,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
             if tuned.geometric_error_m > 1e-6
             else ""
         )
-        if last.high is not None and drawn
+        if last.high is not None and has_samples
         else ""
     )
     advice = f"{tuned.advice}." if tuned.advice else "Load tune.csv, or a file of the folder tune, into the drives."
@@ -110,7 +110,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
         for name, limit in zip(KINDS, tuned.limits[:, motor], strict=True):
             value = number(float(np.abs(getattr(tuned, name)[:, motor]).max()), 3)
             cells.append(f"{value} of {number(float(limit), 3)}" if np.isfinite(limit) else value)
-        limits.append((*cells, *[number(float(tuned.max_torque[motor]), 4)] * drawn))
+        limits.append((*cells, *[number(float(tuned.max_torque[motor]), 4)] * has_samples))
     return Answer(
         f"Move of {tuned.name}",
         (
@@ -120,7 +120,7 @@ def answer_of_move(tuned: TunedMove) -> Answer:
         ),
         (
             Display("Error of the tool in mm", ("command", "largest", "rms", "static", "vibration"), errors),
-            Display("Limits of the motors", ("motor", *KINDS, *["torque of samples"] * drawn), limits),
+            Display("Limits of the motors", ("motor", *KINDS, *["torque of samples"] * has_samples), limits),
         ),
         (
             f"Simulated with position loops of {tuned.bandwidth_hz:.3g} Hz. Grey: the move; {1e3 * tuned.margin_s:.0f} "
@@ -180,8 +180,8 @@ def answer_of_loops(loops: Loops) -> Answer:
 
 
 def _state_words(state: LoopState) -> str:
-    if lost := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
-        return f"unstable in posture {', '.join(lost)}"
+    if unstable := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
+        return f"unstable in posture {', '.join(unstable)}"
     least = state.bandwidth_hz.min(axis=0)
-    shown = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
-    return f"bandwidth in Hz {shown}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB"
+    bandwidths = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
+    return f"bandwidth in Hz {bandwidths}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB"

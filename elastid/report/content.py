@@ -243,11 +243,11 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     Its interval, or the bound below which it lies; share of the joint's rated torque; number of the fit without
     effects, where there are any.
     """
-    chosen = gears.numbers if numbers is None else numbers
+    rows_of = gears.numbers if numbers is None else numbers
     rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
     headings = ["parameter", "meaning", "unit", "estimate", "std", "95 % interval"]
     table = [[*headings, *["of rated torque"] * rated, "linear fit"]]
-    for row in chosen:
+    for row in rows_of:
         share = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
         before = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
         table.append([*_cells(row), *[share] * rated, before])

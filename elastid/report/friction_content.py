@@ -97,8 +97,8 @@ class FrictionContent:
     def _off(self) -> str:
         """The signal with the largest simulation error, if this error is too large; else empty."""
         runs = (*self.log_comparison.runs, *self.left_out.runs)
-        if lost := next((run for run in runs if run.lost), None):
-            return f"the simulation on {lost.log} diverges (see below)"
+        if failure := next((run for run in runs if run.lost), None):
+            return f"the simulation on {failure.log} diverges (see below)"
         off = [(signal.error, signal, run) for run in runs for signal in run.signals if signal.kind != LINK]
         error, signal, run = max(off, key=lambda row: row[0], default=(0.0, None, None))
         if signal is None or run is None or not error > MOST_OFF:
@@ -139,19 +139,17 @@ class FrictionContent:
     def _next(self) -> tuple[str, ...]:
         if self.result.status == "failed":
             return (f"{self.result.message[:1].upper()}{self.result.message[1:]}.",)
-        missing = {part_words(part): part.reason for joint in self.result.joints for part in joint.missing}
-        if missing:
-            return tuple(f"For {part}: {reason}." for part, reason in list(missing.items())[:3])
+        gaps = {part_words(part): part.reason for joint in self.result.joints for part in joint.missing}
+        if gaps:
+            return tuple(f"For {part}: {reason}." for part, reason in list(gaps.items())[:3])
         return ("Use the friction model: `elastid export STUDY --run FOLDER --to robot` adds it to the robot model.",)
 
 
 def answer(joint: JointFriction) -> str:
     """The identified numbers of a joint in one sentence."""
     symbols = {identified.symbol for identified in joint.numbers}
-    wanted = [
-        s for symbol in ANSWERED for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))
-    ]
-    first = [identified for symbol in wanted for identified in joint.numbers if identified.symbol == symbol]
+    parts = [s for symbol in ANSWERED for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))]
+    first = [identified for symbol in parts for identified in joint.numbers if identified.symbol == symbol]
     if not first:
         return f"Joint {joint.joint}: no friction could be identified."
     numbers = ", ".join(f"{identified.symbol} = {with_interval(identified)}" for identified in first)

@@ -54,9 +54,9 @@ class ModeDrawing:
 
         planes.sort(key=visible, reverse=True)
         largest = np.abs(self.moved[:, :, mode]).max(axis=0)
-        (missing,) = set(range(3)) - set(planes[0])
+        (third,) = set(range(3)) - set(planes[0])
         # A mode needs a second view where a tenth of its largest motion is out of the best one.
-        return tuple(planes[: 1 if largest[missing] <= 0.1 * largest.max() else 2])
+        return tuple(planes[: 1 if largest[third] <= 0.1 * largest.max() else 2])
 
 
 def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[float]) -> ModeDrawing | None:

@@ -205,9 +205,9 @@ def _widths_clause(rows: Sequence[ParameterRow]) -> str:
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
     if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in judged):
         return ""  # the verdicts say more
-    others = [row for row in rows if row not in judged and not row.has_coulomb]
-    all_others = max(map(half_width, others), default=math.inf)
-    last = f", and all {len(others)} other parameters of ±{percent(all_others)} or less"
+    parameters = [row for row in rows if row not in judged and not row.has_coulomb]
+    all_others = max(map(half_width, parameters), default=math.inf)
+    last = f", and all {len(parameters)} other parameters of ±{percent(all_others)} or less"
     first = _width_clause(judged, kind)
     return first and f"{first}{last if all_others <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
 
@@ -270,7 +270,7 @@ MOST_ACTIONS, NARROW = 3, 0.005
 class Action:
     """An imperative, the expected change with numbers (gain), and a command or keys to copy (text)."""
 
-    what: str
+    sentence: str
     gain: str
     text: str = ""
 
@@ -318,12 +318,12 @@ def _action_of_status(result: Result) -> Action | None:
 
 
 def _action_of_cause(result: Result) -> Action | None:
-    what, _, command = result.cause[2].partition(": `")
+    sentence, _, command = result.cause[2].partition(": `")
     first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
     # A number to which others are tied is not freed alone.
     is_tied = any(tied & {*index.members} for index in first)
     text = "" if is_tied and not command.startswith("elastid") else command.rstrip("`")
-    return Action(f"{what}.", "", text) if what else None
+    return Action(f"{sentence}.", "", text) if sentence else None
 
 
 # Numbers of a robot model that are measured together, by the beginnings of their names.
@@ -345,10 +345,10 @@ def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     most = max(fractions, key=lambda beginning: fractions[beginning])
     if 2 * fractions[most] < 1:
         return None
-    what = f"{TOLERANCES[most].format(', '.join(name for name in names[n:] if name.startswith(most)))}."
+    sentence = f"{TOLERANCES[most].format(', '.join(name for name in names[n:] if name.startswith(most)))}."
     fraction = percent(fractions[most])
     reason = f"The tolerance causes {fraction} of the variance of {poor.name}. Without it, the interval shrinks"
-    return _narrower(what, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
+    return _narrower(sentence, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
 
 
 def _narrower(what: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
@@ -375,10 +375,10 @@ MODES_SHOWN = 3
 def questions_of_responses(content: ResponsesContent) -> Questions:
     """The three questions of the page of responses without a robot, each with its sentences."""
     warnings = sum(note.first.severity == "warning" for note in content.notes)
-    stated = [
+    sentences = [
         float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()
     ]
-    good = [f"Noise is {percent(max(stated))} of the response at a line." if stated else "The noise is unknown."]
+    good = [f"Noise is {percent(max(sentences))} of the response at a line." if sentences else "The noise is unknown."]
     good += [f"Warnings below: {warnings}."] if warnings else []
     with_modes = [modes for modes in content.modes if modes.n_modes]
     modes = []
@@ -386,8 +386,8 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
         low, high = (number(float(of_state.freq_hz[i]), 4) for i in (0, -1))
         count = f"{of_state.n_modes} modes from {low} to" if of_state.n_modes > 1 else "one mode at"
         modes.append(f"{of_state.configuration}: {count} {high} {of_state.frequency_unit}.")
-    further = len(with_modes) - MODES_SHOWN
-    modes += [f"{further} further configurations: below."] if further > 0 else []
+    n_more = len(with_modes) - MODES_SHOWN
+    modes += [f"{n_more} further configurations: below."] if n_more > 0 else []
     return (
         ("Are the responses good?", tuple(good)),
         ("Which modes are there?", tuple(modes) or ("No significant mode.",)),

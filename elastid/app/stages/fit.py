@@ -239,9 +239,9 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
-        step = replace(step, what="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
+        step = replace(step, sentence="Run the stage gears.", gain="", text=f"elastid run {run.loaded.path} gears")
     command = step.text
     if command.startswith("--"):
         overrides = "".join(f"--set {shlex.quote(override)} " for override in run.loaded.overrides)
         command = f"elastid run {run.loaded.path} --run {run.folder} {overrides}{command}"
-    yield " ".join(filter(None, ("What next?", step.what, step.gain, command and f"`{command}`")))
+    yield " ".join(filter(None, ("What next?", step.sentence, step.gain, command and f"`{command}`")))

@@ -149,8 +149,8 @@ def friction(study: Study, work: Work) -> Artefacts:
 def report_friction(study: Study, work: Work) -> Artefacts:
     """The page and figures of a friction study."""
     content = _content(study.name, work.sources, work.stamp)
-    drawn = friction_study_drawings(content.result, content.filters, content.log_comparison, content.left_out)
-    return page_artefacts(partial(html_of_friction, content), drawn, study, work)
+    drawings = friction_study_drawings(content.result, content.filters, content.log_comparison, content.left_out)
+    return page_artefacts(partial(html_of_friction, content), drawings, study, work)
 
 
 def _content(name: str, files: Mapping[str, Path], stamp: Stamp = NO_STAMP) -> FrictionContent:
@@ -173,7 +173,7 @@ def conclude(run: Run) -> None:
     for question, sentences in content.short_questions:
         run.console.say(f"{question} {' '.join(sentences)}")
     run.say_files([*run.stages["report"].leaves, *run.stages["friction"].leaves[1:]])
-    missing = [f"joint {joint.joint}: {part_words(term)}" for joint in result.joints for term in joint.missing]
+    gaps = [f"joint {joint.joint}: {part_words(term)}" for joint in result.joints for term in joint.missing]
     if result.status == "failed":
         raise FitError("friction/no-record", f"{result.message} (see the notes above)", "no friction was identified")
     if result.status == "misfit":
@@ -181,7 +181,7 @@ def conclude(run: Run) -> None:
     for joint in stored.read_filter(run.path("follow")) if "follow" in run.stages else ():
         if joint.consistency.divergence:
             raise FitError("filter/diverged", joint.consistency.divergence, f"filter of joint {joint.joint}")
-    meaning = f"not identifiable: {', '.join(missing)}" if missing else "friction model of every joint"
+    meaning = f"not identifiable: {', '.join(gaps)}" if gaps else "friction model of every joint"
     run.console.say(f"{result.status}: {meaning}")
 
 

@@ -77,8 +77,8 @@ def on_straight_springs(
     straight = with_straight_springs(robot)
     if straight == robot:
         return result, robot
-    further = sorted(set(result.parameters.free_names) - set(straight.parameters(straight.geometry)))
-    if terms := [name for name in further if name in robot.parameters()]:
+    names = sorted(set(result.parameters.free_names) - set(straight.parameters(straight.geometry)))
+    if terms := [name for name in names if name in robot.parameters()]:
         raise StudyError(
             "fit/parameters",
             f"fit.parameters frees {', '.join(terms)}, and gears finds the law of a spring from the records; leave out "
@@ -107,9 +107,15 @@ def with_gear_section(
     """
     parameters = dict(content["parameters"])
     for row in rows if not gears.refused else ():
-        others = {name: x for name, x in parameters[row.name].items() if name not in ("profile95", "bootstrap95")}
-        own = {"value": result.values[row.name], "std": result.std[row.name], "interval95": result.interval(row.name)}
-        parameters[row.name] = others | section(row, "value=estimate std interval95=interval") | {"linear": own}
+        entries = {name: x for name, x in parameters[row.name].items() if name not in ("profile95", "bootstrap95")}
+        fit_of_gears = {
+            "value": result.values[row.name],
+            "std": result.std[row.name],
+            "interval95": result.interval(row.name),
+        }
+        parameters[row.name] = (
+            entries | section(row, "value=estimate std interval95=interval") | {"linear": fit_of_gears}
+        )
     numbers = {
         "refused": gears.refused,
         "numbers": {number.name: _number(sheet.joint, number) for sheet in gears.sheets for number in sheet.numbers},
@@ -117,12 +123,12 @@ def with_gear_section(
         "notes": listed(gears.notes),
     }
     final = with_gears(result, gears)
-    told = section(final, "status message")
-    told |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
+    changes = section(final, "status message")
+    changes |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
     if gears.explains_misfit and not final.indices:
         is_open = [note["code"] not in ANSWERED for note in content["notes"]]
-        told |= {name: list(compress(content[name], is_open)) for name in ("warnings", "notes")}
-    return {**content, **told, "parameters": json_value(parameters), "gears": json_value(numbers)}
+        changes |= {name: list(compress(content[name], is_open)) for name in ("warnings", "notes")}
+    return {**content, **changes, "parameters": json_value(parameters), "gears": json_value(numbers)}
 
 
 def _number(joint: str, row: GearNumber) -> dict[str, Any]:

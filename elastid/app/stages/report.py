@@ -101,20 +101,20 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(study.experiment, work.base)
-    of_band = [np.isin(G.freq_hz, picked.at_hz) for G, picked in zip(responses, modes, strict=True)]
-    shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
+    of_band = [np.isin(G.freq_hz, mode_set.at_hz) for G, mode_set in zip(responses, modes, strict=True)]
+    responses_shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
     stamp = work.stamp
-    content = ResponsesContent(study.name, shown, modes, stamp.study, stamp.shown, friction, geometry)
+    content = ResponsesContent(study.name, responses_shown, modes, stamp.study, stamp.shown, friction, geometry)
     lines = []
-    for picked in modes:
-        frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in picked.freq_hz)
-        words = f"modes at {frequencies} {picked.frequency_unit}" if frequencies else "no mode"
-        lines.append(f"report: {picked.configuration}: {words}")
-        lines += [f"report: {picked.configuration}: {note.text}" for note in picked.notes]
+    for mode_set in modes:
+        frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in mode_set.freq_hz)
+        words = f"modes at {frequencies} {mode_set.frequency_unit}" if frequencies else "no mode"
+        lines.append(f"report: {mode_set.configuration}: {words}")
+        lines += [f"report: {mode_set.configuration}: {note.text}" for note in mode_set.notes]
     lines += [f"{question} {' '.join(sentences)}" for question, sentences in questions_of_responses(content)]
     tables: dict[str, Write] = {
         "modes.csv": lambda path, stamp: write_modes_csv(path, modes),
         "modes.h5": lambda path, stamp: write_modes(path, modes, stamp),
     }
-    page, drawn = partial(html_of_responses, content), drawings_of_responses(content)
-    return page_artefacts(page, drawn, study, work, tables, lines)
+    page, drawings = partial(html_of_responses, content), drawings_of_responses(content)
+    return page_artefacts(page, drawings, study, work, tables, lines)

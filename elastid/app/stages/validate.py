@@ -58,10 +58,10 @@ def validate(study: Study, work: Work) -> Artefacts:
     left_out = study.validation.configurations
     with work.execution() as execution:
         judged, log_comparison = judge(basis, left_out, records, work.console, execution)
-    counted = result.tool is not None and not result.tool.disagrees
+    has_tool = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
-        predict_response(result, G, is_fitted=counted and G.configuration.name not in left_out)
+        predict_response(result, G, is_fitted=has_tool and G.configuration.name not in left_out)
         for G in tool_responses(study.tool, study, work.base)
     ]
     verdict = judged.verdict
@@ -141,14 +141,14 @@ def _balanced(
 def _simulations(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
-    chosen = next((name for name in basis.study.validation.configurations if name in names), names[0])
+    name_of_posture = next((name for name in basis.study.validation.configurations if name in names), names[0])
     result = with_gears(basis.fitted.result, basis.gears)
-    responses = [response for response in basis.fitted.measured if response.configuration.name == chosen]
+    responses = [response for response in basis.fitted.measured if response.configuration.name == name_of_posture]
     if not responses:
         return ()
-    ((robot, _),) = robots_by_group(result, basis.study.as_robot(), [chosen]).values()
+    ((robot, _),) = robots_by_group(result, basis.study.as_robot(), [name_of_posture]).values()
     plant = with_findings(robot, basis.friction, basis.gears)
-    record = next(iter(read_records(path, chosen)))
+    record = next(iter(read_records(path, name_of_posture)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
-    delay_s = result.parameters.numbers(result.x, chosen).get(DELAY, 0.0)
+    delay_s = result.parameters.numbers(result.x, name_of_posture).get(DELAY, 0.0)
     return simulate_record(record, plant, band_hz, delay_s, basis.study.model)

@@ -186,13 +186,13 @@ def bode(measured: Response, modelled: Response | None, std: FloatArray | None) 
         magnitude, phase = [], []
         for j, by in enumerate(measured.inputs):
             curve = _measured(measured, above[:, i, j], measured.G[:, i, j])
-            drawn = ([], []) if modelled is None else _modelled(modelled, i, j, std)
+            curves_of_model = ([], []) if modelled is None else _modelled(modelled, i, j, std)
             names = (measured.outputs[i], "degrees") if j == 0 else ("", "")
             title = f"by {by}" if i == 0 else ""
             lines = measured.freq_hz
-            magnitude.append(Panel([*curve[0], *drawn[0]], y=names[0], title=title, frequency=lines))
+            magnitude.append(Panel([*curve[0], *curves_of_model[0]], y=names[0], title=title, frequency=lines))
             last, ends = label if i == n_y - 1 else "", (-190.0, 190.0)
-            phase.append(Panel([*curve[1], *drawn[1]], last, names[1], frequency=lines, y_ends=ends))
+            phase.append(Panel([*curve[1], *curves_of_model[1]], last, names[1], frequency=lines, y_ends=ends))
         rows += [magnitude, phase]
     unit = style.pretty_unit(measured.unit)
     title = f"{measured.quantity} of {measured.configuration.name}, dB re 1 {unit} and phase"
@@ -219,8 +219,8 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
     again = phase.copy()
     again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
     magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model")
-    broken = np.stack([phase, again], axis=1).ravel()
-    return [magnitude], [Curve(np.repeat(f, 2), broken, "model", style.FITTED)]
+    phases = np.stack([phase, again], axis=1).ravel()
+    return [magnitude], [Curve(np.repeat(f, 2), phases, "model", style.FITTED)]
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
@@ -235,11 +235,11 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
         Panel(_levels(f, quality, i), label, unit, f"{response.quantity} at {output}", frequency=f)
         for i, output in enumerate(response.outputs)
     ]
-    lost = [
+    absent = [
         Curve(f, np.maximum(1 - part, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
         for i, part in enumerate(quality.multiple_coherence.T)
     ]
-    panels.append(Panel(lost, label, title="1 − multiple coherence", frequency=f, scale="log"))
+    panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
     values = ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs"))
     for sigma, name in values:
         words = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"

@@ -121,11 +121,11 @@ def residuals(law: StaticLaw) -> FloatArray:
 def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:
     curve, (color, name) = law.curve, DIRECTIONS[direction]
     above, below = [], []
-    for chosen, ink, text in (
+    for mask, ink, text in (
         (~on_curve, style.WEAK, "levels at other loads and temperatures"),
         (on_curve, color, f"levels, {name}"),
     ):
-        rows = chosen & (curve.direction == direction)
+        rows = mask & (curve.direction == direction)
         if rows.any():
             looks = {} if direction >= 0 else {"marker": "s", "mfc": "none", "mew": 1}
             x, y = curve.speed[rows], curve.torque[rows]

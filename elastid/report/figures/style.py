@@ -236,11 +236,15 @@ def matrix(
     apart = 0.2 + 0.3 * any(panel.title for row in rows[1:] for panel in row if panel is not None)
     apart += 0.4 * any(panel.x for row in rows[:-1] for panel in row if panel is not None)
     beside, across = 0.8, max(map(len, rows))
-    each = (width - 0.3 - left - (across - 1) * beside) / across
+    panel_width = (width - 0.3 - left - (across - 1) * beside) / across
     tall, width = round(top + bottom + sum(heights) + (len(rows) - 1) * apart, 1), round(width, 1)  # whole pixels
     box = {"left": left / width, "right": 1 - 0.3 / width, "top": 1 - top / tall, "bottom": bottom / tall}
     figure = ShownFigure(figsize=(width, tall))
-    spaces = box | {"wspace": beside / each, "hspace": apart * len(rows) / sum(heights), "height_ratios": heights}
+    spaces = box | {
+        "wspace": beside / panel_width,
+        "hspace": apart * len(rows) / sum(heights),
+        "height_ratios": heights,
+    }
     axes = figure.subplots(len(rows), across, squeeze=False, gridspec_kw=spaces, **options)
     for row, row_axes in zip(rows, axes, strict=True):
         for panel, ax in zip([*row, *[None] * (len(row_axes) - len(row))], row_axes, strict=True):

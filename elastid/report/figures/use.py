@@ -31,9 +31,9 @@ def loops_figure(loops: Loops) -> Figure:
 
 def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
     """Positions of the frame, each coloured by the quantity there; the softest posture is marked."""
-    shown, (x, y, z), soft = workspace[quantity], workspace.position.T, int(workspace.softest[0])
-    unit, factor = SHOWN[shown.unit]
-    value = factor * np.where(np.isfinite(shown.value), shown.value, np.nan)
+    values, (x, y, z), soft = workspace[quantity], workspace.position.T, int(workspace.softest[0])
+    unit, factor = SHOWN[values.unit]
+    value = factor * np.where(np.isfinite(values.value), values.value, np.nan)
     finite = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 1.0])
     wide = finite.min() > 0 and finite.max() > 10 * finite.min()
     norm = (LogNorm if wide else Normalize)(finite.min(), finite.max())
@@ -42,7 +42,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
         Panel([Curve(a[[soft]], b[[soft]], color=style.TRUTH, dots=True, looks=mark)], f"{across} in m", f"{up} in m")
         for a, b, across, up in ((x, y, "x", "y"), (np.hypot(x, y), z, "√(x² + y²)", "z"))
     ]
-    figure = style.matrix(f"{workspace.name}, {workspace.frame}: {shown.text}", [panels], [3.0])
+    figure = style.matrix(f"{workspace.name}, {workspace.frame}: {values.text}", [panels], [3.0])
     # The softer ones on top, since they are what is looked for.
     order = np.argsort(np.where(np.isfinite(value), value, -np.inf), kind="stable")
     sides = [*figure.axes]
@@ -50,7 +50,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
         dots = axes.scatter(a[order], b[order], c=value[order], s=9, cmap="viridis", norm=norm)
         axes.set_aspect("equal", adjustable="datalim")
     bar = figure.colorbar(dots, ax=sides)
-    bar.set_label(f"{shown.text} in {unit}", fontsize=style.SMALL)
+    bar.set_label(f"{values.text} in {unit}", fontsize=style.SMALL)
     bar.ax.tick_params(labelsize=style.SMALL)
     return figure
 

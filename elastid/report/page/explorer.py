@@ -104,8 +104,8 @@ def _response(
     arrays = {"G": measured.G, "model": None if modelled is None else modelled.G, "std": std}
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
         if covariance is not None:  # smoothed over lines where its degrees of freedom are few
-            alone = replace(measured, noise=None, total=Covariance(covariance.variance, covariance.dof))
-            arrays[name] = sigma_of(alone)
+            without_noise = replace(measured, noise=None, total=Covariance(covariance.variance, covariance.dof))
+            arrays[name] = sigma_of(without_noise)
     arrays["coherence"] = None if quality is None else quality.coherence
     return {
         "title": configuration_title(measured, measured.configuration.name in left_out),
@@ -130,8 +130,8 @@ def mode_viewer(rows: Sequence[ModeRow], has_rate: bool) -> str:
     if all(row.drawing is None for row in rows):
         return ""
     colors = {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED}
-    drawn = [_mode_row(row, "Hz" if has_rate else "of the sampling rate") for row in rows]
-    return embedded_json({"colors": colors, "rows": drawn})
+    mode_rows = [_mode_row(row, "Hz" if has_rate else "of the sampling rate") for row in rows]
+    return embedded_json({"colors": colors, "rows": mode_rows})
 
 
 def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
