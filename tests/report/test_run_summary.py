@@ -129,7 +129,7 @@ def test_a_cause_is_the_same_in_answers_actions_and_meaning() -> None:
         rows = rows_of(result)
         assert numbers_of(residual_sentence(result, ()))[0] == 13
         assert "13 mm" in result.meaning
-        assert numbers_of(next_steps(result, rows)[0].what) == [7]
+        assert numbers_of(next_steps(result, rows)[0].sentence) == [7]
     assert 13 in numbers_of(numbers_answer(settled(notes=notes), rows))
 
 

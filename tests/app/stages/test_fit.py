@@ -37,7 +37,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     assert result.meaning[1:] in last
     assert result.status == status
     step = next_steps(result, parameter_rows(result, None))[0]
-    assert step.what in " ".join(streams.out.split())
+    assert step.sentence in " ".join(streams.out.split())
     said = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
     assert (f"{said} {step.text}" in streams.out) == step.text.startswith("--set")
     summary = json.loads((run.folder / "summary.json").read_text())
