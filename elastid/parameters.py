@@ -63,7 +63,7 @@ class Parameter:
 
     only: configurations in which it stands in for the parameter `stands_for`; `fm_1@warm` for fm_1 there.
     ratio: it is no number of the model but a factor of ties.
-    is_nuisance: it was not asked for, and moves within the tolerance of the robot's file alone.
+    is_nuisance: it is not of interest, and varies within its tolerance only.
     Raises ValueError where bounds exclude the value or a logarithmic parameter could reach zero.
     """
 
@@ -196,12 +196,12 @@ class Parameters:
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
-        """Parameters with a variable in x, in its order: those that were asked for, then those within tolerances."""
+        """Parameters with a variable in x, in its order: parameters of interest, then nuisance parameters."""
         return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.is_nuisance))
 
     @property
     def of_interest(self) -> tuple[Parameter, ...]:
-        """The first of `free`: those that were asked for."""
+        """The first of `free`: all without the nuisance parameters."""
         return tuple(parameter for parameter in self.free if not parameter.is_nuisance)
 
     @property

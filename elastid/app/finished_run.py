@@ -174,7 +174,7 @@ def _run_of(
 
 @dataclass(frozen=True, repr=False)
 class FinishedRun:
-    """A study whose stages are done; its values are read from the folder of the run when they are asked for.
+    """A study whose stages are done; its values are read from the folder of the run when needed.
 
     StudyError for a value that this kind of study does not have.
     """

@@ -35,7 +35,7 @@ DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or wi
 # How studies end whose numbers are compared: of elasticity and of friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 
-# A parameter of a member, with its 95 % interval; std, low and high None where it was held.  std_noise: without the
+# A parameter of a member, with its 95 % interval; std, low and high None if it was fixed.  std_noise: without the
 # part of the robot's file, whose error all members share.
 Row: TypeAlias = dict[str, Any]
 

@@ -76,7 +76,7 @@ def robot_of_fit(
 def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: GearResult | None = None) -> Robot:
     """A fitted robot with everything that was found in its records, and no other dry friction.
 
-    That of its file is in the fitted viscous coefficients where it was not taken out of the responses.
+    The friction of the robot model is in the fitted viscous coefficients if it was not compensated in the responses.
     """
     if gears is None or gears.refused:
         return with_laws(without_dry_friction(robot), _taken_out(robot, friction))

@@ -36,7 +36,7 @@ def robot_of(model: Any, name: str) -> Robot:
         placement = Placement.of(R @ _rotation(model.body_quat[i]), p + R @ model.body_pos[i])
         first, count = int(model.body_jntadr[i]), int(model.body_jntnum[i])
         kinds = {KINDS[kind] for kind in model.jnt_type[first : first + count]}
-        if parent == BASE and kinds <= {"free"}:  # it stands on the base, or is a trunk that is held
+        if parent == BASE and kinds <= {"free"}:  # it stands on the base, or is a fixed trunk
             seats.append((BASE, placement.rotation, np.array(placement.xyz)))
             frames += [Frame(names[i], BASE, placement)] * (names[i] != BASE)
             continue

@@ -20,7 +20,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFrictio
     """Names of viscous coefficients that contain dry friction, which looks viscous to a multisine.
 
     A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
-    friction in the robot's file, and never of a motor that friction was taken out of.
+    friction in the robot model, and never of a motor with compensated friction.
     """
     rigid = {*robot.driven_names} - {joint.name for joint in robot.flexible}
     rough = set(robot.motor_locations)
@@ -71,8 +71,8 @@ def truth(
 ) -> dict[str, float] | None:
     """Return the simulated robot's identifiable parameters by name, in SI; None for logs.
 
-    estimates: parameters of the study.  friction: taken out of the responses; viscous coefficients that contain
-    dry friction have no truth.
+    estimates: parameters of the study.  friction: compensated in the responses; viscous coefficients that contain
+    dry friction have no true value.
     """
     if simulated is None:
         return None

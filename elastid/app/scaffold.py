@@ -36,7 +36,7 @@ from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
 from elastid.study.robots import load_robot, yaml_text
 
-# Of guessed drives: gears that turn so often, on links that swing at so many Hz with so much damping, motor held.
+# Guessed drives: gear ratio, and frequency (Hz) and damping of the link with the motor locked.
 _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
 _SOONEST_S = 0.01  # time constant of viscous friction and inertia of a joint, at least
 # Excitation, rms: in rad/s^2 (m/s^2), least in dry frictions, and the part of a limit of torque that it takes at most.
@@ -77,7 +77,7 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
     # The links alone: rotors without inertia, and no joint that only a spring holds.
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
     model, theta = formulate(links), [value for value, _ in links.parameters().values()]
-    # Inertia that each motor accelerates, others held, mean over postures: kg m^2, kg of one that slides.
+    # Inertia that each motor accelerates, others locked, mean over postures: kg m^2, kg of one that slides.
     inertia = np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
     if lacking := [joint.name for joint, value in zip(robot.driven, inertia, strict=True) if value <= _LEAST_INERTIA]:
         line = next((f":{joint.line}" for joint in urdf if joint.name == lacking[0]), "")

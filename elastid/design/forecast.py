@@ -97,7 +97,7 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     """
     parameters = expected[0].parameters
     free, freq_hz = parameters.of_interest, expected[0].response.freq_hz
-    n = len(free)  # those that were asked for; behind them in x those within tolerances, which have priors
+    n = len(free)  # parameters of interest; in x they are followed by nuisance parameters, which have priors
     check_line_count(freq_hz, parameters)
     from elastid.design.predicted_response import expected_fit  # a page reads the values alone
     from elastid.fit.covariance import estimate_uncertainty
@@ -138,7 +138,7 @@ def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
 def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     """Directions (n_b, n) of relative changes that move the expected responses by less than their noise.
 
-    They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
+    They are of the n parameters of interest: nuisance parameters have priors, and move with each direction.
     """
     of_interest = parameters.of_interest
     n = len(of_interest)

@@ -3,7 +3,7 @@ r"""The next experiment towards a goal: posture and length of the largest gain f
 .. math:: \Phi(M) = 1 \Big/ \sum_p r_p^2, \qquad \max_{c, P}\ \frac{\Phi(M_0 + H_{cP}) - \Phi(M_0)}{T_P}
 
 M_0: the information of the fit so far, H: of a configuration c in P periods, which take T_P; r_p: the part of the goal
-that its interval uses, so that what is reached hardly counts. Phi doubles with twice the information.
+that its interval uses, so that goals which are reached barely count. Phi doubles with twice the information.
 Where one experiment reaches the goal, the shortest such is best. The spectrum is that of the study, with
 `flat: information` the best one of the posture.
 

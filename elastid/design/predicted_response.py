@@ -83,7 +83,7 @@ def friction_linearisation(
     return coulomb * slope, mean_of_neighbours(coulomb**2 * power)  # it comes from few experiments
 
 
-# Of the power of friction's distortion, what is left where it is taken out: 0.1 and 1.4 % in two studies.
+# Residual power ratio of the distortion by friction after the compensation: 0.1 and 1.4 % in two studies.
 COMPENSATED_FRICTION = 0.004
 
 

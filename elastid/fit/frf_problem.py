@@ -203,7 +203,7 @@ def _part(
 
 
 def _part_again(group: tuple[Response, Response, Weights, Part]) -> Part:
-    """The part of a response with the model and the images of held torques of the part of another one."""
+    """The part of a response with the model, and the aliases of ZOH torques, of the part of another response."""
     response, other, weights, part = group
     return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
 

@@ -3,8 +3,8 @@ r"""Scatter of gear ratios between angles, due to transmission error, and its co
 .. math:: \delta G_q = \sum_j e_{jq} \frac{\partial G_q}{\partial e_{jq}}, \qquad e_{jq} \sim N(0, s_j^2)
 
 for gear j at angle q, equal in all configurations with this angle (slopes: `systematic_errors.ratio_errors`).
-Ratios are not estimated: their common part is hardly told from masses and inertias. Their variance is, from what the
-residuals r have along the whitened errors V:
+Ratios are not estimated, because their common part is almost indistinguishable from masses and inertias. Their
+variance is estimated, by the components of the residuals r along the whitened errors V:
 
 .. math:: h = V^T r \sim N\big(0,\; N D N + c N\big), \qquad N = V^T V - V^T J A^{-1} J^T V, \quad
           D = \mathrm{diag}\, s_j^2, \qquad \mathrm{cov}\, x = \sum_j E[s_j^2] \sum_q M_{jq} M_{jq}^T

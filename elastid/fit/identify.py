@@ -255,7 +255,7 @@ def _check_robot(response: Response, robot: Robot) -> None:
     if response.motors != "free" and not at_tool:
         refusal = f"torques of its motors, which are {response.motors}, cannot act on them"
     elif response.motors == "locked" and still:
-        refusal = f"nothing moves at {still} while the motors are held; leave out what is read there"
+        refusal = f"nothing moves at {still} while the motors are locked. Remove this output"
     elif response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
         refusal = "its motors are controlled; give their loop, stiffness kp and damping kd without ki"
     if refusal:
@@ -312,7 +312,7 @@ def free_nuisance_parameters(
     It is solved from the end of the best start. While V stays above COST_RATIO of its degrees of freedom, the
     study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
     rest end where they did, with the file's numbers. Where data as of another robot (channels exchanged) lead it to
-    numbers with which no robot stands, all are held: the judge names the cause.
+    numbers without an equilibrium, all stay fixed: the diagnosis names the cause.
     """
     parameters = with_tolerances(assembly.parameters, robot, assembly.spec)
     places = [parameters.free_names.index(name) for name in assembly.parameters.free_names]

@@ -123,7 +123,7 @@ MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 def profile_likelihood(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
-    """Return the ends (n_x, 2) in x of the intervals about the optimum x (n_x,); NaN for parameters not asked for.
+    """Return the ends (n_x, 2) in x of the intervals about the optimum x (n_x,); NaN for the other parameters.
 
     variance (n_x,): as the fit states it.
     """

@@ -1,4 +1,4 @@
-"""The `loads` section of a study: static load tests, deflections of frames under stated loads with the motors held.
+"""The `loads` section of a study: static load tests, deflections of frames under stated loads with the motors locked.
 
 StaticAgreement, ToolAgreement: load tests and responses at the tool next to what motor responses alone predict.
 """
@@ -20,7 +20,7 @@ Deflection: TypeAlias = Length | tuple[Length, Length, Length]
 
 @section
 class LoadTest:
-    """A load on a frame and the deflection of a frame from the unloaded robot to the loaded one, motors held."""
+    """A load on a frame and the deflection of a frame from the unloaded robot to the loaded one, motors locked."""
 
     # fmt: off
     configuration: Annotated[str, Key("Name of the configuration of the load test (default: none; then angles).",
@@ -128,7 +128,7 @@ class LoadReading:
 class ToolComparison:
     """Responses by forces at the tool in one configuration, over those that the motors' responses alone predict.
 
-    motors: held, free or controlled while they were measured.
+    motors: locked, free or controlled during the measurement.
     """
 
     configuration: str

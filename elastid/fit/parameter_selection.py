@@ -12,7 +12,7 @@ Numbers of the robot's file within their tolerances are unknowns with a prior, n
 
 .. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
 
-The starts are searched with the file's numbers held; the best of them is then released.
+The starts are searched with the numbers of the robot model fixed; the best of them is then released.
 """
 
 import math
@@ -277,7 +277,7 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
 
 
 def _within(fixed: Parameter, std: float) -> Parameter:
-    """A held number free within its tolerance, which is relative for a positive one."""
+    """A fixed number freed within its tolerance, which is relative for a positive one."""
     if not fixed.log:
         return replace(fixed, free=True, prior=Prior(fixed.value, std), is_nuisance=True)
     lower, upper = fixed.value / MAX_FACTOR, fixed.value * MAX_FACTOR

@@ -56,7 +56,7 @@ class PredictionPorts:
 class Family:
     """A fitted robot with its ports, in any posture: equations built once.
 
-    robot: with the frames and the payload that were asked for.  places: outputs of the linear models.
+    robot: with the requested frames and payload.  places: outputs of the linear models.
     """
 
     linearisation: Linearisation
@@ -128,7 +128,7 @@ class Family:
         if not whole.n:
             raise StudyError(
                 "fit/posture",
-                f"robot {self.robot.name} has no spring behind its motors, so that nothing moves while they are held; "
+                f"robot {self.robot.name} has no spring behind its motors, so that nothing moves if they are locked; "
                 "ask with motors='free' or motors='controlled'",
             )
         places = (*whole.inputs, *whole.outputs)
@@ -218,7 +218,7 @@ def _accelerometers(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def _with_frames(robot: Robot, request: PredictionPorts) -> tuple[Robot, str]:
-    """The robot with a frame for the one that was asked for, and for each body that is named like one."""
+    """The robot with a frame of the requested name, and one for each body that is used as a frame."""
     frame = request.frame or default_frame(robot)
     if isinstance(frame, Frame):
         others = tuple(other for other in robot.frames if other.name != frame.name)
@@ -236,6 +236,6 @@ def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], mo
         if place in robot.motor_locations and motors == "locked":
             raise StudyError(
                 "fit/posture",
-                f"the torque of {place} moves nothing while the motors are held; ask with motors='free' or "
+                f"the torque of {place} moves nothing while the motors are locked; ask with motors='free' or "
                 "motors='controlled'",
             )

@@ -305,7 +305,7 @@ def _start(parameters: Parameters, before: Parameters, x: FloatArray) -> FloatAr
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
     """Return True if the stiffness of at least one spring has a standard deviation below MOST_STD.
 
-    A spring that hardly relaxes has no rate, a damper neither.
+    A spring that barely relaxes has no rate, and neither has a damper.
     """
     std = named(result.parameters.free_names, result.std_of_x)
     return any(std[s.names[0]] < MOST_STD for s in springs)

@@ -85,10 +85,10 @@ class Result:
     noise was measured.  singular_values: of the Jacobian with columns scaled to unit length, largest
     first.  starts: sorted by V.  n_converged_starts: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
-    indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
+    indices: of fixed numbers, in sequence and alone, if V exceeds the noise.
     assumed_rigid: what is taken as rigid and shows in no response; empty where that was not judged.
     presliding: friction of motors that was estimated, too; the covariance includes it.
-    verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
+    verdicts (n,): on each parameter of interest, in words; empty if the fit ended without an optimum.
     model_error: relative to abs(G) in weights and covariance, the largest of the responses.
     configurations, information_fraction (Q, n_x), information_band_hz (n_x, 2), averaging_fraction (n_x,),
     persistent_fraction (n_x,): as `Uncertainty`.
@@ -353,7 +353,7 @@ class Result:
 
     @property
     def std_with_base(self) -> dict[str, float]:
-        """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
+        """`std` of each parameter of interest, including the uncertainty of an unmodelled base of typical stiffness."""
         n = len(self.parameters.of_interest)
         base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
@@ -377,7 +377,7 @@ class Result:
         """
         names = self.parameters.free_names
         if name not in names:
-            why = "is held or tied" if name in self.values else "is no parameter of this fit"
+            why = "is fixed or tied" if name in self.values else "is no parameter of this fit"
             raise UnknownNameError(f"{name} {why}; {did_you_mean(name, names)}")
         i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():

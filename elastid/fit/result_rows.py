@@ -18,13 +18,13 @@ NO_NUMBERS, NO_TABLE, NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 
 class RigidPart:
     """A base, about one axis, that the model takes as rigid.
 
-    stiffness: such a part's usual one.  changes (n,): of the variables x that were asked for where it is as stiff as
-    that.  detection_limit: the stiffness from which on none of them leaves its 95 % interval by it.
+    stiffness: typical of such a part.  changes (n,): of the variables of interest for this stiffness.
+     detection_limit: the stiffness from which on none of them leaves its 95 % interval by it.
     """
 
     name: str
     stiffness: float = labelled("usual stiffness", "N*m/rad")
-    changes: FloatArray = labelled("change of each parameter asked for, of x")
+    changes: FloatArray = labelled("change of each parameter of interest, of x")
     detection_limit: float = labelled("stiffness from which on no interval is left", "N*m/rad")
 
     def most_moved(self, names: Sequence[str]) -> dict[str, float]:
@@ -58,10 +58,10 @@ class Presliding:
 
 @frozen_value
 class ModificationIndex:
-    """Numbers that the fit held, freed together for one Gauss-Newton step with its parameters.
+    """Fixed numbers of a fit, freed together for one Gauss-Newton step with its parameters.
 
     name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
-    members, values, units: the numbers, at which value they were held, SI.  log: whether the step of each is of ln p.
+    members, values, units: the numbers and their fixed values, SI.  log: whether the step of each is of ln p.
     steps (n_m,): their changes, cut where they would leave what is plausible.  std: of the first by the measured noise.
     drop: of V.  explained_fraction: of the excess of V.  effects (n_x,): implied change of each free parameter, in x.
     alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
@@ -72,7 +72,7 @@ class ModificationIndex:
     name: str
     group: str
     members: tuple[str, ...] = ()
-    values: FloatArray = labelled("values at which the numbers were held", "SI", default_factory=NO_NUMBERS)
+    values: FloatArray = labelled("fixed values of the numbers", "SI", default_factory=NO_NUMBERS)
     units: tuple[str, ...] = ()
     log: tuple[bool, ...] = ()
     steps: FloatArray = labelled("their changes, of ln p where log", default_factory=NO_NUMBERS)

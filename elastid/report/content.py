@@ -42,7 +42,7 @@ class ReportContent:
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here; forecast and limit_use belong to it, and robot is drawn in its configurations.
-    friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
+    friction: compensated in the responses.  contents: of viscous coefficients, in words.
     log_comparison: torque of the motors by part, and simulation along a record.  gears: None without the stage.
     dense: for each of frf the model on lines of its own, among them the measured ones, and its standard deviation
     (L, n_y, n_u), due to that of its parameters.
@@ -217,7 +217,7 @@ class ParameterRow:
 def parameter_rows(
     result: Result, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
 ) -> tuple[ParameterRow, ...]:
-    """One row for each parameter that was asked for, in the order of x; truth and contents may name some only."""
+    """One row for each parameter of interest, in the order of x; truth and contents may name some only."""
     truths, estimates, stds = truth or {}, result.values, result.std
     std_x, bases = result.std_of_x, result.base_remarks
     rows = []

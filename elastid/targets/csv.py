@@ -92,7 +92,7 @@ def _measured(folder: Path, G: Response) -> Path:
 def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
     numbers = known_numbers(model)
     yield "parameter", "unit", *numbers[0].row
-    for number in numbers:  # one that was held has no std, not one of 0
+    for number in numbers:  # a fixed number has no std, not one of 0
         yield number.name, number.unit, *("" if math.isnan(value) else value for value in number.row.values())
 
 
@@ -102,7 +102,7 @@ def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
         modal = plant.modes()
         columns = (column.tolist() for column in (modal.freq_hz, modal.zeta, modal.freq_std, modal.zeta_std))
         for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
-            # A mode of held numbers alone has no std.
+            # A mode of fixed numbers alone has no std.
             yield plant.linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
 
 

@@ -45,7 +45,7 @@ from elastid.simulation.drives import gear_forces
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, free_acceleration, poles, projection
 from elastid.targets.code import c_sources, dense
 from elastid.targets.move import move_sources
-from elastid.targets.numbers import HELD, c_row, known_numbers
+from elastid.targets.numbers import FIXED, c_row, known_numbers
 from elastid.targets.target import Target
 from elastid.use.tune import DAMPING_RATIO, TunedMove
 
@@ -168,7 +168,7 @@ def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list
 
 def _stiffnesses(subject: Subject) -> list[Variable]:
     units = {name: unit for name, (_, unit) in subject.model.robot.parameters().items()}
-    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {subject.known.get(name, HELD)}" for name in units}
+    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {subject.known.get(name, FIXED)}" for name in units}
     return [
         Variable(name, "parameter", "tunable", texts.get(name, name), float(value))
         for name, value in zip(subject.model.parameters, subject.model.theta, strict=True)

@@ -1,6 +1,6 @@
 r"""C code of friction: a function for each joint that follows it, and its compensation at a velocity.
 
-A sample is one call: states and covariance are replaced, nothing else is kept, no memory is asked for. Numbers of the
+A sample is one call: states and covariance are replaced, nothing else is stored, no memory is allocated. Numbers of the
 joint and of the noise are inside; all torques and angles are on the link side, SI.
 
 The compensation is the torque of each motor's friction at a velocity, as C and as a table,
@@ -81,10 +81,10 @@ void {name}_follow(double x[{n}], double P[{size}], double torque, double load, 
 
 def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, str]) -> str:
     lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
-    lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
+    lines += ["torque and load (gravity) since the sample before, angle of the motor now; innovation and variance"]
     lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
     lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]) of n states. It has the errors of numbers"]
-    lines += ["that are held: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""]
+    lines += ["that are fixed: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""]
     declared = []
     for name, observer in observers.items():
         states, key = observer.filtered.states, identifiers[name]

@@ -29,7 +29,7 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
     measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit,
     CovarianceData; that of fitted is due to the parameters. tool has A, B, C, D (.., .., Q) from forces and torques at
-    the frame to its motion, motors held, in the Q postures. The script runs in MATLAB and in Octave, and without
+    the frame to its motion, motors locked, in the Q postures. The script runs in MATLAB and in Octave, and without
     toolboxes as far as they go.
     """
     fitted = [
@@ -86,7 +86,7 @@ def _system(system: Any) -> dict[str, Any]:
 
 
 def _tool(model: FittedRobot) -> dict[str, Any]:
-    """The robot at a frame with its motors held, in all postures; the names alone of one that cannot bend."""
+    """The robot at a frame with its motors locked, in all postures; the names alone of one that cannot bend."""
     configurations = [linear.configuration for linear in model.linear]
     named: dict[str, Any] = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)

@@ -8,7 +8,7 @@ from elastid.fit.fitted_robot import FittedRobot, parameters_of
 from elastid.fit.result import Result
 from elastid.parameters import Parameter
 
-HELD = "held, not identified"
+FIXED = "fixed, not identified"
 
 
 def in_full(values: Iterable[float], separator: str = " ") -> str:
@@ -23,7 +23,7 @@ def c_row(values: Iterable[float]) -> str:
 
 @dataclass(frozen=True)
 class KnownNumber:
-    """A number of the model in SI with its std and 95 % interval, NaN where it was held or tied.
+    """A number of the model in SI with its std and 95 % interval, NaN if it was fixed or tied.
 
     name: of the number in the model.  std_noise, std_prior, std_systematic: contributions to std; NaN: exact robot
     model.
@@ -62,9 +62,9 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     """Header of an exported file: status of the fit, then a row per free parameter."""
     every = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
-    numbers = [number for number in every if number.interval_text != HELD]
+    numbers = [number for number in every if number.interval_text != FIXED]
     status = result.status.replace("_", " ")
-    head = f"Numbers of the fit ({status}), SI, with standard deviation and 95 % interval; all others were held:"
+    head = f"Numbers of the fit ({status}), SI, with standard deviation and 95 % interval; all others were fixed:"
     rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.interval_text}" for number in numbers]
     presliding = [
         f"  {f.place}: presliding friction of {f.stiffness:.3g} {f.unit} relaxing at {f.rate:.3g} 1/s was estimated "
@@ -79,7 +79,7 @@ def _known_number(result: Result, parameter: Parameter) -> KnownNumber:
     name, unit, value = parameter.stands_for, parameter.unit, result.values[parameter.name]
     if not parameter.is_free:
         tie = parameter.tie
-        words = HELD if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
+        words = FIXED if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
         return KnownNumber(name, unit, value, words)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
     words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"

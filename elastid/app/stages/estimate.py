@@ -65,8 +65,8 @@ def estimate_configuration(
 ) -> tuple[Response, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  recorded: logs,
-    maybe with the controller of their references.
+    friction: compensated in the torque before.  robot: with the gears of the motors, or None.  recorded: logs, with
+    the controller of their references if it is known.
     """
     records = tuple(read_records(path, configuration))
     response = estimate_net_response(records, friction, spec, lines, shaft_couplings(robot), robot)
@@ -86,7 +86,7 @@ def estimate_configuration(
 
 @dataclass(frozen=True)
 class RecordsOnShafts:
-    """The records of a configuration in records.h5 on the motors' shafts, read again whenever they are asked for."""
+    """The records of a configuration in records.h5 on the motors' shafts, read again at each iteration."""
 
     path: Path
     configuration: str
@@ -142,7 +142,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
         if kind_of(path) == "frf":
             response = in_quantity(_is_of_another_run(path, file, configuration, study.robot), estimator.quantity)
             if "zero-order" in (spec.hold, *(channel.hold for channel in spec.channels)):
-                text = "hold is not taken out of it: the study that estimated it says in experiment.recorded.hold"
+                text = "its hold is not removed: the study that estimated it states it in experiment.recorded.hold"
                 response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
         else:
             if not spec.channels:

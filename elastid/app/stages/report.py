@@ -97,7 +97,7 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     estimates, modal = work.sources["estimate"], study.modal
     responses, friction = read_responses(estimates), read_friction(estimates)
     modes = modes_of_responses(responses, modal)
-    # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
+    # Compensated or explicitly requested friction; `auto` finds none in most structures.
     if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(study.experiment, work.base)

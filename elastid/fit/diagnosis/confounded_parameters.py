@@ -14,7 +14,7 @@ from elastid.fit.diagnosis.score_test import FixedNumber
 from elastid.fit.result import Result
 from elastid.fit.status_terms import FIXED_VALUES
 
-MIN_SHIFT = 3.0  # standard deviations, by which a number that is held moves one of the fit, and is named
+MIN_SHIFT = 3.0  # standard deviations, by which a fixed number moves a parameter of the fit, and is named
 
 
 @dataclass(frozen=True)

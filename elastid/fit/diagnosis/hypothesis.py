@@ -112,7 +112,7 @@ class Scores:
 
     excess: of V over the noise, where it is worse than no model at all that of none; `worse`: what it is beyond that.
     variance_ratio: of the residuals over the noise.  lines: share of all residuals.  noise: V by the noise alone, of
-    all.  held: the model with what is freed.
+    all.  extended: the model with the freed numbers.
     """
 
     extended: ExtendedModel

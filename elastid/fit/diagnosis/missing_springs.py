@@ -111,7 +111,7 @@ def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> F
 def _with_spring(
     fit: ElasticFit, name: str, k: float, damping_ratio: float, models: Sequence[LinearModel], assembly: Assembly
 ) -> ElasticFit:
-    """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are held."""
+    """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are fixed."""
     fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
     values = named(models[0].parameters, models[0].theta_ref)
     of_model = {key: Parameter(key, value, free=False) for key, value in values.items()}

@@ -59,7 +59,7 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
 
     Distances d over their tolerances: d^T d has the expectation tr(1 - P), P: posterior covariance of d. A number that
     scattering gear ratios move by more than its tolerance (P > 1) counts as one.
-    They move the parameters asked for by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
+    They move the parameters of interest by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
     tolerances explain this step has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
     n, C = len(result.parameters.of_interest), result.covariance

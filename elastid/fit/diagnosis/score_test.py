@@ -24,7 +24,7 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
 
 @dataclass(frozen=True)
 class FixedNumber:
-    """A number that the fit held.  value: SI, in unit.  log: steps are of ln p.
+    """A fixed number of the fit.  value: SI, in unit.  log: steps are of ln p.
 
     lower, upper: of a plausible step.  usual: how far such a number is commonly off, of the step's unit.
     is_nuisance: it moves within the tolerance of the robot's file, and is off by more.  is_stated: of `Hypothesis`.
@@ -162,7 +162,7 @@ class ScoreTest:
 
 
 def free_drop(A: FloatArray, b: FloatArray, free: BoolArray) -> float:
-    """Return the drop of V by the step of the free parameters (n_x,) with all others held; 0 at an optimum."""
+    """Return the drop of V by the step of the free parameters (n_x,) with all others fixed; 0 at an optimum."""
     places = np.flatnonzero(free)
     size = np.sqrt(np.maximum(np.diag(A)[places], 1e-300))
     g = b[places] / size

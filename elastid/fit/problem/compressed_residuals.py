@@ -215,7 +215,7 @@ class CompressedResiduals(Kept):
             mixing = self.whitening.matrix
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             basis, R = np.linalg.qr(W[:, :, first] + has_mirror * W[:, :, second])
-            weights = form(R)  # of a thousand configurations most of what is worked out
+            weights = form(R)  # the largest array of a thousand configurations
             weights = replace(weights, R=stored_beside(self.whitening.noise.in_file, weights.R))
             residual = (mixing @ residual[:, :, None])[:, :, 0]
             q = (basis.mT.conj() @ residual[:, :, None])[:, :, 0]

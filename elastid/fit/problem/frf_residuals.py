@@ -5,7 +5,7 @@ r"""FRF residuals: responses and linear models of all configurations as one Leas
 
 One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked. Sums of all
 configurations are those of chunks of neighbours, added in their order: the same to the last bit wherever a chunk is
-worked out, here or at a worker that has it.
+computed, here or at a worker that has it.
 """
 
 import math
@@ -48,7 +48,7 @@ Value = TypeVar("Value")
 class Part(Kept):
     """One configuration: measured G (F, n_y, n_u), the columns of its model, and the scale of its residuals.
 
-    measured: without the images of held torques, as the model has them where it was linearised.
+    measured: without the aliases of ZOH torques, by the model where it was linearised.
     gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
     gain e of a line whose elements err together; None where they count one by one.  compressed: the residuals, where
     they are known of the very same data and weights, from a model linearised elsewhere.
@@ -305,7 +305,7 @@ def part_with(
     """Return the part of one configuration with the columns of its model; images (F, n_y, n_u): aliases."""
     kernel, used = columns.kernel, weights.used
     if criterion == "log":
-        # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
+        # The logarithm of noise is noise, and biased: elements must exceed it by 6 dB.
         G = kernel.response(kernel.model.theta_ref)
         used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -148,7 +148,7 @@ def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray
 class SmoothedNoise(Kept):
     """Sample covariance (measured) and covariance smoothed over neighbouring lines, for unbiased weights 1 / v.
 
-    Both in the same form: matrices of all elements are worked out where they are needed and not kept.
+    Both in the same form: matrices of all elements are computed when needed and not stored.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
     G (F, n_y, n_u): of the response.
     """
@@ -230,7 +230,7 @@ def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray
 def larger(response: Response) -> Covariance | None:
     """Return the total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
 
-    Their ratio, the geometric mean over lines and elements, is held against the F distribution of one line: errors of
+    Their ratio, the geometric mean over lines and elements, is compared with the F distribution of one line: errors of
     elements may be one error, and realisations that share their noise do so at all lines.  By more than chance: it puts
     the total below the noise, which is part of it, once in a thousand times.
     """

@@ -82,7 +82,7 @@ class _ScaledProblem:
         return (x - self.origin) / self.scale
 
     def at(self, x: FloatArray) -> Evaluation:
-        """Return the problem at x; cost, gradient and Hessian are asked for one after the other at the same x."""
+        """Return the problem at x; cost, gradient and Hessian are requested one after the other at the same x."""
         key = x.tobytes()
         if self._cache[0] != key:
             self._cache = (key, self.problem.evaluate(x))

@@ -87,7 +87,7 @@ def trust_region(
         gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
-        # Many variables held at their bounds at once may cost more than the step gains: a shorter one holds fewer.
+        # Many variables fixed at their bounds at once may cost more than the step gains: a shorter step fixes fewer.
         while not predicted > ROUNDING * now.cost and radius > MIN_RADIUS:
             if border is not None:  # beta weighs, unless rounding would swallow 1
                 weight = min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
@@ -142,7 +142,7 @@ def _bounded_step(
     at_bounds: BoolArray,
     radius: float,
 ) -> FloatArray:
-    """The step (n_x,) within radius and room of the variables that are not held."""
+    """The step (n_x,) within radius and room of the variables that are not fixed."""
     step, free = np.zeros(len(gradient)), ~at_bounds
     while free.any():
         squared_radius = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])

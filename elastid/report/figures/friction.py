@@ -18,11 +18,11 @@ from elastid.report.figures import style
 from elastid.report.figures.style import Curve, Panel
 from elastid.robot import Robot
 
-if TYPE_CHECKING:  # they bring SciPy, which figures of friction taken out do without
+if TYPE_CHECKING:  # they import SciPy, which figures of compensated friction do not need
     from elastid.friction_study.constant_velocity import FrictionCurve
     from elastid.friction_study.static_model_fit import StaticLaw
 
-# Of a law, and of friction taken out of responses.
+# Figures of a friction model, and of friction compensated in responses.
 POINTS, POINTS_TAKEN_OUT = 200, 400
 # The law is drawn, dashed, beyond the measured speeds by this factor.
 BEYOND = 2.0
@@ -149,7 +149,7 @@ def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Cur
 def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None) -> Figure:
     """Torque of each motor after a reversal, or over velocity, with its 95 % interval; torque not explained.
 
-    The latter as its amplitude by configuration, with friction and without. A motor that no friction was taken out of
+    The latter as its amplitude by configuration, with friction and without. A motor without compensated friction
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.
     """
     modelled = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
@@ -166,7 +166,7 @@ def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None
 def curve_of(friction: CompensatedFriction, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """x (n,), torque and its std of a motor; True where x is a distance from a reversal, in rad (m) on the link side.
 
-    Where no bristle was taken out, friction is a function of velocity, and x is that, in rad/s (m/s).
+    Without a bristle, friction is a function of velocity, and x is that, in rad/s (m/s).
     """
     shapes = [shape for shape, _ in friction.compensated_basis(place)]
     bend = max((shape.threshold for shape in shapes if shape.kind not in ("sign", "stribeck")), default=0.0)

@@ -97,7 +97,7 @@ def friction_filter(followed: TrackedFriction) -> Figure:
         curves = [Curve(time, y, "followed", style.FITTED, band=band, band_label="95 % band")]
         unobserved = np.where(followed.unknown[:, i], y, np.nan)
         if np.isfinite(unobserved).any():
-            text = "held: not observable in this motion"
+            text = "fixed: not observable in this motion"
             curves.append(Curve(time, unobserved, text, style.WEAK))
         rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")])
     low, high = (np.full_like(time, end) for end in NIS_BAND)
