@@ -45,7 +45,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="elastid")
-    os.environ["MPLBACKEND"] = "agg"  # that of a notebook, in whose cells the program runs, may not be there
+    os.environ["MPLBACKEND"] = "agg"  # the backend of a notebook, in whose cells the program runs, may be missing
     sys.exit(run_command(sys.argv[1:]))
 
 
@@ -351,7 +351,7 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
     given, request = options["folder"], run_of(study, options)
     from elastid.app.live import live_study
 
-    # Simulated logs never lie where those of the robot are awaited.
+    # Simulated logs are never in the folder of the logs of the robot.
     folder = given or Path("runs") / f"{request.study.name}-live{'-simulated' * simulate}"
     live_study(replace(request, folder=folder), goals, simulate, robot_time)
 

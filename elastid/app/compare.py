@@ -53,7 +53,7 @@ def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
     studies: further ones whose robots, formulations and parameters are fitted to the responses of `run`, under its
     weights and criterion.  StudyError where there are no current responses, or but one model.
     """
-    run.require("fit")  # reads what a comparison reads
+    run.require("fit")  # a comparison needs the same files
     with logged_in(run.folder, run.jobs, run.console):
         models = list(variants(run.loaded, studies))
         if len(models) < 2:
@@ -188,7 +188,7 @@ def search_elasticity(run: Run) -> None:
 
     StudyError where there are no current responses, those of one configuration only, or nothing to search among.
     """
-    run.require("fit")  # reads what a search reads
+    run.require("fit")  # a search needs the same files
     with logged_in(run.folder, run.jobs, run.console):
         coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))

@@ -372,7 +372,7 @@ def _place(channel: ChannelGuess, frame: str) -> str:
 def _period(drives: FloatArray) -> list[str]:
     best, n = find_period(drives), len(drives)
     if best.best_samples:
-        # Within a tenth of a sample the generator's clock is that of the log.
+        # Within a tenth of a sample generator and log have one clock.
         N = round(best.best_samples)
         samples = N if abs(best.best_samples - N) < 0.1 else best.best_samples
         why = f"the drives repeat (correlation {best.best_correlation:.3f})"

@@ -95,7 +95,7 @@ PLANNED = "fit -fit.starts -fit.start_factor -fit.solver -fit.profile -fit.boots
 # Keys of everything that is said of a fit.
 FITTED = "name robot model fit seed"
 
-# A row: name, kinds, leaves, function, keys, earlier stages; then what else is particular to it.
+# A row: name, kinds, leaves, function, keys, earlier stages; then further properties.
 STAGES = (
     Stage(
         "design", (SIMULATED,), ("plan.h5", "references/*.csv"), "elastid.app.stages.design:design",

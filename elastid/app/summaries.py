@@ -61,7 +61,7 @@ def as_json(content: Mapping[str, Any]) -> Write:
 def section(value: Any, names: str, **of_each: str) -> dict[str, Any]:
     """Fields and properties of a value by name, or by `name=attribute` where a summary has another name for one.
 
-    of_each: those of each entry of a field.
+    of_each: rows of each entry of a field.
     """
     pairs = (name.partition("=") for name in names.split())
     content = {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
@@ -130,7 +130,7 @@ def summary(
             }
             for part in result.assumed_rigid
         ],
-        # Load tests in m, and responses at the tool, next to what the responses of the motors say.
+        # Load tests in m, and responses at the tool, compared with the responses of the motors.
         "static_loads": result.static
         and section(
             result.static, _AGAINST, readings="configuration frame direction measured std by_responses by_responses_std"

@@ -117,7 +117,7 @@ class Execution:
         """(index, function(item)) as they finish; in this process for one job or one item.
 
         function and items must pickle; the function goes to each worker once. The item of a worker that dies is done
-        again. On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
+        again. On KeyboardInterrupt the workers are ended at once; yielded results remain.
         Raises ElastidError where workers die again and again.
         """
         self.progress(0, len(items))
@@ -293,7 +293,7 @@ class Remote(Thread):
                 self._task.cancel()
 
 
-# What the workers of a process on a cluster have, by their names.
+# Values at the workers of a process on a cluster, by their names.
 _SERVED = dict[str, Served]()
 
 

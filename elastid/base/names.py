@@ -81,7 +81,7 @@ class NameRule:
 Name: TypeAlias = Annotated[str, NameRule()]
 # Of a part of the robot: names of parameters end in it.
 PartName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR)]
-# Of what has another name unless it is given one.
+# Default names.
 OptionalName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR, is_optional=True)]
 FileName: TypeAlias = Annotated[str, NameRule(is_file=True)]
 

@@ -37,7 +37,7 @@ class Key:
     filled: bool = False
 
     def checked(self, value: Any) -> Any:
-        """The value of the key; ValueError for a number out of the bounds and for names that are hardly different."""
+        """The value of the key; ValueError for a number out of the bounds and for names that are almost equal."""
         if isinstance(value, dict):
             check_different("name", map(str, value))
         if self.filled and value == ():
@@ -77,7 +77,7 @@ def _numbers(value: Any) -> Iterator[float]:
 def section(cls: type[T]) -> type[T]:
     """A frozen dataclass whose fields are the keys that a study may give, each of the type of its annotation.
 
-    Made in Python, too, it takes what a study may give, and an array for a tuple; ValueError names the first field
+    In Python it accepts the values of a study, and an array for a tuple; ValueError names the first field
     that is wrong.
     """
     made: Any = dataclass(frozen=True)(cls)

@@ -80,7 +80,7 @@ By: TypeAlias = Literal["linearisation", "samples"]
 
 # Numbers of draws, and the error up to which slopes suffice; they state no fault and so have no false alarms.
 CHECK_DRAWS = 16  # draws against which the slopes are held
-SLOPE_ERROR = 0.15  # rms of what the slopes miss of these draws, over the rms of the draws
+SLOPE_ERROR = 0.15  # rms error of the slopes at these draws, over the rms of the draws
 DRAWS = 400  # from which intervals are taken where slopes do not suffice
 NORMAL_NUMBERS = 2000  # of normal numbers, for quantiles where slopes do
 UNREACHED_STEP = 1e-4  # of x along a direction of which nothing is known
@@ -93,7 +93,7 @@ LEVEL = 0.95
 class Spread:
     """y (...) at the estimate, its errors (N, ...) as shifts s_k or as draws, and where it is unknown.
 
-    by: of what the errors are.  unknown (...): y depends on numbers that nothing constrains.
+    by: method of the errors.  unknown (...): y depends on unconstrained numbers.
     """
 
     value: Any
@@ -132,7 +132,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     value = np.asarray(function(x))
     unreached = np.isinf(np.diag(covariance))
     axes = principal_axes(covariance)
-    # A number that is hardly known at all has the slope at the estimate, not that across absurd robots.
+    # An almost unconstrained number has the slope at the estimate, not the slope across absurd robots.
     parts = [min(1.0, SLOPE_STEP / float(np.abs(axis).max())) for axis in axes]
     steps = zip(axes, parts, strict=True)
     shifts = [(np.asarray(function(x + h * axis)) - function(x - h * axis)) / (2 * h) for axis, h in steps]

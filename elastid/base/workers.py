@@ -5,7 +5,7 @@ built and the values that they have (`execution.persistent_workers`). Workers of
 same messages (`base.execution`).
 
 Large frozen arrays, and instances of `Kept`, which stay there as here, go to another process once: both ends of a pipe
-know what the other one has by names. What is gone here is forgotten there with the next work.
+know the values of the other one by names. A value that is deleted here is deleted there with the next work.
 """
 
 import logging
@@ -39,7 +39,7 @@ class LostError(Exception):
     """The other end names a value that is not here, or no longer."""
 
 
-_NAMES = dict[int, bytes]()  # by the identity of what lives
+_NAMES = dict[int, bytes]()  # by the identity of living objects
 _VALUES = WeakValueDictionary[bytes, Any]()
 _ARRIVED: ContextVar[dict[bytes, Any]] = ContextVar("values that come with a message")
 
@@ -141,7 +141,7 @@ def _made(of: type[Any], values: dict[str, Any]) -> Any:
 
 
 def _frozen(values: Any) -> Any:
-    values = values.copy(order="K")  # what comes by pickle owns no memory, and would not be known
+    values = values.copy(order="K")  # an unpickled array owns no memory, and would have no name
     values.flags.writeable = False
     return values
 
@@ -376,7 +376,7 @@ class Served:
             failed = Outcome(error=error, trace=format_exc())
         try:
             return self._end.packed(failed)
-        except Exception:  # an error that holds what does not pickle
+        except Exception:  # an error with a value that does not pickle
             return self._end.packed(Outcome(error=RuntimeError(failed.trace)))
 
 

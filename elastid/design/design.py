@@ -89,7 +89,7 @@ class Design:
 def design(problem: DesignProblem, execution: Execution | None = None) -> Design:
     """Choose configurations, plan, keep within limits, forecast.
 
-    Raises StudyError for a problem without a solution, with what is in the way.
+    Raises StudyError for a problem without a solution, with the reason.
     """
     execution = execution or Execution()
     excitation, experiment = problem.excitation, problem.experiment

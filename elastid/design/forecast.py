@@ -163,7 +163,7 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
 
 
 # `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit, in the
-# measured periods.  The last three are those of injected references, which robots check as well.
+# measured periods.  The last three are of injected references, which robots check as well.
 QUANTITIES = (
     *("torque", "position", "velocity", "acceleration", "turning back"),
     *("reference position", "reference velocity", "reference acceleration"),

@@ -1,7 +1,7 @@
 """Plan of a friction study: speeds and order of constant-velocity runs, presliding torques, and warm-ups.
 
 Speeds are D-optimal over the laws that the joint may have (with a certificate), windows and ramps those that the
-joint's limits leave; what cannot be done is refused by name.
+joint's limits leave; impossible motions are refused by name.
 """
 
 import math

@@ -3,10 +3,10 @@ r"""Amplitudes within the robot's limits, scaled by linear prediction and checke
 .. math:: |x_{movement}| + |x_{multisine}| \le (1 - margin)\, limit, \qquad
           x = torque, position, velocity, acceleration
 
-The movement's peaks (holding torque, friction, carrier, ramps) come from a rehearsal without multisine, those of the
-multisine from the closed loop's linear response. Runs that come near a limit by that, and the nearest in any case, are
-then rehearsed as whole runs on the nominal robot with its friction and noise, and the configuration scaled again until
-all peaks are inside.
+The movement's peaks (holding torque, friction, carrier, ramps) come from a simulation without multisine, the peaks of
+the multisine from the linear response of the closed loop. Runs near a limit, and the nearest run in any case, are then
+simulated as a whole with the nominal robot, its friction and noise, and the configuration is scaled again until all
+peaks are within the limits.
 """
 
 from collections.abc import Collection, Mapping
@@ -215,7 +215,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
         predict = closed_loop_of(rig.robot, controller, plan.rate_hz, plan.inject)
         loop = predict(plan.configurations[q], plan.freq_hz)
         parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
-        if not is_torque:  # the references are those of the study's gains
+        if not is_torque:  # the references are for the gains of the study
             changed = np.linalg.solve(loop.reference, plan.S_inverse[q])
             parts[-1] = [*(np.asarray(signal @ changed) for signal in parts[-1]), x, s * x, s**2 * x]
     return np.moveaxis(np.array(parts), 2, 0)

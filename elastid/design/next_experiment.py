@@ -4,12 +4,12 @@ r"""The next experiment towards a goal: posture and length of the largest gain f
 
 M_0: the information of the fit so far, H: of a configuration c in P periods, which take T_P; r_p: the part of the goal
 that its interval uses, so that goals which are reached barely count. Phi doubles with twice the information.
-Where one experiment reaches the goal, the shortest such is best. The spectrum is that of the study, with
-`flat: information` the best one of the posture.
+If one experiment reaches the goal, the shortest one is best. The spectrum is from the study; with
+`flat: information` it is the optimal spectrum of the posture.
 
 .. math:: r_p = \frac{1.96\, \sigma_p}{w_p |p|} \le 1
 
-w_p: the half width of a 95 % interval that the goal asks for, sigma_p the standard deviation (of ln p times p for a
+w_p: the half width of the 95 % interval of the goal, sigma_p the standard deviation (of ln p times p for a
 logarithmic parameter).
 """
 
@@ -62,7 +62,7 @@ class Goal:
         for name, width in self.widths.items():
             low, high = result.interval(name)
             ratio = (high - low) / 2 / max(abs(result.values[name]), 1e-300) / width
-            used[name] = ratio if np.isfinite(ratio) else np.inf  # of what the data do not reach
+            used[name] = ratio if np.isfinite(ratio) else np.inf  # parameters that the data do not reach
         return used
 
 

@@ -1,4 +1,4 @@
-r"""Optimal design: powers of lines, or shares of candidates, of the most information, with a bound on their optimality.
+r"""Optimal design: powers of lines, or fractions of candidates, for the most information, with a bound on it.
 
 .. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_{kl} c_{okl} P_{kl} \le 1, \quad
           P_{kl} \ge \epsilon \bar P_{kl}
@@ -239,7 +239,7 @@ def even_powers(cost: FloatArray) -> FloatArray:
     powers = 1 / per_input.max(axis=1)
     for _ in range(30):
         used = np.einsum("kol,kl->ko", per_input, powers)
-        # Of the limits that bound an input (it has a tenth of what is used, or more), the one that is used most.
+        # The most used limit among those that an input contributes a tenth to, or more.
         counts = per_input * powers[:, None, :] > 0.1 * used[..., None]
         powers = powers / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
     powers = powers / np.einsum("kol,kl->ko", per_input, powers).max(axis=1, keepdims=True)

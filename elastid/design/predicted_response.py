@@ -89,9 +89,9 @@ COMPENSATED_FRICTION = 0.004
 
 @dataclass(frozen=True, eq=False)
 class Prospect:
-    """All that the information of a configuration depends on, but for the configuration; it pickles.
+    """Data that determine the information of any configuration; it pickles.
 
-    plan: of one configuration, in realisations that stand for all.  outputs and quantity: what is estimated.
+    plan: of one configuration, in representative realisations.  outputs and quantity: of the estimate.
     distortion: std of G over |G| in one realisation.  includes_friction: responses have damping and scatter by
     friction; else COMPENSATED_FRICTION times the scatter.  presliding: springs of motors in the model of the fit.
     """

@@ -226,8 +226,8 @@ def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:
 class RelinearisedOptimum:
     """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
 
-    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: those of
-    the posture at rest, their systematic errors as the model has them at the end.
+    fit: of the responses without the estimated systematic errors; factors (n_b,): of these errors.  responses: of the
+    posture at rest, with the systematic errors of the model at the end.
     """
 
     end: LocalOptimum
@@ -290,7 +290,7 @@ def relinearise(
 ) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
-    near: an optimum of the same responses, whose motion-induced bias and factors are those of the start.
+    near: an optimum of the same responses, whose motion-induced bias and factors are the start.
 
     Until it moves by less than 10 FINE, for 10 rounds at most, 30 with a robust loss: each gains a decimal or two, and
     of a quiet rig whose file is off the first moves by 1e5.
@@ -356,8 +356,8 @@ def _where_it_stands(
 ) -> RelinearisedOptimum:
     """The nearest point halfway, and halfway again, to the start at which the robot stands; not converged.
 
-    What made springs so soft, such as postures that are not those of the file, is found from there; of a file with
-    tolerances by a fit that holds its numbers, for which NoRestError is raised.
+    The diagnosis finds from there why the springs became so soft, for example by wrong postures. For a robot model with
+    tolerances NoRestError is raised, and the fit is repeated with fixed numbers.
     """
     no_rest, start, x = NoRestError(error), assembly.parameters.x, end.x
     if any(p.is_nuisance for p in assembly.parameters):

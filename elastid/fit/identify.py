@@ -119,7 +119,7 @@ def identified(
             fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
             text = f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
             raise FitError("fit/loads", text) from None
-    # A gross fault bends the numbers of the file, too, and is named less surely from there.
+    # A gross fault biases the nuisance parameters, too, and its cause is less certain then.
     return identified(responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads)
 
 
@@ -380,7 +380,7 @@ def _with_model_error(
 def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Estimate:
     """The estimate with load tests and responses at the tool compared with the responses of the motors.
 
-    Of what contradicts these the estimate is free, and its covariance holds the step to the estimate by all.
+    Contradicting data do not enter the estimate; its covariance includes the step to the estimate by all data.
     """
     alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
     if (assembly.loads is None and not at_tool.responses) or not alone.responses:

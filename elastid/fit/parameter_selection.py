@@ -2,13 +2,13 @@ r"""Selection of the parameters of a fit: numbers of the robot under `fit.parame
 parameters.
 
 Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
-geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
-does not name keeps the robot's number.
+geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. Numbers that
+a study does not name keep the value of the robot model.
 
 Groups of configurations may have parameters of their own: each robot of a type, a temperature, each configuration.
-fm_1@warm stands in for fm_1 in the configurations of the group warm.
+fm_1@warm replaces fm_1 in the configurations of the group warm.
 
-Numbers of the robot's file within their tolerances are unknowns with a prior, next to those that a study asks for.
+Numbers with tolerances are nuisance parameters: unknowns with a prior, beside the parameters of interest.
 
 .. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
 
@@ -40,9 +40,9 @@ AT_TOOL = " at the tool"
 def groups_of(
     name: str, spec: ParameterSpec, robots: Mapping[str, Sequence[str]], configurations: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
-    """Group to its configurations, of the groups of which any is fitted.
+    """Map each group with a fitted configuration to its configurations.
 
-    Those of a group that are not fitted are in it, too: what was found for the group predicts them.
+    A group includes configurations that are not fitted: its parameters predict them.
     StudyError for `per: robot` without robots.
     """
     per = spec.per
@@ -251,8 +251,8 @@ MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against a
 def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
     """Free the fixed numbers of the robot within robot.tolerances; unchanged where all are exact.
 
-    What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
-    an offset of an axis acts in second order.
+    Parameters that spec.parameters frees, ties or fixes do not change.  Coordinates of zero stay fixed, except centres
+    of mass: an offset of an axis acts in second order.
     """
     has_references = channel_name(DELAY, "r") in parameters.names
     unused = ("gain_u_",) if has_references else ("gain_kp_", "gain_kd_")

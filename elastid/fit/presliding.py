@@ -218,7 +218,7 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
         joint = remaining.pop(int(np.argmax(predicted)))
         best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
         state = best if state.cost - best.cost > by_chance * best.cost_ratio else state
-    # What compensated friction leaves is not Gaussian.
+    # Residuals of compensated friction are not Gaussian.
     return state if first.cost - state.cost > LIMITS.drop * state.cost_ratio else first
 
 
@@ -363,7 +363,7 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
     times = [time for response in assembly.responses for time in _between_reversals(response, place)]
     unit = "N/m" if assembly.linearisation.model.robot.sliding((place,)) else "N*m/rad"
     stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a
-    # Of what a compensation leaves the rate is not E|w| / z.
+    # The rate of a compensation error is not E|w| / z.
     amplitude = a * float(np.median(times)) if times and spring.sign > 0 else math.nan
     return Presliding(place, unit, spring.sign * s, stds[0], a, stds[1], amplitude)
 

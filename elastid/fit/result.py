@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     """Return C_xx - C_xn C_nn^-1 C_nx (n, n), the conditional covariance of the first n variables given the others."""
     cross = C[:n, n:]
-    if not np.isfinite(C).all():  # of what the data do not reach
+    if not np.isfinite(C).all():  # parameters that the data do not reach
         return C[:n, :n].copy()
     return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
 
@@ -86,7 +86,7 @@ class Result:
     first.  starts: sorted by V.  n_converged_starts: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of fixed numbers, in sequence and alone, if V exceeds the noise.
-    assumed_rigid: what is taken as rigid and shows in no response; empty where that was not judged.
+    assumed_rigid: parts assumed rigid, whose elasticity no response shows; empty without a diagnosis.
     presliding: friction of motors that was estimated, too; the covariance includes it.
     verdicts (n,): on each parameter of interest, in words; empty if the fit ended without an optimum.
     model_error: relative to abs(G) in weights and covariance, the largest of the responses.
@@ -493,7 +493,7 @@ class Result:
         """Return the result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
-        TypeError for what is no number, ValueError for a tied number and one that is out of range.
+        TypeError if a value is not a number, ValueError for a tied number or a value out of range.
         """
         x, free = self.x.copy(), self.parameters.free_names
         others = np.array([name not in values for name in free])
@@ -531,10 +531,10 @@ class Result:
 
     @property
     def doubts(self) -> tuple[ModelErrorFactor, ...]:
-        """Numbers that would explain where the model is wrong, as errors of `DOUBT` of their steps."""
+        """Numbers that would explain the model error, with errors of `DOUBT` times their steps."""
         if not self.exceeds_noise:
             return ()
-        # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a sixth to spare.
+        # A step explains the whole misfit: the 95 % interval of such an error contains it with a sixth to spare.
         leading = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
             ModelErrorFactor(

@@ -62,11 +62,11 @@ class ModificationIndex:
 
     name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
     members, values, units: the numbers and their fixed values, SI.  log: whether the step of each is of ln p.
-    steps (n_m,): their changes, cut where they would leave what is plausible.  std: of the first by the measured noise.
+    steps (n_m,): their changes, limited to plausible values.  std: of the first by the measured noise.
     drop: of V.  explained_fraction: of the excess of V.  effects (n_x,): implied change of each free parameter, in x.
     alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
     sequence in which each is freed after those before it, with the further share that it explains.
-    odds: 2 ln of those against the likeliest cause, of which occam is what its freedom and the prior of its size take.
+    odds: 2 ln of the odds against the likeliest cause.  occam: the part of the odds by freedom and prior of its size.
     """
 
     name: str

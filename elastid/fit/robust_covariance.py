@@ -15,7 +15,7 @@ noise, n the sum of the ranks of S_b:
 
 A model error that parameters absorb does not show in the residuals of one configuration, but it is absorbed by
 different values in each. T is 1 where the model is true, since noise alone then parts the blocks.  t >= 1 accounts for
-few configurations or blocks: the 97.5 % point of Student's distribution over that of the normal one.
+few configurations or blocks: the 97.5 % quantiles of Student's over the normal distribution.
 (Efron & Stein 1981, The jackknife estimate of variance; White 1980, Econometrica 48; blocks as clusters, and t, Cameron
 & Miller 2015, section VI; T as Cochran 1954, Biometrics 10.)
 """
@@ -53,7 +53,7 @@ class RatioSums:
 class LineSums:
     """Sums of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
 
-    rows (n, n_x): rows with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
+    rows (n, n_x): rows with the J^T J of its part.  power (F, n_p): contribution of each line to the
     variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
     its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
     blocks (B, n_x): the pulls summed over bands.  noise (n_x, n_x): the covariance of their sum under the measured
@@ -102,8 +102,8 @@ def sum_lines(
     """Return the sums of one configuration at x (n_p,); fit: whose parameters count.
 
     factors: of systematic errors, which are further columns of J.  half (n_x, n_p): H with A^-1 = H^T H.  The variables
-    of the sums are z, with x = H^T z, in which A = 1: of variances that differ by 1e8 and more, as those of a scale
-    that only the file has and those of ratios, the small ones are lost where sums are formed in x.
+    of the sums are z, with x = H^T z, in which A = 1. Variances can differ by 1e8 and more, for example of a scale that
+    only the prior determines and of ratios; sums in x would lose the small ones.
     """
     part, response, weights = configuration
     mixing = part.mixing
@@ -183,7 +183,7 @@ def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) 
 
     .. math:: \tau = 1 + 2 \sum_{l=1}^{L} \rho(l), \qquad \rho(l) = \mathrm{Re} \sum_k r_k^* r_{k+l} / \sum_k |r_k|^2
 
-    L is the last lag before rho falls to what chance explains, at most a quarter of the lines.
+    L is the last lag before rho falls to chance, at most a quarter of the lines.
     """
     power = sum(float(rho_q[0]) for rho_q in autocovariances if len(rho_q))
     longest = max((len(rho_q) for rho_q in autocovariances), default=0) // 4

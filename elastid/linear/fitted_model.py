@@ -13,8 +13,8 @@ controller's gains part of K and D and its integral Delta. Deviations of modes a
                                         {\phi^T (2 \lambda M + D)\, \phi}, \qquad
           \mathrm{cov}\, y = \frac{dy}{dx}\, \mathrm{cov}\, x\, \frac{dy}{dx}^H
 
-where M, D, K are symmetric, so that left and right eigenvectors are one (Adhikari, JSV 2000, 10); those of bands and of
-stiffness are of draws where these do not agree with the first order.
+where M, D, K are symmetric, so that left and right eigenvectors are equal (Adhikari, JSV 2000, 10). Deviations of
+bands and stiffness are from posterior samples if these disagree with the first order.
 """
 
 from collections.abc import Collection
@@ -276,9 +276,9 @@ class FittedModel:
     def response(self, freq_hz: FloatArray, *, sampled: bool = False, sampled_hz: float | None = None) -> Response:
         """Return the frequency response at freq_hz (F,), or at one.
 
-        Without the delay these are the numbers of `to_control`.  sampled: with the images of torques that are held and
-        angles that are sampled, as a measured response contains them: 0.1 % at an eighth of the rate.  sampled_hz: with
-        those of inputs that are held, and outputs that are sampled, at this rate, as a drive and its log do.
+        Without the delay these are the numbers of `to_control`.  sampled: with the aliases of ZOH torques and sampled
+        angles, as in a measured response: 0.1 % at an eighth of the rate.  sampled_hz: with the aliases of ZOH inputs
+        and sampled outputs at this rate, as of a drive and its log.
         ValueError for frequencies that are not positive.
         """
         hold = self.linear.hold if sampled else None

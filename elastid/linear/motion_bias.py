@@ -12,11 +12,11 @@ statistical linearisation: the mean mass matrix, gravity that a swing makes soft
 posture times the acceleration that goes with it. The others are of the same size: e_2, the motion at sums and
 differences of lines, meets e_1 again. The first alone depends on the coordinates, and has the stretch of a loop to
 second order not at all; together they are the same for each formulation. e_2 passes through the controller: with its
-feedback where that is known, with motors that stand still at these frequencies where it is not. The mean of the motors
-is measured: a controller without integral gives way to that of e_2.
+feedback if it is known, else with motors that stand still at these frequencies. The mean of the motors is measured,
+because a controller without integral yields to the mean torque of e_2.
 
-Without motion, and in a model whose equations are linear, the change is zero. It falls off with the square of the
-motion; what is left out, of fourth order, is smaller by that square in rad^2.
+Without motion, and in a model whose equations are linear, the change is zero. It decreases with the square of the
+motion; the neglected terms of fourth order are smaller by this square in rad^2.
 """
 
 from collections.abc import Callable
@@ -58,7 +58,7 @@ def estimate_motion_bias(
     measured count as standing still.  StudyError as `equilibrium`.
     None where no motion is known, where it cannot matter, and for a motion to where the equations have no number (a gas
     spring at its end).
-    No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
+    No parameter of a fit shifts by more standard deviations than the effect over the std of all elements.
     """
     motion, noise, freq_hz = response.motion, response.uncertainty, response.freq_hz
     if motion is None or not motion.power.any():

@@ -46,9 +46,9 @@ The energy of a spring in a small motion is
 
 .. math:: E_s = \tfrac12\, c_s\, (b_s\, dq)^2, \qquad b_s = \partial x_s / \partial q
 
-with the tangent stiffness c_s and the deflection x_s. Of springs in series x_s is the torque that each bears, that of
-X^T K_a (q_m - q_a), and c_s = 1 / k_s. Preload, which turns with the robot, is no part of it: with the weight it makes
-the rest of the energy of K.
+with the tangent stiffness c_s and the deflection x_s. For springs in series x_s is the torque X^T K_a (q_m - q_a) of
+each spring, and c_s = 1 / k_s. The preload, which turns with the robot, is not included: together with the weight it
+is the rest of the energy of K.
 """
 
 from collections.abc import Mapping, Sequence

@@ -222,7 +222,7 @@ class ElasticJoint:
 def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | None:
     """Inertias of motor and link, link side, with the gear spring; None if the model has no such form.
 
-    angles (n_u,): posture in which the other joints are held, their springs and those of undriven joints stiff.
+    angles (n_u,): posture in which the other joints are locked, with stiff springs, as in undriven joints.
     Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.
     """
     names = [part.name for part in robot.joints]

@@ -1,6 +1,6 @@
 r"""The frames of a robot's joints as a tree, turns of its joints, and positions of points of its bodies, in CasADi.
 
-One frame a joint, fixed to what the joint moves; a joint about an oblique axis has a frame whose z is that axis. A
+One frame a joint, fixed to the moved body; a joint about an oblique axis has a frame whose z is that axis. A
 joint that slides moves its frame's origin along that axis and turns nothing. Origins are numbers, but for coordinates
 of the geometry that are symbols of theta. A turn about a coordinate axis costs six operations a vector instead of a
 3 x 3 product.

@@ -173,8 +173,8 @@ def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...])
 def inverse_dynamics(robot: Robot) -> ca.Function:
     """tau(q, v, a, theta) (n_l,) that the joints bear, by Newton-Euler; theta in the order of robot.parameters().
 
-    Nm of a rotation, N of a translation, in the order of robot.joints. For coupled motors q, v, a and tau are
-    those of the shaft over, or times, the motor's own ratio: q = robot.mixing @ angles of the driven joints.
+    Nm of a rotation, N of a translation, in the order of robot.joints. For coupled motors q, v and a are
+    of the shaft divided by the motor's ratio, and tau multiplied by it: q = robot.mixing @ angles of the driven joints.
     """
     names = list(robot.parameters())
     theta = ca.SX.sym("theta", len(names))

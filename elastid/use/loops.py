@@ -322,7 +322,7 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
 class LoopState:
     """A controller in Q postures of n_u axes, with the ends of 95 % of the draws (NaN without draws).
 
-    peak_db (Q,): M_S, infinite where a loop is unstable.  limited_by (Q,): what makes it.  bandwidth_hz (Q, n_u).
+    peak_db (Q,): M_S, infinite where a loop is unstable.  limited_by (Q,): its cause.  bandwidth_hz (Q, n_u).
     drawn_peaks_db (D,): of each draw over all postures.  freq_hz, sensitivity_db (Q, K): of a figure.
     """
 

@@ -391,7 +391,7 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
 def coulomb_torque_along(robot: Robot, model: ElasticModel, velocity: FloatArray, rate_hz: float) -> FloatArray:
     """Dry friction (N, n_u) of the motors along their velocities (N, n_u), link side, from rest, bristles included.
 
-    That behind a gear's spring is not here: the motion of the joint is not that of its motor.
+    Friction behind the spring of a gear is not included: the joint moves differently from its motor.
     """
     laws = [law for law in frictions(robot) if law.place in model.inputs]
     placed = contacts(model, laws)

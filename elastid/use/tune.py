@@ -94,7 +94,7 @@ class TwinLoop:
         model = self.plant.model
         theta = np.array([table[name][0] for name in model.parameters])
         rest = equilibrium(model, theta, Configuration("start", references.position[0])).q
-        # As the loop differentiates what it reads, so that its torque is of the error alone.
+        # As the loop differentiates its readings, so that its torque is of the error alone.
         velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
         none = np.zeros_like(velocity)
         commands = Commands(references.position, velocity, references.torque, none, none)

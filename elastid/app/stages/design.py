@@ -61,7 +61,7 @@ def design(study: Study, work: Work) -> Artefacts:
         say(f"design: references/*.csv: {played}")
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
-        # Relative standard deviations below 1e-9 are those of rounding.
+        # Relative standard deviations below 1e-9 are rounding.
         if np.nanmax(np.where(np.isfinite(forecast.relative), forecast.relative, 0.0)) < 1e-9:
             console.say("design: no predicted intervals, because experiment.simulated.noise is missing")
         else:

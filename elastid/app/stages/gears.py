@@ -1,6 +1,6 @@
 """gears: records, responses and a fit -> gears.h5, and the fit's summary.json and robot file with the effects.
 
-k and d of the linear fit are those of the amplitude of the records; k found beside the effects is that at zero torque.
+k and d of the linear fit apply at the amplitude of the records; k beside the effects applies at zero torque.
 """
 
 import json

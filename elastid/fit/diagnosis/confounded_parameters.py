@@ -47,7 +47,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
     .. math:: e_1 = \min_i \frac{\sigma_i}{|\partial x_i / \partial h|}, \qquad e_\text{undetectable} = \sqrt{D / S}
 
     are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
-    no more than what shows a model to be wrong (D, `status.LIMITS.drop`).
+    no more than the limit of a model error (D, `status.LIMITS.drop`).
     """
     n = len(result.parameters.of_interest)
     test, std = scores.test, result.std_of_x[:n]

@@ -71,7 +71,7 @@ def fit_delay_forms(
 ) -> Iterator[TimeDelay]:
     """Return the best T of each form near a delay of that name and size T_0.
 
-    channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow.
+    channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): flags.
     """
     from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
 

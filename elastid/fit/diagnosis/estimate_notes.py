@@ -53,7 +53,7 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     All amplitudes of a posture are one configuration here: gears that are not linear need no second robot.
     """
     result = evidence.result
-    # What a cause leaves may be chance where V is little above the noise.
+    # The residuals beside a cause may be chance if V is barely above the noise.
     remaining_cost, by_chance = result.cost - evidence.best.drop, max_cost_ratio(result.cost_dof) * result.cost_expected
     best = evidence.best
     is_explained = best.explained_fraction >= LIMITS.sufficient_fraction or (best.drop and remaining_cost < by_chance)

@@ -37,7 +37,7 @@ from elastid.robot import Body, Joint, Robot, Spring, channel_name
 class ExtendedModel:
     """linearisation: robot with geometry, gains and stiff springs as parameters.
 
-    rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
+    rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance of each.
     loads: the torque at rest of each driven joint, N m, by configuration.
     """
 
@@ -117,7 +117,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
             if axis in axes or tuple(np.eye(3)["xyz".index(axis)].tolist()) in axes:
                 continue
             name = f"base_{axis}" if is_root else f"{body.name}_{axis}"
-            # What the robot stands on is in series before its first joint, wherever that is turned.
+            # The base is in series before the first joint, whatever its angle.
             joints.insert(0 if is_root else len(joints), Joint(name, axis, stiff))  # type: ignore[arg-type]
             names[f"k_{name}"] = name if is_root else f"torsion_{name}"
         bodies.append(replace(body, joints=tuple(joints)))

@@ -184,7 +184,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
                summary="fixed damping or viscous friction", plant="friction behind gear 2"),
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2, unit="m"),
                summary="length or position of a joint", plant="link length"),
-    # Plausibility: what a robot carries changes, its links do not.
+    # Plausibility: payloads change, links do not.
     Hypothesis("payload", phrase=payload,
                advice="add a forgotten payload to the robot model, or correct mass and centre of body {where}",
                summary="payload that the robot model lacks", plant="payload 5 kg", plausibility=20.0,
@@ -197,7 +197,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
                advice="check time stamps and start of its files, and whether robot, day and temperature are the "
                       "same; else exclude or repeat it",
                summary="delay, torque scale or stiffness of one configuration", plant="soft day", is_stated=False),
-    # What gears do besides.
+    # Effects of gears.
     Hypothesis("load", ("load", "play"), Size(0.1, 1.0, unit="1"), phrase=load,
                advice="give the spring of the gear cubic (hardening) or backlash in the robot model",
                summary="stiffness of a gear that increases with its torque", plant="gear 2 hardens by 10 %",
@@ -210,7 +210,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
                advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of "
                       "the robot", summary="channels in another unit", plant="torque constants 20 % off",
                search=find_misreading),
-    # What the robot's file lacks.
+    # Effects that the robot model lacks.
     Hypothesis("compliance", ("torsion", "gear", "base"), Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
                phrase=compliance,
                advice="add it to the robot model with a spring, and compare: `elastid compare STUDY --search`",
@@ -266,5 +266,5 @@ def _remedy(row: Hypothesis) -> str:
     return advice.format(name="NAME", where="NAME", usual=row.size.usual, size="")
 
 
-# For fits that are compared: those of other robots take longer than the fit, and no status depends on them.
+# For compared fits: hypotheses of other robots take longer than the fit, and no status depends on them.
 WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_alternatives else replace(h, search=None) for h in HYPOTHESES)

@@ -64,7 +64,7 @@ class Hypothesis:
     summary: noun for the error, shown by `elastid explain causes`.  plant: the fault that shows it, of
     tests/plants/faults.py or scripts/studies/causes.py.
     plausibility: prior odds of a cause of this family against one of another, all its members together.
-    is_stated: True for numbers that a file or a study states; False for what a model of the robot lacks.
+    is_stated: True for numbers of a file or study; False for effects that the robot model lacks.
     """
 
     family: str

@@ -39,7 +39,7 @@ class Limits:
     complete_fraction: float = 0.99  # below which scales and variants are tried, too
     # The ranking of causes.
     false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
-    linear_error: float = 0.002  # of the excess that one step leaves of what the true cause explains
+    linear_error: float = 0.002  # of the excess that the true cause explains, error of one linear step
     equal_correlation: float = 0.95  # squared, from which two candidates cannot be distinguished
     equal_drop: float = 0.9  # ratio of their drops, likewise, or of V of two readings or variants
     equal_odds: float = 6.0  # 2 ln of the odds (20 to 1) below which two causes cannot be told apart
@@ -50,7 +50,7 @@ class Limits:
     ranked: int = 25  # judged by their forms
     named: int = 3  # parameters, postures, or causes besides, in a sentence
     prior_std: float = 0.5  # the widest prior that is recommended
-    # What is searched for.
+    # The searches.
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
     followed: int = 3  # readings, springs and delays that are followed
     predicted_ratio: float = 1.5  # V over that of the fit up to which readings and springs are followed
@@ -67,7 +67,7 @@ class Limits:
     # A second source: each test errs once in 700 fits.
     tail: float = 1 / 700  # probability of T, and of the factor, by chance
     unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach
-    largest: float = 0.9  # factor less 1, beyond which another reading explains what it imitates
+    largest: float = 0.9  # factor less 1, beyond which another channel interpretation is the cause
 
 
 LIMITS = Limits()

@@ -37,7 +37,7 @@ def prior_moves(result: Result) -> FloatArray:
 def contradicted_priors(result: Result) -> tuple[Note, ...]:
     """Return the priors of the study that data without them contradict.
 
-    Of a prior of mean m and variance S the difference x - m has the variance S - P, P being that of x.
+    With a prior of mean m and variance S, and the posterior variance P, x - m has the variance S - P.
     """
     notes = []
     for p, P, move in zip(result.parameters.free, np.diag(result.covariance), prior_moves(result), strict=True):
@@ -59,8 +59,8 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
 
     Distances d over their tolerances: d^T d has the expectation tr(1 - P), P: posterior covariance of d. A number that
     scattering gear ratios move by more than its tolerance (P > 1) counts as one.
-    They move the parameters of interest by L d, L = C_an C_nn^-1, from their values with an exact model; by what the
-    tolerances explain this step has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
+    They shift the parameters of interest by L d, L = C_an C_nn^-1, from the values of an exact model. Tolerances alone
+    give this shift the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
     n, C = len(result.parameters.of_interest), result.covariance
     d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])

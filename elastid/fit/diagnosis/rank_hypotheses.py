@@ -60,7 +60,7 @@ from elastid.robot import Robot
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
 
 
-# J^T J (n, n), J^T r (n,) and r^T r, residuals, and the names of the columns of J after those of x (n_x,).
+# J^T J (n, n), J^T r (n,) and r^T r, residuals, and the names of the columns of J after x (n_x,).
 _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
 
 
@@ -123,7 +123,7 @@ def _sums(
     """The sums of a configuration, some lines of which count; None of one that is not chosen."""
     if part.configuration not in names or not (part := thin(part)).n_residuals:
         return None
-    # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
+    # Residuals of the model of the fit: its rigid parts are slightly compliant in the extended model.
     G = part.kernel.response(part.theta(parameters, x))
     evaluated = replace(evaluate_extended(extended, parameters, x, columns, part), G=G)
     J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.fixed.values()))]))
@@ -227,7 +227,7 @@ def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: S
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
     """Return causes that lower V significantly: the most likely with further ones, then each alone."""
     indices = ranked(scores.test, scores)
-    # What linear steps do not show is looked for where residuals are more than the noise.
+    # Causes that linear steps do not show are searched if the residuals exceed the noise.
     for search in (h.search for h in evidence.hypotheses if h.search is not None and evidence.is_unexplained):
         indices = search(indices, evidence, scores)
     if not indices:
@@ -250,7 +250,7 @@ def _following_causes(first: ModificationIndex, scores: Scores) -> list[Modifica
     before, following, test = first, list[ModificationIndex](), scores.test
     for place in range(2, LIMITS.sequence + 1):
         linear = as_delay(before.name)
-        # Further resonances, and what a fit of its own has found, are no linear changes.
+        # Further resonances, and results of a separate fit, are no linear changes.
         if linear not in by_name or before.group == "compliance" or math.isnan(before.std):
             break
         test = test.freed(by_name[linear])
@@ -300,7 +300,7 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
     tau2 = temper(scores)
-    # Less than that is neither significant nor like what is.
+    # A smaller drop is neither significant nor equivalent to a significant cause.
     if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
         return np.zeros(len(candidate.places)), 0.0, 0.0
     if candidate.name.startswith("payload_"):
@@ -340,7 +340,7 @@ def rank_causes(
     if evidence.noise_cost > 0 or evidence.is_unexplained:
         scores = score(evidence)
         indices = modification_indices(evidence, scores)
-        # Where V is that of the noise, only a cause counts that shows the model, or the file, to be wrong.
+        # If V is within the noise, a cause counts only if it shows an error of the model or of its numbers.
         is_decisive = decisive_index(result, uncertainty, indices) is not None
         if uncertainty.ratios.explains or not (
             evidence.is_unexplained or is_decisive or contradicted_tolerances(result)

@@ -20,9 +20,9 @@ from elastid.fit.result import Result
 from elastid.fit.result_rows import RigidPart
 from elastid.robot import Robot
 
-# Assumed stiffness of a pedestal over that of the gear; one of steel on a floor, N m/rad, is no stiffer under a stiffer
-# gear. What a base takes is in proportion to its compliance, and the stiffness from which on it is within the intervals
-# depends on neither.
+# Assumed stiffness of a pedestal over the gear stiffness, and its maximum in N m/rad, a steel pedestal on a floor. The
+# bias by a base is proportional to its compliance; the stiffness from which on it is within the intervals depends on
+# neither.
 BASE_RATIO, STIFFEST_BASE = 100.0, 1e7
 
 NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is not named

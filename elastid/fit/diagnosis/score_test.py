@@ -85,7 +85,7 @@ class ScoreTest:
     def step(self, candidate: Candidate) -> tuple[FloatArray, float]:
         """Return steps (n_m,) of a candidate, limited to plausible sizes, and the decrease of V; 0 without information.
 
-        Several numbers have a prior of the width of what is plausible, which decides where the data do not.
+        Several numbers have a prior with the width of plausible values, which decides if the data do not.
         """
         D, places = candidate.directions, candidate.places
         S, g = self.along(candidate)

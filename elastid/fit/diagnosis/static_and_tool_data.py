@@ -4,9 +4,9 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 
 .. math:: T = \min_x \; |r(x)|^2 + (x - x_m)^T C^{-1} (x - x_m) \sim \chi^2
 
-by the solver of the fit. Where T, or the factor by which all that the source measured is larger, is
-beyond chance, they disagree. The cause is that factor, c in r - c W y, where it explains more than half of T; of
-responses at the tool it may be another reading of force and motion (sign, quantity, motors that were not as stated).
+by the solver of the fit. They disagree if T, or a common factor of all measured values, is significant. The factor, c
+in r - c W y, is the cause if it explains more than half of T. For responses at the tool, wrong channels of force and
+motion (sign, quantity, state of the motors) are tested, too.
 """
 
 from __future__ import annotations

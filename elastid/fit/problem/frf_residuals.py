@@ -3,9 +3,9 @@ r"""FRF residuals: responses and linear models of all configurations as one Leas
 .. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
           + \text{priors}
 
-One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked. Sums of all
-configurations are those of chunks of neighbours, added in their order: the same to the last bit wherever a chunk is
-computed, here or at a worker that has it.
+One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked. Chunks of
+neighbouring configurations are summed in their order: the sums are equal to the last bit wherever a chunk is computed,
+here or at a worker that has it.
 """
 
 import math
@@ -117,7 +117,7 @@ class Part(Kept):
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
 
-        mixing: that of the part.
+        mixing: `Part.mixing`.
         """
         e, used = difference(self.criterion, self.measured, G), self.gain > 0
         return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
@@ -282,9 +282,9 @@ def elastic_fit(
 ) -> ElasticFit:
     """Return the fit of `models` to `responses`, inputs and outputs matched by name.
 
-    The logarithmic criterion leaves out what is below twice its sigma, and elements for which the model has no response
-    at all (an axis that does not couple), and weighs element by element; the complex one weighs those that err together
-    jointly, where the weights know how.  StudyError where a response has an input or output that the model has not.
+    The logarithmic criterion discards elements below twice their sigma or without a response of the model (an axis that
+    does not couple), and weights each element alone; the complex criterion weights correlated elements jointly, if the
+    weights have their covariance.  Raises StudyError if the model lacks an input or output of a response.
     """
     triples = zip(responses, models, weights, strict=True)
     return ElasticFit(parameters, tuple(part_of(*triple, parameters, criterion) for triple in triples))

@@ -17,8 +17,8 @@ maximum likelihood of Wishart matrices with a majorising step,
 so that they are known far better than the covariance S of a line. w_k <= 1 is small where a line is far noisier than
 the others. (Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, JCGS 28, 2019.)
 
-With the model C = L L^H the whitened covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. What the model misses is taken
-from the neighbouring lines:
+With the model C = L L^H the whitened covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. The errors of
+the model are estimated from the neighbouring lines:
 
 .. math:: \tilde C_k = c\, l_k\, L_k [\rho + (1 - \rho) \bar X_k] L_k^H
 
@@ -80,8 +80,8 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     """Return C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
 
     With errors in proportion to gains if lines are more likely then: the sum of -ln det C - tr(C^-1 S) is larger.
-    The levels of every other line are those of the lines between them, so that C knows nothing of a line's own S;
-    fewer than 16 lines are not divided.
+    The variance components of every second line follow from the other lines, so that C does not depend on the line's
+    own S; fewer than 16 lines are not divided.
     """
     models = [_across_lines(S, each) for each in (replace(shapes, own=shapes.own[:MOTIONS]), shapes)]
     return max(models, key=lambda C: float(np.sum(-np.linalg.slogdet(C)[1] - _traces(np.linalg.inv(C), S))))
@@ -251,8 +251,8 @@ SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple[ComplexArray, FloatArray, FloatArray]:
     """Return C~ (F, n, n) of sample covariances S (F, n, n) of `dof` degrees of freedom each, and kappa (F,).
 
-    kappa: how much of C~, and of its diagonal, is the line's own; tr(C~^-1 S) is 1 - kappa / nu of what a line's S
-    independent of C~ would leave, to first order.
+    kappa: influence of a line on its own C~, and on its diagonal; to first order tr(C~^-1 S) is 1 - kappa / nu times
+    its value for an S independent of C~.
     model (F, n, n): of the noise.
     """
     F, n = S.shape[:2]

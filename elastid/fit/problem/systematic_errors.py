@@ -118,7 +118,7 @@ def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
 def bias_slopes(part: Part, response: Response, mixing: ComplexArray | None) -> ComplexArray:
     """-dr (n_e, F, n_y, n_u) of whitened residuals r with respect to the errors of a response, subtracted from Ghat.
 
-    mixing: that of the part.
+    mixing: `Part.mixing`.
     """
     return -mixed(mixing, errors_of(response) * part.error_gain)
 

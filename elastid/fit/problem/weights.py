@@ -66,7 +66,7 @@ def declared_model_error(response: Response, spec: WeightSpec) -> float:
 def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec) -> bool:
     """Return True if C~ weighs the elements of a line jointly, False if each element counts by itself.
 
-    smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
+    smooth: the noise.  sigma (F, n_y, n_u): standard deviations of the weights, inf for discarded elements.
     """
     if spec.covariance == "diagonal" or smooth is None or smooth.is_diagonal:
         return False
@@ -89,7 +89,7 @@ class Weights(Kept):
 
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
     scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured covariance S for the part that it has in its own
-    weights.  floor: alpha.  notes: what was left out, and why.
+    weights.  floor: alpha.  notes: discarded lines, with the reason.
     correlated: the noise's part of the covariance that elements weigh with; None where they count one by one.
     """
 

@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares
 
-# The return status of success, and that of an exception none of IPOPT's own, such as Ctrl-C.
+# The return status of success, and of an exception outside IPOPT, such as Ctrl-C.
 _SUCCESS, _FOREIGN_EXCEPTION = "Solve_Succeeded", "NonIpopt_Exception_Thrown"
 _OPTIONS: dict[str, Any] = {
     "print_time": False,

@@ -56,7 +56,7 @@ SHRINK = (0.1, 0.5)
 AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
 # The largest step towards a border, as a fraction of the way to it; the largest condition number of a metric.
 SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
-# Predictions below this fraction of V drown in rounding; so do those of steps shorter than this.
+# Predictions below this fraction of V, and steps shorter than this, are lost in rounding.
 ROUNDING, MIN_RADIUS = 1e-15, 1e-9
 # Far from any noise a valley is left whose V falls by less than this share in so many iterations: where the model is
 # that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
@@ -220,7 +220,7 @@ def solve(
     return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)
 
 
-# A start is a hit if its V exceeds the best by less than this fraction of what one standard deviation costs.
+# A start has converged if its V exceeds the best by less than this fraction of the cost of one standard deviation.
 MAX_HIT_EXCESS = 0.1
 DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 

@@ -14,8 +14,8 @@ In C (`base/kernels/ldl.c`) Z = L D L^T,
 .. math:: Z^{(k+1)}_{ij} = Z^{(k)}_{ij} - \frac{z^{(k)}_{ki} z^{(k)}_{kj}}{z^{(k)}_{kk}}, \qquad i, j > k
 
 half of an LU, all coordinates in an order that fills L least; entries that are zero for every theta are skipped: six
-motors behind their gears cost next to nothing. No rows are exchanged: a line whose pivot is small relative to its
-terms, as that of an undamped part on its own resonance, is solved by LAPACK instead, as all are without C.
+motors behind their gears cost next to nothing. No rows are exchanged: a line with a pivot that is small relative to its
+terms, such as an undamped part at its resonance, is solved by LAPACK instead, as are all lines without C.
 """
 
 from collections.abc import Iterator
@@ -60,7 +60,7 @@ class Products(NamedTuple):
 class Sides:
     """Right-hand sides for Z: B, the rows `extra` of C that are not columns of B, the rows `tilted` of T.
 
-    columns (n_y,): of each output the one that holds its direction.  tilts: of each tilted one that of its row of T.
+    columns (n_y,): column of the direction of each output.  tilts: column of the row of T of each tilted output.
     """
 
     extra: IntArray

@@ -13,9 +13,9 @@ x = f / f_s. Samples of the angle, multiplied by (j omega)^2 and divided by H_0 
 
 with G the acceleration. An inertia alone has G_inf (pi^3 x^3 cos(pi x) / sin^3(pi x) - 1): -0.14 % at x = 0.12, -29 %
 at 0.4. At all images G is smooth in 1 / omega, its real part even and its imaginary part odd: polynomials in
-1 / omega^2 through four Chebyshev points between zero and the lowest image, evaluated at every image. What remains
-are images beyond the 64th, and resonances above the lowest image. A delay of the torque turns each image by its own
-phase; gains and lags of the torque are part of G; lags of a sensor act on what was sampled.
+1 / omega^2 through four Chebyshev points between zero and the lowest image, evaluated at every image. Errors are
+images beyond the 64th, and resonances above the lowest image. A delay of the torque turns each image by its own phase;
+gains and lags of the torque are part of G; lags of a sensor act on the sampled signal.
 """
 
 from dataclasses import replace
