@@ -27,22 +27,22 @@ Budget = Mapping[str, Mapping[str, int]]
 
 def counted(root: Path) -> dict[str, dict[str, int]]:
     """All numbers of the house at `root`."""
-    found: dict[str, dict[str, int]] = {}
+    sizes: dict[str, dict[str, int]] = {}
     for room in ROOMS:
         texts = [path.read_text(encoding="utf-8") for path in sorted((root / room).rglob("*.py"))]
         trees = [ast.parse(text) for text in texts]
-        found[room] = {
+        sizes[room] = {
             "lines": sum(len(text.splitlines()) for text in texts),
             "nodes": sum(1 for tree in trees for _ in ast.walk(tree)),
         }
         if room == "elastid":
             for kind in (sentences, commands):
-                found[room][kind.__name__] = sum(1 for tree in trees for _ in kind(tree))
-            found[room]["thresholds"] = sum(map(thresholds, trees))
-            found[room] |= {f"{kind}_lines": lines(root / room, ends) for kind, ends in OTHERS.items()}
-    found["prose"] = prose.counted(root)
-    found["elastid"]["names"] = public_names((root / "elastid" / "__init__.pyi").read_text(encoding="utf-8"))
-    return found
+                sizes[room][kind.__name__] = sum(1 for tree in trees for _ in kind(tree))
+            sizes[room]["thresholds"] = sum(map(thresholds, trees))
+            sizes[room] |= {f"{kind}_lines": lines(root / room, ends) for kind, ends in OTHERS.items()}
+    sizes["prose"] = prose.counted(root)
+    sizes["elastid"]["names"] = public_names((root / "elastid" / "__init__.pyi").read_text(encoding="utf-8"))
+    return sizes
 
 
 def lines(folder: Path, ends: tuple[str, ...]) -> int:

@@ -52,11 +52,13 @@ class KernelsHook(BuildHookInterface):  # type: ignore[misc]
 def compiler(target: str) -> list[str]:
     """The command of the C compiler; OSError without one."""
     try:
-        given = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+        command = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
     except ValueError as error:
         raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
     names = (
-        [given] if given else [[name] for name in (("clang",) if target.startswith("win") else ("cc", "gcc", "clang"))]
+        [command]
+        if command
+        else [[name] for name in (("clang",) if target.startswith("win") else ("cc", "gcc", "clang"))]
     )
     for name, *words in names:
         path = shutil.which(name)

@@ -135,13 +135,13 @@ def mutants(room: str, count: int, seed: int) -> list[Mutant]:
             occurrences[changed] += 1
             rank = random.Random(f"{seed} {path.relative_to(ROOT)} {changed} {occurrences[changed]}").random()
             drawn.append((rank, path, index))
-    found = []
+    sites = []
     for _, path, index in sorted(sorted(drawn)[:count], key=lambda each: each[1:]):
         copy = deepcopy(trees[path])
         line, change = changes(copy)[index]
         change()
-        found.append(Mutant(path, statement(trees[path], line), ast.fix_missing_locations(copy)))
-    return found
+        sites.append(Mutant(path, statement(trees[path], line), ast.fix_missing_locations(copy)))
+    return sites
 
 
 def statement(tree: ast.Module, line: int) -> range:
@@ -178,11 +178,11 @@ def in_copy(work: Callable[..., Any], *given: Any) -> Any:
 def install(mutant: Mutant) -> None:
     """Gives the functions of a loaded module the code of the mutant; tests freeze objects, which hides these."""
     gc.unfreeze()
-    codes, left = {}, [mutant.code()]
-    while left:
-        code = left.pop()
+    codes, queue = {}, [mutant.code()]
+    while queue:
+        code = queue.pop()
         codes[code.co_qualname, code.co_firstlineno] = code
-        left += [part for part in code.co_consts if isinstance(part, CodeType)]
+        queue += [part for part in code.co_consts if isinstance(part, CodeType)]
     for function in [each for each in gc.get_objects() if type(each) is FunctionType]:
         code = function.__code__
         if code.co_filename == str(mutant.path) and code.co_name != "<lambda>":
@@ -323,14 +323,14 @@ def main() -> None:
     parser.add_argument("--changed", metavar="BASE", help="the rooms that differ from this commit")
     parser.add_argument("--count", type=int, default=60, help="mutants of a room")
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     import casadi  # noqa: F401  loaded once, for all copies
     import h5py  # noqa: F401
     import scipy.optimize
     import scipy.signal  # noqa: F401
 
-    for room in changed_rooms(given.changed) if given.changed else given.rooms or rooms():
-        row = judged(room, given.count, given.seed)
+    for room in changed_rooms(arguments.changed) if arguments.changed else arguments.rooms or rooms():
+        row = judged(room, arguments.count, arguments.seed)
         keep(row)
         print(json.dumps(row), flush=True)
 

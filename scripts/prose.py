@@ -115,13 +115,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Print sentences that break a rule, and the number for each rule.")
     parser.add_argument("paths", nargs="*", type=Path, metavar="PATH")
     parser.add_argument("--show", nargs="?", const="", metavar="RULE")
-    given = parser.parse_args()
-    base, areas = (Path.cwd(), {"": given.paths}) if given.paths else (ROOT, AREAS)
+    arguments = parser.parse_args()
+    base, areas = (Path.cwd(), {"": arguments.paths}) if arguments.paths else (ROOT, AREAS)
     for area, names in areas.items():
         counts = Counter[str]()
         for file, line, sentence, broken in flagged(base / name for name in names):
             counts.update(["sentences", *["flagged"] * bool(broken), *broken])
-            if given.show is not None and any(name.startswith(given.show) for name in broken):
+            if arguments.show is not None and any(name.startswith(arguments.show) for name in broken):
                 print(f"{file}:{line}: {', '.join(broken)}: {sentence}")
         print(area, ", ".join(f"{name} {counts[name]}" for name in ("sentences", "flagged", *RULES)))
 

@@ -200,15 +200,15 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
     """
     residuals, slopes = [], []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
-        columns, theta, known = part.normal.columns, part.theta(fit.parameters, x), with_R.normal.residuals.compressed
+        columns, theta, data = part.normal.columns, part.theta(fit.parameters, x), with_R.normal.residuals.compressed
         pieces, T = columns.pieces, part.chain(fit.parameters, x)
         scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
-            R = known.R.R[block.block]
+            R = data.R.R[block.block]
             V = R @ block.columns(scale, np.float64)
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
-            residuals.append(as_real(left(R, known.q[block.block], block.G)).ravel())
+            residuals.append(as_real(left(R, data.q[block.block], block.G)).ravel())
             slopes.append(np.concatenate([dr.real[:, :, None], dr.imag[:, :, None]], axis=2).reshape(-1, len(x)))
     return np.concatenate(residuals), np.concatenate(slopes)
 
@@ -220,12 +220,12 @@ def left(R: ComplexArray, q: ComplexArray, G: ComplexArray) -> ComplexArray:
 
 def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatArray:
     """The compressed residuals without their Jacobian."""
-    found = []
+    residuals = []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
-        known, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
+        data, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
         G = part.kernel.response(part.theta(fit.parameters, x))[:, rows, columns]
-        found.append(as_real(left(known.R.R, known.q, G)).ravel())
-    return np.concatenate(found)
+        residuals.append(as_real(left(data.R.R, data.q, G)).ravel())
+    return np.concatenate(residuals)
 
 
 def fit_times(
@@ -304,11 +304,11 @@ def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, F
     W_c = part.mixing[:lines] * part.gain[:lines].reshape(lines, 1, -1)
     W_r = ca.DM(np.concatenate([np.block([[w.real, -w.imag], [w.imag, w.real]]) for w in W_c], axis=1))
     flat = part.measured[:lines].reshape(lines, -1)
-    given = ca.DM(np.concatenate([flat.real, flat.imag], axis=1).T)
+    measured = ca.DM(np.concatenate([flat.real, flat.imag], axis=1).T)
     omega = ca.DM(2 * np.pi * part.kernel.freq_hz[:lines]).T
 
     def evaluated(here: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        V, g, A = (found.full() for found in every(ca.repmat(ca.DM(here), 1, lines), omega, W_r, given))
+        V, g, A = (sums.full() for sums in every(ca.repmat(ca.DM(here), 1, lines), omega, W_r, measured))
         return float(V.sum()), g.sum(axis=1), A.reshape(len(here), lines, len(here)).sum(axis=1)
 
     return evaluated
@@ -319,8 +319,8 @@ def casadi_problem(fit: ElasticFit) -> LeastSquares:
     parts = [casadi_sums(part, len(part.measured)) for part in fit.parts]
 
     def evaluate(x: FloatArray) -> Evaluation:
-        found = [part(x) for part in parts]
-        V, g, A = (sum(one[i] for one in found) for i in range(3))
+        sums = [part(x) for part in parts]
+        V, g, A = (sum(one[i] for one in sums) for i in range(3))
         return Evaluation(V, 2 * g, 2 * A)
 
     return LeastSquares(fit.parameters, fit.n_residuals, evaluate)
@@ -374,9 +374,9 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
         for name, value in kernel.items()
     }
     print_table("one pass over all configurations", ("ms", "x solve", "x floor"), passes)
-    found = {"Q": Q, "F": F, "n": n, "P": n_x, "compiled": compiled, **of_passes(kernel)}
+    results = {"Q": Q, "F": F, "n": n, "P": n_x, "compiled": compiled, **of_passes(kernel)}
     if passes_only:
-        return found
+        return results
 
     lines = 4 if quick else 40
     sums, per_line_s = casadi_sums(fit.parts[0], lines), kernel[EVALUATION] / (Q * F)
@@ -396,7 +396,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     }
     print_table("a whole fit, x elastid", ("median", "worst", "V"), fits)
     spread = max(costs.values()) / min(costs.values()) - 1
-    return found | of_fits(casadi, ratios, spread)
+    return results | of_fits(casadi, ratios, spread)
 
 
 def main() -> None:
@@ -404,9 +404,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
     parser.add_argument("--passes", action="store_true", help="single passes alone")
-    given = parser.parse_args()
-    Q, F = (2, 12) if given.quick else (20, 200)
-    print(json.dumps(compare(Q, F, given.quick, given.passes)))
+    arguments = parser.parse_args()
+    Q, F = (2, 12) if arguments.quick else (20, 200)
+    print(json.dumps(compare(Q, F, arguments.quick, arguments.passes)))
 
 
 if __name__ == "__main__":

@@ -169,25 +169,25 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
         for kind, covariance in (("noise", response.noise), ("total", response.total))
     }
     orders = floors(records)
-    found = in_turn({**orders, "elastid": lambda: estimate(records, spec, lines)}, repeats)
-    floor = min(found[order] for order in orders)
-    assert found["elastid"] >= floor, "nothing that needs the spectra is faster than they are"
-    found |= {"floor": floor, "data_gb": data_gb, "gb_above_data": above, **ratios}
-    found["log"] = log_s(records[0], repeats) * len(records)
+    times = in_turn({**orders, "elastid": lambda: estimate(records, spec, lines)}, repeats)
+    floor = min(times[order] for order in orders)
+    assert times["elastid"] >= floor, "nothing that needs the spectra is faster than they are"
+    times |= {"floor": floor, "data_gb": data_gb, "gb_above_data": above, **ratios}
+    times["log"] = log_s(records[0], repeats) * len(records)
     if peers:
-        found["csd"] = cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
+        times["csd"] = cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
         peer = by_peer(records, lines, M)
         if peer is not None:
-            found["best-linear-approximation"] = cpu_seconds(peer, min(repeats, 3))
+            times["best-linear-approximation"] = cpu_seconds(peer, min(repeats, 3))
     print(f"\ncase {name}: {len(lines)} lines, {data_gb:.2f} GB of records, {above:.2f} GB above them")
     for what in (*orders, "elastid", "log", *PEERS):
-        if what in found:
-            print(f"  {what:<28}{found[what]:>9.3f} s {found[what] / floor:>8.2f} x floor")
+        if what in times:
+            print(f"  {what:<28}{times[what]:>9.3f} s {times[what] / floor:>8.2f} x floor")
     print(
         f"  error^2 over variance: noise {ratios['noise variance over true']:.3f}, "
         f"total {ratios['total variance over true']:.3f}"
     )
-    return found
+    return times
 
 
 def main() -> None:
@@ -201,13 +201,13 @@ def main() -> None:
     cases = {"B": np.arange(1, min(400, N // 2), 2), "A": np.arange(1, N // 2)}
     results = {name: case(name, lines, size, repeats, not arguments.no_peers) for name, lines in cases.items()}
     summary = {}
-    for name, found in results.items():
-        summary[f"{name}_over_floor"] = round(found["elastid"] / found["floor"], 3)
-        summary[f"{name}_gb_above_data"] = round(found["gb_above_data"], 3)
-        summary[f"{name}_log_over_floor"] = round(found["log"] / found["floor"], 1)
+    for name, row in results.items():
+        summary[f"{name}_over_floor"] = round(row["elastid"] / row["floor"], 3)
+        summary[f"{name}_gb_above_data"] = round(row["gb_above_data"], 3)
+        summary[f"{name}_log_over_floor"] = round(row["log"] / row["floor"], 1)
         for peer in PEERS:
-            if peer in found:
-                summary[f"{name}_faster_than_{peer.replace(' ', '_')}"] = round(found[peer] / found["elastid"], 1)
+            if peer in row:
+                summary[f"{name}_faster_than_{peer.replace(' ', '_')}"] = round(row[peer] / row["elastid"], 1)
     print(f"\n{json.dumps(summary)}")
 
 

@@ -66,7 +66,7 @@ def fit(path: Path, jobs: int) -> None:
     responses = read_responses(path)
     with persistent_workers():
         result = identify(responses, build_robot(), spec, execution=Execution(jobs))
-        found = {
+        results = {
             "configurations": len(responses),
             "peak_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
             "cpu_s": time.process_time() - begin,
@@ -77,7 +77,7 @@ def fit(path: Path, jobs: int) -> None:
             "V_over_expected": result.cost / result.cost_expected,
             "sha256": sha256(result.x.tobytes() + result.covariance.tobytes()).hexdigest()[:16],
         }
-    print(json.dumps(found | {"cpu_over_work": found["cpu_s"] / bare_work_s()}))
+    print(json.dumps(results | {"cpu_over_work": results["cpu_s"] / bare_work_s()}))
 
 
 def run(path: Path, jobs: int) -> dict[str, Any]:
@@ -89,8 +89,8 @@ def run(path: Path, jobs: int) -> dict[str, Any]:
             seconds |= cpu_of_descendants(process.pid)
             time.sleep(0.2)
         assert process.stdout is not None
-        found: dict[str, Any] = json.loads(process.stdout.read())
-    return found | {"workers_cpu_s": sum(seconds.values())}
+        results: dict[str, Any] = json.loads(process.stdout.read())
+    return results | {"workers_cpu_s": sum(seconds.values())}
 
 
 def cpu_of_descendants(pid: int) -> dict[int, float]:
@@ -132,22 +132,25 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="for the file (default: a temporary one)")
     parser.add_argument("--write", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--fit", type=Path, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    Q, F = (3, 30) if given.quick else (given.configurations, 200)
-    if given.write:
-        write(given.write, Q, F)
-    elif given.fit:
-        fit(given.fit, given.jobs)
+    arguments = parser.parse_args()
+    Q, F = (3, 30) if arguments.quick else (arguments.configurations, 200)
+    if arguments.write:
+        write(arguments.write, Q, F)
+    elif arguments.fit:
+        fit(arguments.fit, arguments.jobs)
     else:
         print(machine(), flush=True)
-        with tempfile.TemporaryDirectory(dir=given.folder) as folder:
-            path, size = Path(folder) / "frf.h5", ["--configurations", str(Q), *(["--quick"] if given.quick else [])]
+        with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
+            path, size = (
+                Path(folder) / "frf.h5",
+                ["--configurations", str(Q), *(["--quick"] if arguments.quick else [])],
+            )
             subprocess.run([sys.executable, __file__, "--write", path, *size], check=True)
-            found = run(path, 1)
-            if given.jobs > 1:
-                found |= of_workers(found, run(path, given.jobs), given.jobs)
-            found["file_gb"] = path.stat().st_size / 1e9
-        print(json.dumps({name: round(v, 3) if isinstance(v, float) else v for name, v in found.items()}))
+            results = run(path, 1)
+            if arguments.jobs > 1:
+                results |= of_workers(results, run(path, arguments.jobs), arguments.jobs)
+            results["file_gb"] = path.stat().st_size / 1e9
+        print(json.dumps({name: round(v, 3) if isinstance(v, float) else v for name, v in results.items()}))
 
 
 if __name__ == "__main__":

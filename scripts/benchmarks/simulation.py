@@ -152,12 +152,12 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
     for _ in range(rounds):
         for name, run in runs.items():
             times[name].append(cpu_s(run))
-    found = {f"{name}_times_real_time": seconds / statistics.median(values) for name, values in times.items()}
-    found |= {"coordinates": model.n_q, "model_built_s": built, "loop_built_s": loaded}
+    row = {f"{name}_times_real_time": seconds / statistics.median(values) for name, values in times.items()}
+    row |= {"coordinates": model.n_q, "model_built_s": built, "loop_built_s": loaded}
     if with_mujoco:
-        found["time_over_mujoco"] = found["mujoco_times_real_time"] / found["elastid_times_real_time"]
-        found["acceleration_difference"] = same_accelerations(robot)
-    return found
+        row["time_over_mujoco"] = row["mujoco_times_real_time"] / row["elastid_times_real_time"]
+        row["acceleration_difference"] = same_accelerations(robot)
+    return row
 
 
 def check(six: dict[str, float]) -> None:

@@ -86,12 +86,12 @@ def commits(base: str, release: str) -> dict[str, str]:
     """Commits to compare by their role; those that this clone does not have are left out and reported."""
     head = git("rev-parse", "HEAD")
     merged = [git("merge-base", "HEAD", branch) for branch in ("origin/main", "main")]
-    asked = {
+    names = {
         "base": base or next((commit for commit in merged if commit not in ("", head)), "HEAD^"),
         "release": release or git("describe", "--tags", "--abbrev=0", "HEAD^") or RELEASE,
     }
     available = {"head": head}
-    for role, name in asked.items():
+    for role, name in names.items():
         commit = git("rev-parse", "--verify", "--quiet", f"{name}^{{commit}}")
         print(f"{role}: {name} {commit[:10] or 'is not in this clone: not compared'}", flush=True)
         if commit:
@@ -104,11 +104,11 @@ class Checkout:
 
     def __init__(self, folder: Path, commit: str) -> None:
         self.folder, self.python = folder, folder / ".venv" / "bin" / "python"
-        kept = {
+        environment = {
             name: value for name, value in os.environ.items() if name not in ("PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV")
         }
         threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        self.environment = kept | threads | {"PYTHONHASHSEED": "0"}
+        self.environment = environment | threads | {"PYTHONHASHSEED": "0"}
         subprocess.run(["git", "worktree", "add", "--quiet", "--detach", folder, commit], cwd=ROOT, check=True)
         subprocess.run(["uv", "sync", "--quiet"], cwd=folder, env=self.environment, check=True)
         for template in TEMPLATES:
@@ -184,13 +184,13 @@ def main() -> int:
     parser.add_argument("base", nargs="?", default="")
     parser.add_argument("--release", default="")
     parser.add_argument("--only", nargs="+", choices=list(WORKLOADS), default=list(WORKLOADS))
-    given, begin = parser.parse_args(), time.monotonic()
-    revisions = commits(given.base, given.release)
+    arguments, begin = parser.parse_args(), time.monotonic()
+    revisions = commits(arguments.base, arguments.release)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            needs_results = not {*given.only} <= {"help", "check"}
+            needs_results = not {*arguments.only} <= {"help", "check"}
             sides = prepare(Path(folder), revisions, needs_results) if len(revisions) > 1 else {}
-            failed = [each for name in given.only if sides for each in slower(sides, name)]
+            failed = [each for name in arguments.only if sides for each in slower(sides, name)]
         finally:
             for role in revisions:
                 git("worktree", "remove", "--force", f"{folder}/{role}")

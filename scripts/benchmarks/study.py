@@ -76,7 +76,7 @@ def main() -> None:
     is_quick = parser.parse_args().quick
     text = study(2, 2, 1) if is_quick else study(10, 2, 20)
     print(machine(), flush=True)
-    found = dict[str, float]()
+    seconds = dict[str, float]()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         (folder / "study.yml").write_text(text, encoding="utf-8")
@@ -84,11 +84,11 @@ def main() -> None:
         for stage in run.stages:
             begun = cpu_s()
             run_all(run, [stage])
-            found[f"{stage}_s"] = cpu_s() - begun
-            print(f"{stage:10s} {found[f'{stage}_s']:6.1f}", flush=True)
-    found["all_s"] = sum(found.values())
-    found["all_over_work"] = found["all_s"] / bare_work_s()
-    print(json.dumps({name: round(value, 1) for name, value in found.items()}))
+            seconds[f"{stage}_s"] = cpu_s() - begun
+            print(f"{stage:10s} {seconds[f'{stage}_s']:6.1f}", flush=True)
+    seconds["all_s"] = sum(seconds.values())
+    seconds["all_over_work"] = seconds["all_s"] / bare_work_s()
+    print(json.dumps({name: round(value, 1) for name, value in seconds.items()}))
 
 
 if __name__ == "__main__":

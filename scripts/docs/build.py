@@ -31,9 +31,9 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Collect ids, and what is linked or shown."""
-        known = dict(attrs)
-        self.anchors |= {known["id"]} if known.get("id") else set()
-        self.links += [known[name] or "" for name in ("href", "src") if name in known]
+        attributes = dict(attrs)
+        self.anchors |= {attributes["id"]} if attributes.get("id") else set()
+        self.links += [attributes[name] or "" for name in ("href", "src") if name in attributes]
 
 
 def sources(folder: Path) -> Path:
@@ -78,8 +78,8 @@ def dead_links(html: Path, pages: dict[Path, Page]) -> tuple[int, list[str]]:
             count += 1
             file, _, anchor = unquote(link).partition("#")
             target = (path.parent / file.split("?")[0]).resolve() if file else path
-            known = pages.get(target)
-            if not target.exists() or (anchor and known is not None and anchor not in known.anchors):
+            anchors = pages.get(target)
+            if not target.exists() or (anchor and anchors is not None and anchor not in anchors.anchors):
                 dead.append(f"{path.relative_to(html)}: {link}")
     return count, dead
 

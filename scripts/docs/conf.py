@@ -78,11 +78,11 @@ def _link_terms(app: Any, page: nodes.document, name: str) -> None:
     glossary = app.builder.get_relative_uri(name, "glossary")
     for text in [text for text in page.findall(nodes.Text) if not _is_within(text, NO_PROSE)]:
         pieces, end = [], 0
-        for found in re.finditer(rf"(?<![\w-])({words})s?(?![\w-])", text, re.IGNORECASE):
-            if anchor := anchors.pop(found[1].lower(), None):
-                link = nodes.reference("", found[0], refuri=f"{glossary}#{anchor}", internal=True, classes=["term"])
-                pieces += [nodes.Text(text[end : found.start()]), link]
-                end = found.end()
+        for match in re.finditer(rf"(?<![\w-])({words})s?(?![\w-])", text, re.IGNORECASE):
+            if anchor := anchors.pop(match[1].lower(), None):
+                link = nodes.reference("", match[0], refuri=f"{glossary}#{anchor}", internal=True, classes=["term"])
+                pieces += [nodes.Text(text[end : match.start()]), link]
+                end = match.end()
         if pieces:
             text.parent.replace(text, [*pieces, nodes.Text(text[end:])])
 

@@ -179,8 +179,8 @@ def equations() -> str:
     parts = [title("Equations"), "This page collects the equations of the docstrings, package by package.\n"]
     rooms = sorted((path for path in PACKAGE.rglob("*.py")), key=lambda path: path.relative_to(PACKAGE).parts)
     for room, paths in groupby(rooms, lambda path: path.relative_to(PACKAGE).parts[0].removesuffix(".py")):
-        found = [entry for path in paths for entry in _with_equations(path)]
-        parts += [title(room, "-"), *found] if found else []
+        entries = [entry for path in paths for entry in _with_equations(path)]
+        parts += [title(room, "-"), *entries] if entries else []
     return "\n".join(parts)
 
 

@@ -129,10 +129,10 @@ def shown(demo: Path) -> str:
 def _chromium() -> str:
     from shutil import which
 
-    found = which("chromium") or which("google-chrome")
-    if found is None:
+    browser = which("chromium") or which("google-chrome")
+    if browser is None:
         raise FileNotFoundError("chromium is not on the path; install it for the picture of the report")
-    return found
+    return browser
 
 
 def smaller(path: Path) -> int:

@@ -16,12 +16,12 @@ def escaped(text: str) -> str:
     '``k_*`` and d\\\\_1\\\\*'
     """
     pieces, end = [], 0
-    for found in re.finditer(rf"{_ROLE.pattern}|{_CODE.pattern}", text):
-        pieces.append(_MARKUP.sub(r"\\\1", text[end : found.start()]).replace("`", r"\`"))
-        glued = r"\ " if text[found.end() : found.end() + 1].isalnum() else ""
-        before = r"\ " if text[found.start() - 1 : found.start()].isalnum() else ""
-        pieces.append(before + (found[0] if found[0].startswith(":math:") else f"``{found[1].strip()}``") + glued)
-        end = found.end()
+    for match in re.finditer(rf"{_ROLE.pattern}|{_CODE.pattern}", text):
+        pieces.append(_MARKUP.sub(r"\\\1", text[end : match.start()]).replace("`", r"\`"))
+        glued = r"\ " if text[match.end() : match.end() + 1].isalnum() else ""
+        before = r"\ " if text[match.start() - 1 : match.start()].isalnum() else ""
+        pieces.append(before + (match[0] if match[0].startswith(":math:") else f"``{match[1].strip()}``") + glued)
+        end = match.end()
     return "".join(pieces) + _MARKUP.sub(r"\\\1", text[end:]).replace("`", r"\`")
 
 
@@ -59,5 +59,5 @@ def _joined(text: str) -> list[str]:
 
 
 def _line(text: str) -> str:
-    found = re.match(r"((?:[A-Za-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?): (.*)", text, re.DOTALL)
-    return f"- **{escaped(found[1])}**: {escaped(found[2].strip())}" if found else escaped(" ".join(text.split()))
+    match = re.match(r"((?:[A-Za-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?): (.*)", text, re.DOTALL)
+    return f"- **{escaped(match[1])}**: {escaped(match[2].strip())}" if match else escaped(" ".join(text.split()))

@@ -123,9 +123,9 @@ def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ..
 
 def calibrated(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
     """Coverage, scatter and stated deviations of n_sets data sets, for each of the free parameters."""
-    found = np.array(Execution(jobs).ordered(sets, range(n_sets)))
-    good = np.isfinite(found).all(axis=(1, 2))
-    error, stated, holds = found[good].swapaxes(0, 1)
+    rows = np.array(Execution(jobs).ordered(sets, range(n_sets)))
+    good = np.isfinite(rows).all(axis=(1, 2))
+    error, stated, holds = rows[good].swapaxes(0, 1)
     scatter, bound = np.sqrt(np.mean(error**2, axis=0)), sets.bound()
     return {
         "sets": int(good.sum()),
@@ -145,16 +145,16 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=NOISE, help="relative, of every element")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
-    given = parser.parse_args()
-    n_sets, jobs = (40, 1) if given.quick else (given.sets, given.jobs)
-    names = ["three-mass"] if given.quick else given.robot
-    plants = [replace(ROBOTS[name](), noise=given.noise) for name in names]
-    results = {plant.name: calibrated(DataSets(plant, given.seed), n_sets, jobs) for plant in plants}
+    arguments = parser.parse_args()
+    n_sets, jobs = (40, 1) if arguments.quick else (arguments.sets, arguments.jobs)
+    names = ["three-mass"] if arguments.quick else arguments.robot
+    plants = [replace(ROBOTS[name](), noise=arguments.noise) for name in names]
+    results = {plant.name: calibrated(DataSets(plant, arguments.seed), n_sets, jobs) for plant in plants}
     wrong: dict[str, dict[str, Any]] = {}
     for plant in plants:
-        for what in WRONG[:1] if given.quick else WRONG:
+        for what in WRONG[:1] if arguments.quick else WRONG:
             for floor in (0.0, 0.01):
-                sets = DataSets(plant, given.seed + 1, what, floor)
+                sets = DataSets(plant, arguments.seed + 1, what, floor)
                 row = calibrated(sets, max(20, n_sets // 10), jobs)
                 wrong[f"{plant.name}: {what}, floor {floor:g}"] = row
     print(json.dumps({"calibration": results, "wrong_model": wrong}))

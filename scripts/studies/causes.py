@@ -51,13 +51,13 @@ def exact(
     outputs: places of the angles, by default the motors.
     """
     model = formulate(robot, plant.model)
-    linearisation, found = Linearisation.of(model), []
+    linearisation, responses = Linearisation.of(model), []
     for configuration in plant.configurations:
         stood = replace(configuration, angles=tuple((angles or {}).get(configuration.name, configuration.angles)))
         linear = linearisation.at(stood, model.theta, outputs or robot.motor_locations, plant.quantity)
         response = to_response(linear, np.append(model.theta, 0.0), plant.freq_hz)
-        found.append(replace(response, configuration=configuration))
-    return found
+        responses.append(replace(response, configuration=configuration))
+    return responses
 
 
 def noisy(responses: Responses, rng: np.random.Generator) -> list[Response]:
@@ -383,11 +383,11 @@ def coarse(resolution: float) -> Callable[[Plant], Responses]:
 
 def compensated(plant: Plant) -> Responses:
     """The logged torque lacks what the controller adds to bear the weight at the measured angles."""
-    found = []
+    responses = []
     for G in exact(plant, plant.robot):
         s, K = 2j * np.pi * G.freq_hz[:, None, None], _weight_slope(plant, G)
-        found.append(replace(G, G=np.linalg.inv(np.linalg.inv(G.G) - K / s**2)))
-    return found
+        responses.append(replace(G, G=np.linalg.inv(np.linalg.inv(G.G) - K / s**2)))
+    return responses
 
 
 def _weight_slope(plant: Plant, G: Response) -> np.ndarray:

@@ -178,15 +178,15 @@ def judged(structure: Structure, response: Response, modes: Modes | None):
     strong = np.any(structure.peak() > 3 * std[lines], axis=(1, 2))
     if modes is None:
         return int(strong.sum()), 0, 0, np.empty((0, 2))
-    is_used, found, deviations = np.zeros(modes.n_modes, bool), 0, []
+    is_used, n_found, deviations = np.zeros(modes.n_modes, bool), 0, []
     for f, zeta, is_strong in zip(structure.freq_hz, structure.zeta, strong, strict=True):
         gap = np.abs(modes.freq_hz - f) + np.where(is_used, np.inf, 0.0)
         if len(gap) and gap.min() < f * zeta:
             k = int(np.argmin(gap))
             is_used[k] = True
-            found += is_strong
+            n_found += is_strong
             deviations.append(((modes.freq_hz[k] - f) / modes.freq_std[k], (modes.zeta[k] - zeta) / modes.zeta_std[k]))
-    return int(strong.sum()), int(found), int(np.sum(~is_used)), np.array(deviations).reshape(-1, 2)
+    return int(strong.sum()), int(n_found), int(np.sum(~is_used)), np.array(deviations).reshape(-1, 2)
 
 
 def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, object]:
@@ -208,16 +208,16 @@ def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, obje
             noise += silent is not None and silent.n_modes > 0
             noise_records += 1
         z = np.concatenate(deviations)
-        held = np.mean(np.abs(z) < 1.96, axis=0)
-        shares = {"noise": noise / noise_records, "found": found / strong, "false": false / max(found, 1)}
+        fractions = np.mean(np.abs(z) < 1.96, axis=0)
+        rates = {"noise": noise / noise_records, "found": found / strong, "false": false / max(found, 1)}
         squares = np.mean(z**2, axis=0).round(3).tolist()
-        table[kind] = {**shares, "modes": strong, "held": held.round(4).tolist(), "squares": squares}
+        table[kind] = {**rates, "modes": strong, "held": fractions.round(4).tolist(), "squares": squares}
         print(kind, json.dumps(table[kind]), flush=True)
         few = 2 if quick else 0  # of a quick run one or two modes are many percent
         assert noise <= max(0.01 * noise_records, few / 2)
         assert strong - found <= max(0.02 * strong, few)
         assert false <= max(0.01 * strong, few / 2)
-        assert np.all(held > (0.85 if quick else 0.92))
+        assert np.all(fractions > (0.85 if quick else 0.92))
     return table
 
 

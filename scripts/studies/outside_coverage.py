@@ -98,13 +98,13 @@ class Case:
         """The fits of one data set."""
         groups, lines = self._records(number)
         spec = EstimatorSpec(friction="auto", transient_periods=0)
-        taken = identify_motor_friction(groups, spec, lines)
-        responses = [estimate_net_response(group, taken, spec, lines) for group in groups]
+        friction = identify_motor_friction(groups, spec, lines)
+        responses = [estimate_net_response(group, friction, spec, lines) for group in groups]
         study = study_of(self.rigs)
-        true = dict(zip(taken.places, COULOMB[self.coulomb], strict=True))
-        levels = [(place, *taken.coulomb_friction(place)) for place in taken.compensated_motors()]
+        true = dict(zip(friction.places, COULOMB[self.coulomb], strict=True))
+        coulomb = [(place, *friction.coulomb_friction(place)) for place in friction.compensated_motors()]
         found: Found = {
-            "levels": [(level / true[place] - 1, std / true[place]) for place, level, std in levels if true[place]]
+            "levels": [(level / true[place] - 1, std / true[place]) for place, level, std in coulomb if true[place]]
         }
         for name, (floor, is_exact) in FITS.items():
             robot = replace(study.as_robot(), tolerances=None) if is_exact else study.as_robot()
@@ -213,14 +213,16 @@ def main() -> None:
     parser.add_argument("--rest", action="store_true", help="without a carrier: the motors rest between reversals")
     parser.add_argument("--rigs", type=Path, default=RIGS)
     parser.add_argument("--jobs", type=int, default=1)
-    given = parser.parse_args()
-    if not (given.rigs / "two_axis_arm.py").is_file():
+    arguments = parser.parse_args()
+    if not (arguments.rigs / "two_axis_arm.py").is_file():
         print(json.dumps({"skipped": "the rig two_axis_arm.py is in ../shared/rigs, which is not here"}))
         return
-    sets, levels, counts = (2, [0.3], [2]) if given.quick else (given.sets, given.coulomb, given.realisations)
+    sets, levels, counts = (
+        (2, [0.3], [2]) if arguments.quick else (arguments.sets, arguments.coulomb, arguments.realisations)
+    )
     rows = []
-    for case in (Case(level, M, given.rigs.resolve(), given.rest) for level in levels for M in counts):
-        found = Execution(given.jobs).ordered(case, range(sets))
+    for case in (Case(level, M, arguments.rigs.resolve(), arguments.rest) for level in levels for M in counts):
+        found = Execution(arguments.jobs).ordered(case, range(sets))
         for fit in FITS:
             rows.append(figures(case, found, fit))
             print(line(rows[-1]), flush=True)

@@ -95,9 +95,9 @@ def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[e
         other |= {name: factor * given_numbers[name][0] for name, factor in factors.items()}
         shifts = {"c_fore_arm_x": 0.010, "c_upper_arm_z": -0.008}
         other |= {name: given_numbers[name][0] + shift for name, shift in shifts.items()}
-    given = {"k_2x": 1e3 * nominal.parameters()["k_2x"][0]} if case == "missing" else {}
+    values = {"k_2x": 1e3 * nominal.parameters()["k_2x"][0]} if case == "missing" else {}
     tolerances = Tolerances(length="exact", angle="exact") if case == "file" else "exact"
-    return nominal.with_parameters(truth | other), replace(nominal.with_parameters(given), tolerances=tolerances)
+    return nominal.with_parameters(truth | other), replace(nominal.with_parameters(values), tolerances=tolerances)
 
 
 def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
@@ -155,8 +155,8 @@ def main() -> None:
         ends = []
         for seed in range(fits):
             ends.append(one_fit(case, seed, count))
-            shares = (f"{key} {100 * v.mean():.0f} %" for key, v in ends[-1].items() if key.endswith("inside"))
-            print(f"  {case}, fit {seed}: {', '.join(shares)}", flush=True)
+            fractions = (f"{key} {100 * v.mean():.0f} %" for key, v in ends[-1].items() if key.endswith("inside"))
+            print(f"  {case}, fit {seed}: {', '.join(fractions)}", flush=True)
         own = {}
         for key in ends[0]:
             values = np.concatenate([end[key] for end in ends])
@@ -173,8 +173,8 @@ def main() -> None:
         print(case, own, flush=True)
     print(json.dumps({"fits": fits, "postures": fits * count, **summary}))
     for case, own in summary.items():
-        held = [value for key, value in own.items() if "inside" in key]
-        assert options.quick or min(held) >= (85 if case in MISFITS else 90), (case, own)
+        inside = [value for key, value in own.items() if "inside" in key]
+        assert options.quick or min(inside) >= (85 if case in MISFITS else 90), (case, own)
         if case == "right":
             assert own["stiffness error, worst %"] < 0.1, own
             assert own["modes error, worst %"] < 0.1, own

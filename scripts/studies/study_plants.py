@@ -118,8 +118,8 @@ class Rig:
         e = np.linalg.cholesky(right) @ (rng.standard_normal((F, n_y, n_u)) + 1j * rng.standard_normal((F, n_y, n_u)))
         variance = np.einsum("faa->fa", right)[:, :, None] * np.ones(n_u)
         left = np.broadcast_to(np.eye(n_u), (F, n_u, n_u))
-        known = Covariance(variance, np.inf, left.astype(complex), right.astype(complex))
-        return replace(response, G=response.G + e / np.sqrt(2), total=known)
+        covariance = Covariance(variance, np.inf, left.astype(complex), right.astype(complex))
+        return replace(response, G=response.G + e / np.sqrt(2), total=covariance)
 
     def assembly(self, data: list[Response], spec: FitSpec) -> Assembly:
         """The fit of a data set, without building the model again."""
@@ -130,8 +130,8 @@ class Rig:
 def responses(plant: Plant, linearisation: Linearisation, robot: Robot) -> tuple[Response, ...]:
     """Exact responses of a robot like the plant's, its numbers possibly others."""
     theta = np.array([value for value, _ in robot.parameters().values()])
-    found = []
+    measured = []
     for configuration in plant.configurations:
         linear: LinearModel = linearisation.at(configuration, theta, robot.motor_locations, plant.quantity)
-        found.append(to_response(linear, np.append(theta, 0.0), plant.freq_hz))
-    return tuple(found)
+        measured.append(to_response(linear, np.append(theta, 0.0), plant.freq_hz))
+    return tuple(measured)

@@ -59,12 +59,12 @@ def enter(name: str, identify: Callable[[Task], dict[str, Any] | None]) -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robots", nargs="+")
-    given = parser.parse_args()
-    path = given.folder / "results" / f"{name}-{given.seed}.json"
+    arguments = parser.parse_args()
+    path = arguments.folder / "results" / f"{name}-{arguments.seed}.json"
     path.parent.mkdir(exist_ok=True)
-    result = json.loads(path.read_text()) if path.exists() else {"entry": name, "seed": given.seed, "robots": {}}
-    for folder in sorted((given.folder / f"seed-{given.seed}").iterdir()):
-        if given.robots and folder.name not in given.robots:
+    result = json.loads(path.read_text()) if path.exists() else {"entry": name, "seed": arguments.seed, "robots": {}}
+    for folder in sorted((arguments.folder / f"seed-{arguments.seed}").iterdir()):
+        if arguments.robots and folder.name not in arguments.robots:
             continue
         task = Task(folder, *(json.loads((folder / file).read_text()) for file in ("robot.json", "experiment.json")))
         begin = time.process_time()

@@ -105,10 +105,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--secret", default="")
     parser.add_argument("--robots", nargs="+", choices=[row.name for row in ROWS], default=[row.name for row in ROWS])
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     for row in ROWS:
-        if row.name in given.robots:
-            write(given.folder, row, given.seed, given.secret)
+        if row.name in arguments.robots:
+            write(arguments.folder, row, arguments.seed, arguments.secret)
             print(row.name, flush=True)
 
 

@@ -103,21 +103,23 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("results", nargs="*", type=Path)
     parser.add_argument("--save", type=Path)
-    given = parser.parse_args()
-    results = [json.loads(p.read_text()) for p in given.results or sorted((given.folder / "results").glob("*.json"))]
-    if not given.results:
-        results += [guesses(given.folder, seed) for seed in sorted({r["seed"] for r in results})]
+    arguments = parser.parse_args()
+    results = [
+        json.loads(p.read_text()) for p in arguments.results or sorted((arguments.folder / "results").glob("*.json"))
+    ]
+    if not arguments.results:
+        results += [guesses(arguments.folder, seed) for seed in sorted({r["seed"] for r in results})]
     rows = []
     for result in results:
         entry, seed = result["entry"], result["seed"]
         for name, estimates in result["robots"].items():
-            truth = json.loads((given.folder / "truth" / f"seed-{seed}" / f"{name}.json").read_text())
+            truth = json.loads((arguments.folder / "truth" / f"seed-{seed}" / f"{name}.json").read_text())
             row = {"entry": entry, "seed": seed, "robot": name, **score(truth, estimates, seed)}
             cells = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
             print(f"{entry:8s} {seed} {name:18s} {row['inside']} of {row['of']} inside, {', '.join(cells)}", flush=True)
             rows.append(row)
-    if given.save:
-        given.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
+    if arguments.save:
+        arguments.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
     print(json.dumps({"open": rows}))
 
 
