@@ -24,6 +24,7 @@ _NOT_MEASURED = (
     "model|init|kin|dyn|traj|qg|simple|follow.*"
 )
 
+DRIVES = ("torque", "force", "current", "voltage")
 ChannelKey: TypeAlias = tuple[str, int | None, int]
 
 

@@ -19,22 +19,20 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.clocks import corrected_stamps, stamp_size
 from elastid.logs.files.formats import contents, read_channels
 from elastid.logs.repair import Findings, Log
-from elastid.logs.repair.masks import samples_before_motion
-from elastid.logs.repair.missing import bridged_gaps, filled
-from elastid.logs.repair.periodicity import check_complete, period_samples, rounded_samples
-from elastid.logs.repair.time_stamps import (
+from elastid.logs.repair.clock_drift import (
     MAX_CLOCK_ERROR,
     MAX_GRID_DEVIATION,
     MAX_REMAINING_FRACTION,
     MIN_DELAY_CORRELATION,
-    PASSBAND,
-    at_times,
     clock_drift,
     delay,
     delay_by_torque,
-    on_grid,
-    rising,
 )
+from elastid.logs.repair.masks import samples_before_motion
+from elastid.logs.repair.missing import bridged_gaps, filled
+from elastid.logs.repair.periodicity import check_complete, period_samples, rounded_samples
+from elastid.logs.repair.resampling import PASSBAND, at_times
+from elastid.logs.repair.time_stamps import on_grid, rising
 from elastid.logs.units_and_sides import check_values, link_side, without_placeholders
 from elastid.record import MOTION_ORDER, Motion
 

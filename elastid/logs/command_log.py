@@ -15,12 +15,13 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.logs.channel_guess import guess_commands, signals_of
+from elastid.logs.channel_guess import guess_commands
 from elastid.logs.channel_names import ChannelGuess
 from elastid.logs.clocks import MAX_SAMPLES, clock_of
 from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.files.log import Log as LogFile
-from elastid.logs.files.text import guess_format
+from elastid.logs.files.text_format import guess_format
+from elastid.logs.log_signals import signals_of
 from elastid.logs.repair import Log, bridged
 from elastid.logs.units_and_sides import link_side, on_one_side, to_joints
 from elastid.robot import Robot

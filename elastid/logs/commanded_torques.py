@@ -15,7 +15,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.logs.repair import Log
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 from elastid.simulation.spec import ReferencePathSpec

@@ -25,7 +25,7 @@ from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.logs.commanded_torques import Drives, Match, match_torques, positive, report_controller
 from elastid.logs.repair import Log
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR
 from elastid.record import MOTION_ORDER
 from elastid.response import STEP_IMAGES, Response
 from elastid.robot import Robot

@@ -15,6 +15,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import runs
 from elastid.logs.repair import MAX_WRONG_FRACTION, Log, bridged
+from elastid.logs.repair.clock_drift import resampled
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
     CHECK_CELLS,
@@ -28,7 +29,7 @@ from elastid.logs.repair.masks import (
 )
 from elastid.logs.repair.outliers import outliers_of, without_spikes
 from elastid.logs.repair.periodicity import MIN_PERIODS, grid_samples
-from elastid.logs.repair.time_stamps import at_times, resampled
+from elastid.logs.repair.resampling import at_times
 
 MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 FILLED = "missing samples filled"

@@ -14,8 +14,9 @@ from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.repair import Log, flat
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION
 from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION, at_times
+from elastid.logs.repair.resampling import at_times
 
 # Limits of the judgement that a signal repeats.
 # Correlation of a repetition at least; where several periods show that the rest is noise MIN_DELAY_CORRELATION.

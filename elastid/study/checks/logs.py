@@ -20,7 +20,7 @@ from elastid.logs.channels import gather_channels
 from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, is_time, stamp_size, stamps_of, time_units
 from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
-from elastid.logs.files.text import WRITTEN_OTHERWISE
+from elastid.logs.files.text_format import WRITTEN_OTHERWISE
 from elastid.logs.repair import Log
 from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders

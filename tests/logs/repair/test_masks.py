@@ -16,7 +16,7 @@ from elastid.logs.repair.masks import CLIPPED, MASKED, report_clipping, report_s
 from elastid.logs.repair.missing import FILLED, filled, repair
 from elastid.logs.repair.outliers import without_spikes
 from elastid.logs.repair.periodicity import repetition
-from elastid.logs.repair.time_stamps import RESAMPLED
+from elastid.logs.repair.resampling import RESAMPLED
 
 
 @settings(max_examples=15, deadline=None)

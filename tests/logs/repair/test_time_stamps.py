@@ -13,16 +13,8 @@ from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.logs.repair import Findings
-from elastid.logs.repair.time_stamps import (
-    GAPS,
-    JITTER,
-    SET_BACK,
-    delay,
-    describe_steps,
-    even_grid,
-    on_grid,
-    resampled,
-)
+from elastid.logs.repair.clock_drift import delay, resampled
+from elastid.logs.repair.time_stamps import GAPS, JITTER, SET_BACK, describe_steps, even_grid, on_grid
 
 RNG = np.random.default_rng(5)
 
