@@ -85,6 +85,12 @@ class _Experiment:
         return channel.file, float(channel.rate_hz or self.recorded.known_rate_hz)
 
 
+def driver_columns(channels: Sequence[ChannelSpec]) -> list[int]:
+    """Return the numbers of the channels of role r, else of role u, else of the references."""
+    columns = ([i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "reference"))
+    return next(filter(None, columns), [])
+
+
 def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Places) -> GatheredChannels:
     """Read the logs of one experiment.
 
@@ -119,8 +125,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         firsts.setdefault((channels[i].role, channels[i].at), i)
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
     rows = groups[0].rows if len(groups) == 1 else None
-    by_role = {role: [i for i in keep if channels[i].role == role] for role in ("r", "u", "reference")}
-    drivers = by_role["r"] or by_role["u"] or by_role["reference"]
+    drivers = [keep[j] for j in driver_columns([channels[i] for i in keep])]
     log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
     begin = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
     return GatheredChannels(
@@ -169,17 +174,15 @@ def period_samples_of_channel(period_s: float, rate_hz: float, recorded: Recorde
 
 def _period_s(groups: Sequence[_Group], experiment: _Experiment) -> float | None:
     """Return the period in s (samples if the rate is unknown), stated or detected in torques; None without one."""
-    for role in ("r", "u", "reference"):
-        for group in groups:
-            drivers = [j for j, i in enumerate(group.members) if experiment.recorded.channels[i].role == role]
-            if group.file == 1 and drivers:
-                signals = group.signals[:, drivers]
-                if experiment.recorded.period_of(experiment.file) is not None:
-                    check_complete(signals, experiment.paths[0])
-                signals = signals[samples_before_motion(signals) :]
-                samples = period_samples(experiment.recorded, experiment.file, group.rate_hz, signals)
-                return None if samples is None else samples / group.rate_hz
-    raise AssertionError("the first file of an experiment has an acting torque")
+    recorded, members = experiment.recorded, [i for group in groups if group.file == 1 for i in group.members]
+    drivers = [members[j] for j in driver_columns([recorded.channels[i] for i in members])]
+    group = next(group for group in groups if drivers[0] in group.members)  # the first file has an acting torque
+    signals = group.signals[:, [j for j, i in enumerate(group.members) if i in drivers]]
+    if recorded.period_of(experiment.file) is not None:
+        check_complete(signals, experiment.paths[0])
+    signals = signals[samples_before_motion(signals) :]
+    samples = period_samples(recorded, experiment.file, group.rate_hz, signals)
+    return None if samples is None else samples / group.rate_hz
 
 
 def _read(experiment: _Experiment, key: tuple[int, float]) -> _Group:

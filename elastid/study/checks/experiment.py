@@ -8,7 +8,7 @@ from elastid.base.errors import StudyError
 from elastid.base.names import posture_of
 from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.study.checks.names import check_names, check_units
+from elastid.study.checks.names import check_names, check_units, refusal_of
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -33,28 +33,27 @@ def check_count(study: Study) -> Iterator[Problem]:
 
 def check_configurations(study: Study) -> Iterator[Problem]:
     """Check that angles are one for each driven joint, in its unit and limits with the swing, and that loops close."""
-    robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         if posture_of(name) != name:
             yield Problem(
                 path, ("names of configurations must not end in `amplitude` and a number. Rename it"), at_key=True
             )
-        if refused := robot.count_refusal(len(angles)):
+        if refused := study.places.count_refusal(len(angles)):
             yield Problem(path, refused)
+            continue
+        if (robot := study.robot) is None:
             continue
         refusals = [
             joint.refusal_of(angle) or joint.position_refusal(angle, swing)
-            for angle, joint, swing in zip(angles, robot.driven, swings, strict=True)
+            for angle, joint, swing in zip(angles, robot.driven, _swings(study), strict=True)
         ]
         yield from (Problem((*path, i), refused) for i, refused in enumerate(refusals) if refused)
         if robot.loops and not any(refusals):
             from elastid.model.closed_posture import assembled  # brings CasADi, which robots without loops do without
 
-            try:
-                assembled(robot, np.array(angles, dtype=float))
-            except StudyError as refusal:
-                yield Problem(path, str(refusal))
+            if refused := refusal_of(assembled, robot, np.array(angles, dtype=float)):
+                yield Problem(path, refused)
 
 
 def check_payload(study: Study) -> Iterator[Problem]:
@@ -116,10 +115,7 @@ def check_structure(study: Study) -> Iterator[Problem]:
             "no configuration is given; name each state of the structure that was measured, for example {bench: []}"
         )
         yield Problem(("experiment", "configurations"), message)
-    for name, angles in experiment.configurations.items():
-        path = ("experiment", "configurations", name)
-        if refused := study.places.count_refusal(len(angles)):
-            yield Problem(path, refused)
+    yield from check_configurations(study)
 
 
 def check_excitation(study: Study) -> Iterator[Problem]:

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import ElastidError, StudyError, did_you_mean
+from elastid.base.errors import ElastidError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.channel_doubts import channel_doubts
-from elastid.logs.channels import gather_channels
+from elastid.logs.channels import driver_columns, gather_channels
 from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, is_time, stamp_size, stamps_of, time_units
 from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
@@ -25,7 +25,7 @@ from elastid.logs.repair import Log
 from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders
 from elastid.store.files import content_hash
-from elastid.study.checks.names import unknown
+from elastid.study.checks.names import refusal_of, unknown
 from elastid.study.messages import NO_LOG, Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -150,10 +150,8 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         if channel.role == "u" and channel.at not in inputs:
             yield unknown((*place, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
-            try:
-                robot.check_location(channel.at)
-            except StudyError as error:
-                yield Problem((*place, "at"), str(error))
+            if refused := refusal_of(robot.check_location, channel.at):
+                yield Problem((*place, "at"), refused)
             if tool.motors == "locked" and channel.at.startswith("motor "):
                 yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
@@ -205,10 +203,8 @@ def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> It
     file = recorded.files[i]
     if sum((base / name).stat().st_size for name in (file.path, *file.also)) > _MAX_BYTES:
         return
-    try:
-        gather_channels(recorded, file, base, study.places)
-    except ElastidError as error:
-        yield Problem((*_RECORDED, "files", i, "also"), str(error))
+    if refused := refusal_of(gather_channels, recorded, file, base, study.places):
+        yield Problem((*_RECORDED, "files", i, "also"), refused)
 
 
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
@@ -232,23 +228,16 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
     """Yield channels that are missing in their file; DataError if all are."""
-    refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
+    first = slice(0, 2)
+    refusals = [(k, text) for k in members if (text := refusal_of(log.values, [recorded.channels[k]], first))]
     if refusals and len(refusals) == len(members):
-        log.values([recorded.channels[k] for k in members], slice(0, 2))
+        log.values([recorded.channels[k] for k in members], first)
     for k, refused in refusals:
         key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
         yield Problem((*_RECORDED, "channels", k, key), refused)
     if recorded.time and recorded.time not in log.shapes():
         message = f"the log has no such channel; {did_you_mean(recorded.time, list(log.shapes()))}"
         yield Problem((*_RECORDED, "time"), message)
-
-
-def _refusal(log: OpenLog, channels: Sequence[ChannelSpec]) -> str:
-    try:
-        log.values(channels, slice(0, 2))
-    except ElastidError as error:
-        return str(error)
-    return ""
 
 
 def _check_content(
@@ -269,7 +258,7 @@ def _check_content(
     rates = list(_check_rate(recorded, log))
     yield from rates
     if isinstance(period, float) and not rates and not recorded.time and len(values) > 1:
-        yield from _check_period(recorded, file, path, channels, values, period, place)
+        yield from _check_period(recorded, file, path, values[:, driver_columns(channels)], period, place)
     if recorded.rate_hz != "unknown":
         doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
         for doubt in (doubt for doubt in doubts if not rates or doubt.channel is not None):
@@ -278,24 +267,16 @@ def _check_content(
 
 
 def _check_period(
-    recorded: RecordedSpec,
-    file: FileSpec,
-    path: KeyPath,
-    channels: Sequence[ChannelSpec],
-    values: FloatArray,
-    period: float,
-    place: Path,
+    recorded: RecordedSpec, file: FileSpec, path: KeyPath, drivers: FloatArray, period: float, place: Path
 ) -> Iterator[Problem]:
     """Check whole periods as the stage measure does; it resamples other periods before the check."""
-    drivers = [k for role in ("r", "u") for k, channel in enumerate(channels) if channel.role == role]
-    drivers = [k for k in drivers if channels[k].role == channels[drivers[0]].role]
-    if period != round(period) or not drivers:
+    if period != round(period) or not drivers.size:
         return
     known_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
     try:
         N = grid_samples(period, recorded.half_wave)
-        check_complete(values[:, drivers], place)
-        check_repeat(values[:, drivers], N, recorded.half_wave, Log(str(place), (), known_hz))
+        check_complete(drivers, place)
+        check_repeat(drivers, N, recorded.half_wave, Log(str(place), (), known_hz))
     except ElastidError as error:
         keys = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
         key = "period" if recorded.period is not None else "period_samples"

@@ -1,12 +1,21 @@
 """Names that several sections refer to: configurations, places on the robot, inputs and outputs."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from elastid.base.errors import did_you_mean
+from elastid.base.errors import ElastidError, did_you_mean
 from elastid.robot import Robot
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
+
+
+def refusal_of(check: Callable[..., object], *arguments: object) -> str:
+    """Return the message of the error that a check raises; empty without one."""
+    try:
+        check(*arguments)
+    except ElastidError as error:
+        return str(error)
+    return ""
 
 
 def unknown(path: KeyPath, noun: str, name: str, valid: Iterable[str]) -> Problem:
