@@ -22,7 +22,7 @@ Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
 Motors: TypeAlias = Literal["locked", "free", "controlled"]
 MOTION_UNIT: dict[str, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
-MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
+MOTION_ORDER: dict[str, int] = {quantity: order for order, quantity in enumerate(MOTION_UNIT)}
 
 
 def motion_unit(quantity: Motion, slides: bool) -> str:

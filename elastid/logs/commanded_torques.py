@@ -25,7 +25,7 @@ _SMALLEST = 0.03  # of the largest reference: DFT lines with smaller ones are no
 TORQUE_LAG_S = 3e-4
 # Explained fraction of the power of a torque above which the gains are identified to _MAX_GAIN_ERROR.
 _MIN_CERTAIN, _MAX_GAIN_ERROR = 0.98, 0.1
-_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # delay of the reference path behind the logged reference, in cycles
+_REFERENCE_CYCLES = range(-2, 3)  # delay of the reference path behind the logged reference, in cycles
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
         M, K = scaled(delays[0], 0.0 if Q is None else delays[1])
         return float(np.sum(np.abs(U - M * K) ** 2) / np.maximum(np.sum(np.abs(U) ** 2), 1e-300))
 
-    cycles = (0,) if Q is None else _REFERENCE_CYCLES
+    cycles = range(1) if Q is None else _REFERENCE_CYCLES
     starts = [(tau, k * cycle) for k in cycles for tau in np.arange(-2, 4, 0.1) * cycle]
     start = np.array(min(starts, key=unexplained))
     simplex = start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])

@@ -10,18 +10,18 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
-from elastid.logs.channel_names import DRIVES, ChannelGuess, guess_by_name
+from elastid.logs.channel_names import DRIVES, STANDARD_GRAVITY, ChannelGuess, guess_by_name
 from elastid.logs.clocks import channel_rates, slowest_ms
 from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.repair import Log as RepairLog
 from elastid.logs.repair import bridged
+from elastid.logs.repair.masks import MAX_MISSING_FRACTION
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.units_and_sides import MAX_COMPUTABLE
 
 MIN_SAMPLES = 100  # of a log
-_MIN_MEASURED_FRACTION = 2 / 3  # of the samples of a signal
-_GRAVITY, _MAX_GRAVITY_ERROR = 9.80665, 0.1  # m/s^2, and relative error of an accelerometer
+_MAX_GRAVITY_ERROR = 0.1  # of an accelerometer, relative
 _MIN_COUNTS = 50  # minimum range of whole numbers that may be counts
 
 
@@ -51,7 +51,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 is_position = [True] if guess.quantity == "position" else []
                 x = without_lone(x[:, None], RepairLog("", ("",)), is_position)[:, 0]
-            is_measured = np.isfinite(x).sum() > _MIN_MEASURED_FRACTION * len(x)
+            is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)
             if is_measured and (np.ptp(whole := bridged(x)) > 0 or with_constant):
                 result.append((replace(_with_counts(guess, whole), name=name), whole))
     return _with_gravity(_with_commands(result))
@@ -85,7 +85,7 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
     ]
     gravity = float(np.linalg.norm([mean for _, mean in axes]))
     is_one = len(axes) == 3 and len({g.parts[0] for g, _ in axes}) == 1
-    units = {"g": ("m/s^2", _GRAVITY, 1.0), "mm/s^2": ("mm/s^2", 1.0, 1e3 * _GRAVITY)}
+    units = {"g": ("m/s^2", STANDARD_GRAVITY, 1.0), "mm/s^2": ("mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)}
     unit = next((name for name, row in units.items() if is_one and abs(gravity / row[2] - 1) < _MAX_GRAVITY_ERROR), "")
     if not unit:
         return signals

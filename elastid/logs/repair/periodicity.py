@@ -1,4 +1,4 @@
-r"""The period of a recorded excitation, as stated or as found, by autocorrelation.
+r"""The period of a recorded excitation, stated or detected, by autocorrelation (Rabiner, IEEE Trans. ASSP 25, 1977).
 
 .. math:: \rho(l) = \frac{\sum_t x(t)\, x(t + l)}{\sqrt{\sum_t x(t)^2 \sum_t x(t + l)^2}}
 

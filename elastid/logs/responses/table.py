@@ -25,6 +25,7 @@ from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import ResponsesSpec
+from elastid.logs.channel_names import STANDARD_GRAVITY
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, is_universal_file, place_of, sets_of
@@ -229,7 +230,7 @@ def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
 
 
 # Length in m and force in N of the unit codes of data set 164.
-_FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, 9.80665
+_FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, STANDARD_GRAVITY
 _UNITS = {
     1: (1.0, 1.0), 2: (_FOOT, _POUND), 3: (1.0, _KILOGRAM), 4: (_FOOT, 0.138254954376), 5: (1e-3, 1e-3),
     6: (1e-2, 1e-2), 7: (0.0254, _POUND), 8: (1e-3, _KILOGRAM), 10: (1e-3, 1.0)
