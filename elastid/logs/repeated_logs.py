@@ -1,4 +1,4 @@
-"""Several logs of one experiment as one record, each brought into step with the first.
+"""Several logs of one experiment as one record, each aligned with the first.
 
 They hold further periods, or repeats, of one excitation. The record keeps where a log starts, since each has a
 transient and a drift of its own.
