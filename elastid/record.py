@@ -64,8 +64,8 @@ class JointLoop:
 
     def gain_derivatives(self, change: Callable[..., Any], *others: "JointLoop") -> "JointLoop":
         """Return derivatives of a joint loop with respect to kp, kd and ki, combined with the other loops."""
-        parts = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
-        return JointLoop(*(change(*values) for values in parts))
+        gains = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
+        return JointLoop(*(change(*values) for values in gains))
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """Return F (..., n_u), torque over angle of the sampled loop, at freq_hz (...)."""

@@ -120,8 +120,8 @@ class Match:
 
     def gains(self, motor: int) -> tuple[FloatArray, float]:
         """Fit factors (2,) of the terms of position and velocity gain of a motor; also explained power."""
-        parts = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
-        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in parts)
+        terms = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
+        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in terms)
         A = np.stack(columns, axis=1)
         factors = np.linalg.lstsq(A, u)[0]
         return factors, 1 - float(np.sum((u - A @ factors) ** 2)) / max(float(u @ u), 1e-300)
@@ -207,5 +207,5 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
     C_fb_v, C_ff_v = drives.controlled(f, has_position=False)
     by_velocity = delayed(*delays, C_ff_v * R, 0 * feedback if Q is None else C_fb_v * Q)
-    parts = delayed(*delays, forward, feedback), by_velocity, images(*delays)
-    return Match(drives, U, *parts, scaled(*delays)[1], sum(delays), 1 - float(end.fun))
+    terms = delayed(*delays, forward, feedback), by_velocity, images(*delays)
+    return Match(drives, U, *terms, scaled(*delays)[1], sum(delays), 1 - float(end.fun))

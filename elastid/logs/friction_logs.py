@@ -81,7 +81,7 @@ def read_friction_logs(
             joint = robot.driven[robot.driven_names.index(motions[0].joint)]
             motions = tests_in(motions[0], turns_against_gravity(robot, joint, motions[0].configuration))
         records += motions
-    warm_ups = tuple(warm_up_log(*zip(*parts, strict=True)) for parts in heated.values())
+    warm_ups = tuple(warm_up_log(*zip(*pairs, strict=True)) for pairs in heated.values())
     return FrictionRecords(tuple(records), warm_ups, tuple(notes))
 
 
@@ -112,13 +112,13 @@ class _LogReader:
         if self.file.purpose not in (*STILL, "warm_up"):
             signals = without_dropouts(signals, gathered.log)
         gathered = replace(gathered, signals=signals)
-        parts = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _parts(gathered)
+        segments = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _segments(gathered)
         records = list[FrictionRecord]()
-        for i, part in enumerate(parts):
+        for i, segment in enumerate(segments):
             name = f"{self.name} part {i + 1}" if i else self.name
-            offset_s = (part.log.first - gathered.log.first) / gathered.rate_hz
+            offset_s = (segment.log.first - gathered.log.first) / gathered.rate_hz
             records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._segment_records(
-                part
+                segment
             )
         if records:
             return tuple(records)
@@ -284,7 +284,7 @@ class _LogReader:
         return degrees
 
 
-def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
+def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     """Return the parts of a log between gaps that are too long to interpolate, without short parts; else all of it.
 
     The first part has the notes and findings, and one on the gaps.
@@ -312,9 +312,9 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
 
 def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
     """Shrink a range until two samples at both ends are complete: an interpolation needs neighbours."""
-    part = ~lacking[first:end]
-    complete = np.flatnonzero(part[:-1] & part[1:])
-    return (first, first) if not len(complete) else (first + int(complete[0]), first + int(complete[-1]) + 2)
+    is_whole = ~lacking[first:end]
+    pairs = first + np.flatnonzero(is_whole[:-1] & is_whole[1:])
+    return (first, first) if not len(pairs) else (int(pairs[0]), int(pairs[-1]) + 2)
 
 
 def _joint_of(channel: ChannelSpec) -> str:

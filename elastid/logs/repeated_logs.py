@@ -33,23 +33,23 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     """
     first = _shift_periods(records[0], 0.0)
     claims = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
-    parts = [first, *(_align_record(first, *pair) for pair in zip(records[1:], claims, strict=True))]
-    starts = np.cumsum([0, *(part.n_repeats for part in parts)]).tolist()
-    r = [part.r for part in parts if part.r is not None]
-    repairs = sum((Counter(part.repairs) for part in parts), Counter())
-    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(parts, paths, strict=True))
-    text = f"the periods of one excitation are from {len(parts)} logs: {counts}"
+    aligned = [first, *(_align_record(first, *pair) for pair in zip(records[1:], claims, strict=True))]
+    starts = np.cumsum([0, *(log.n_repeats for log in aligned)]).tolist()
+    r = [log.r for log in aligned if log.r is not None]
+    repairs = sum((Counter(log.repairs) for log in aligned), Counter())
+    counts = ", ".join(f"{log.n_periods} of {path}" for log, path in zip(aligned, paths, strict=True))
+    text = f"the periods of one excitation are from {len(aligned)} logs: {counts}"
     note = Note("records/corrected", text, f"record {first.name}", severity="information")
     return replace(
         first,
-        u=np.concatenate([part.u for part in parts]),
-        y=np.concatenate([part.y for part in parts]),
-        r=np.concatenate(r) if len(r) == len(parts) else None,
+        u=np.concatenate([log.u for log in aligned]),
+        y=np.concatenate([log.y for log in aligned]),
+        r=np.concatenate(r) if len(r) == len(aligned) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(notes_of(parts)), note),
+        notes=(*dict.fromkeys(notes_of(aligned)), note),
         repairs=dict(repairs),
         discarded_periods=tuple(
-            start + p for start, part in zip(starts, parts, strict=False) for p in part.discarded_periods
+            start + p for start, log in zip(starts, aligned, strict=False) for p in log.discarded_periods
         ),
     )
 

@@ -228,7 +228,9 @@ class Joint:
     @property
     def cells(self) -> tuple[str, str, str, str]:
         """Axis, gear ratio, stiffness and damping as table cells, empty for missing values."""
-        direction = self.axis if isinstance(self.axis, str) else ", ".join(f"{part:.4g}" for part in self.axis)
+        direction = (
+            self.axis if isinstance(self.axis, str) else ", ".join(f"{component:.4g}" for component in self.axis)
+        )
         axis = f"along {direction}" if self.slides else direction
         ratio = "" if self.motor is None else f"{self.motor.ratio:.6g}"
         if self.spring is None:
@@ -301,9 +303,9 @@ class Joint:
                 )
 
 
-def _numbers_of(part: object, path: str = "") -> Iterator[tuple[str, float]]:
+def _numbers_of(section: object, path: str = "") -> Iterator[tuple[str, float]]:
     """Yield numbers of a section and of sections in it except motors: `viscous`, `friction.lugre: stiffness`."""
-    for name, value in vars(part).items():
+    for name, value in vars(section).items():
         if is_dataclass(value) and not isinstance(value, Motor):
             yield from _numbers_of(value, f"{path}.{name}" if path else name)
         for number in value if isinstance(value, tuple) else (value,):

@@ -257,8 +257,8 @@ class _Reader:
         viscous = viscous if properties.viscous is None else properties.viscous
         try:
             limits = _limits(joint) if properties.limits is None else properties.limits
-            axis, parts = (x, y, z), (properties.spring, properties.motor, viscous)
-            return Joint(name, axis, *parts, limits=limits, motion=_MOVING[kind]), *properties.elastic
+            axis, contents = (x, y, z), (properties.spring, properties.motor, viscous)
+            return Joint(name, axis, *contents, limits=limits, motion=_MOVING[kind]), *properties.elastic
         except StudyError:
             raise
         except ValueError as error:

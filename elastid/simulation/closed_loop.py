@@ -183,7 +183,7 @@ def _control(model: ElasticModel, drives: Drives, rate_hz: float, filters: Filte
 def _drive(drives: Drives, step: float) -> ca.Function:
     """Build (w, u) -> torque at each stage of a step, and w after it."""
     w, u = ca.SX.sym("w", drives.n_states), ca.SX.sym("u", len(drives.torque))
-    torques, states = zip(*(drives.lagged(w, u, part * step) for part in FIFTH_ORDER.nodes), strict=True)
+    torques, states = zip(*(drives.lagged(w, u, node * step) for node in FIFTH_ORDER.nodes), strict=True)
     return ca.Function("drive", [w, u], [*torques, states[-1]])
 
 

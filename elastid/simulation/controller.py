@@ -45,7 +45,7 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> 
 
 def loop_of(gains: GainsSpec, n_u: int) -> JointLoop:
     """Return loop of each of n_u motors with stated gains."""
-    position, kd = (np.broadcast_to(part, n_u) for part in (gains.position_gain, gains.velocity_gain))
+    position, kd = (np.broadcast_to(gain, n_u) for gain in (gains.position_gain, gains.velocity_gain))
     ki = 0.0 if gains.integral_time is None else 1 / np.asarray(gains.integral_time)
     return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, n_u))
 

@@ -221,12 +221,12 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     """
     q, v = model.symbols("q", "v")
     numbers = model.theta if theta is None else theta
-    parts = pivots(model)
-    _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), parts)
+    division = pivots(model)
+    _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), division)
     closed = q + step
-    Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), parts)
+    Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), division)
     arguments = [q, v, *([] if theta is None else [theta])]
-    return ca.Function("projection", arguments, [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
+    return ca.Function("projection", arguments, [closed, Z @ v[division.independent.tolist()]], {"cse": True})
 
 
 def pivots(model: ElasticModel) -> Partition:
@@ -237,20 +237,20 @@ def pivots(model: ElasticModel) -> Partition:
     return partition(model, model.constraint_jacobian(q, model.theta).full())
 
 
-def _solved(Phi: ca.SX, right: ca.SX, parts: Partition) -> tuple[ca.SX, ca.SX]:
+def _solved(Phi: ca.SX, right: ca.SX, division: Partition) -> tuple[ca.SX, ca.SX]:
     """Return Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
 
     Gauss and Jordan with the pivots given; zeros stay zeros.
     """
-    table = ca.horzcat(Phi, right)[parts.rows.tolist(), :]
-    columns = parts.dependent.tolist()
+    table = ca.horzcat(Phi, right)[division.rows.tolist(), :]
+    columns = division.dependent.tolist()
     rows = [ca.sparsify(table[i, :]) for i in range(len(columns))]
     for i, column in enumerate(columns):
         rows[i] = rows[i] / rows[i][column]
         for k in range(len(rows)):
             if k != i and not rows[k][column].is_zero():
                 rows[k] = rows[k] - rows[k][column] * rows[i]
-    n_q, independent = Phi.size2(), parts.independent.tolist()
+    n_q, independent = Phi.size2(), division.independent.tolist()
     Z, a = ca.SX(n_q, len(independent)), ca.SX(n_q, 1)
     for place, column in enumerate(independent):
         Z[column, place] = 1

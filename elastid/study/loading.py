@@ -280,11 +280,11 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
             "files/missing", f"robot: no such file (looked for {file}; the path is relative to the study)", place
         )
     try:
-        part = read_robot(file)
+        robot_source = read_robot(file)
     except StudyError as error:
         raise StudyError("robot/file", f"robot: {file} is no robot:\n{error}", place) from None
-    text = f"{source.text.rstrip()}\n\n{comment_lines(robot)}{part.text}"
-    return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
+    text = f"{source.text.rstrip()}\n\n{comment_lines(robot)}{robot_source.text}"
+    return YamlSource({**source.data, **robot_source.data}, {**source.places, **robot_source.places}, text)
 
 
 def _split(override: str) -> tuple[KeyPath, YamlSource, str]:

@@ -73,7 +73,7 @@ class TextLog(Log):
         times = [i for i in range(column + 1) if _TIMES.fullmatch(self.headings[i])]
         return float(split_line(self.number_lines[self.first], self.format)[times[-1]]) if times else 0.0
 
-    def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
+    def values(self, channels: Sequence[ChannelSpec], span: slice = slice(None)) -> FloatArray:
         """Return values (n_samples, n_c) of channels; DataError for one that is missing, or of another rate."""
         columns = [self._column(channel) for channel in channels]
         if len({self._length(column) for column in columns}) > 1:
@@ -84,14 +84,14 @@ class TextLog(Log):
             order = f"{abs(lead):g} ms {'after' if lead > 0 else 'before'}"
             problem = f"{self.headings[columns[0]]} starts {order} {self.headings[0]}"
             raise DataError("records/clock", f"{problem}. Export both with one sample time", self.path)
-        return self.columns(columns, part)
+        return self.columns(columns, span)
 
     @property
     def is_large(self) -> bool:
         """True if its lines remain in the file, so that a part of them counts as so many samples."""
         return isinstance(self.number_lines, FileLines)
 
-    def columns(self, columns: Sequence[int], part: slice = slice(None)) -> FloatArray:
+    def columns(self, columns: Sequence[int], span: slice = slice(None)) -> FloatArray:
         """Return columns (n_samples, len(wanted)), counted from 0.
 
         A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
@@ -99,11 +99,11 @@ class TextLog(Log):
         """
         needed, end = sorted(set(columns)), self.first + max(map(self._length, columns))
         if self.is_large:
-            rows = range(self.first, end)[part]
-            parts = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
-            data = np.concatenate([self._read(needed, rows.start, rows.stop) for rows in parts or [range(0)]])
+            rows = range(self.first, end)[span]
+            blocks = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
+            data = np.concatenate([self._read(needed, rows.start, rows.stop) for rows in blocks or [range(0)]])
         else:
-            data = self._read(needed, self.first, end, part.stop if (part.stop or 0) > 0 else None)[part]
+            data = self._read(needed, self.first, end, span.stop if (span.stop or 0) > 0 else None)[span]
         return data[:, [needed.index(column) for column in columns]]
 
     def _read(self, needed: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
@@ -151,9 +151,9 @@ class TextLog(Log):
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
 
-    def wrong_cell(self, columns: Sequence[int], part: slice) -> str:
+    def wrong_cell(self, columns: Sequence[int], span: slice) -> str:
         """Return message on the first cell without a number in a range of rows; empty without such a cell."""
-        rows = range(self.first, len(self.number_lines))[part]
+        rows = range(self.first, len(self.number_lines))[span]
         lines = self.number_lines[rows.start : rows.stop]
         if not lines or not columns or self._numbers(columns, lines)[0] is not None:
             return ""

@@ -54,8 +54,8 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         count, text = _missing(good[:, c], log, int(c))
         if count > MAX_MISSING_FRACTION * len(good):
             raise log.error("records/missing-samples", f"{text}. {CHECK_CELLS}, or exclude them with samples")
-        result[:, c], of_gaps = _interpolated(periodic[:, c], L, sign, log, text)
-        noisy |= of_gaps
+        result[:, c], noisy_gaps = _interpolated(periodic[:, c], L, sign, log, text)
+        noisy |= noisy_gaps
         outliers = outliers_of(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")

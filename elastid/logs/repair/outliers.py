@@ -53,7 +53,7 @@ TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # Distance of a spike over the distance of this fraction of the samples, in the median of parts of the log; also over
 # the range of most samples, beyond which no motion leaps.
-USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
+USUAL_FRACTION, SECTIONS, MIN_OVER_USUAL = 0.9, 20, 3.0
 ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
 
 
@@ -338,8 +338,8 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
 
 def _scale(d: FloatArray) -> float:
     """Compute the distance that a spike exceeds, from typical distances (n,) in sections of a log."""
-    parts = d[: len(d) // PARTS * PARTS].reshape(PARTS, -1)
-    return MIN_OVER_USUAL * float(np.median(np.quantile(parts, USUAL_FRACTION, axis=1)))
+    sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
+    return MIN_OVER_USUAL * float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))
 
 
 def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:

@@ -186,9 +186,9 @@ def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
     fine = at_times(rho[first:last, None], times, float(last - first))[:, 0]
     i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
     bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
-    part = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
+    offset = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
     # Between few samples an interpolated peak lies above 1, which no correlation is.
-    return first + float(times[i]) + part * step, min(float(fine.max()), 1.0)
+    return first + float(times[i]) + offset * step, min(float(fine.max()), 1.0)
 
 
 def _from_later(rho: FloatArray, period: float) -> float:

@@ -194,9 +194,9 @@ def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray 
     """Read a complex array, or struct with real and imag fields as written by MATLAB; None if it is missing."""
     if name in leaves:
         return np.asarray(leaves[name]).astype(np.complex128)
-    for parts in (("real", "imag"), ("re", "im"), ("r", "i")):
-        if all(f"{name}.{part}" in leaves for part in parts):
-            real, imaginary = (np.asarray(leaves[f"{name}.{part}"], dtype=np.float64) for part in parts)
+    for suffixes in (("real", "imag"), ("re", "im"), ("r", "i")):
+        if all(f"{name}.{suffix}" in leaves for suffix in suffixes):
+            real, imaginary = (np.asarray(leaves[f"{name}.{suffix}"], dtype=np.float64) for suffix in suffixes)
             return (real + 1j * imaginary).astype(np.complex128)
     return None
 
@@ -282,10 +282,10 @@ def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec 
     return next((geometry for geometry in geometries if geometry is not None), None)
 
 
-def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[str] = ()) -> GeometrySpec | None:
+def uff_geometry(path: Path, channels: Sequence[ChannelSpec], places: Sequence[str] = ()) -> GeometrySpec | None:
     """Read nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of places.
 
-    channels: of the study, whose places move in the directions of their nodes.  moved: further places, by these names.
+    channels: of the study, whose places move in the directions of their nodes.  places: further places, by these names.
     """
     metre = _length_and_force(path)[0]
     points = {
@@ -295,7 +295,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[st
     }
     motion = dict[str, tuple[str, str]]()
     names = [(channel.at, channel.channel or channel.at, channel.sign) for channel in channels]
-    for at, name, sign in (*names, *((at, at, 1) for at in moved)):
+    for at, name, sign in (*names, *((at, at, 1) for at in places)):
         match = re.fullmatch(r"(\d+)([xyz])( \d+)?", name)
         if match and match[1] in points:
             motion.setdefault(at, (match[1], f"{'-' if sign < 0 else ''}{match[2]}"))

@@ -248,8 +248,8 @@ def _check_content(
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
     most = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
-    part = slice(first, first + most if end is None else min(end, first + most))
-    values = without_placeholders(log.values(channels, part))
+    span = slice(first, first + most if end is None else min(end, first + most))
+    values = without_placeholders(log.values(channels, span))
     if end is not None and len(values) < min(end - first, most):
         yield Problem(
             (*path, "samples"), (f"the log ends after sample {first + len(values)}, counted from 0. Correct samples")
