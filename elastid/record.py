@@ -101,11 +101,8 @@ class ReferenceLoop:
         """Return the loop at other frequencies (F',), interpolated."""
         if np.array_equal(freq_hz, self.freq_hz):
             return self
-        place = np.interp(freq_hz, self.freq_hz, np.arange(len(self.freq_hz)))
-        low = np.minimum(place.astype(np.int64), len(self.freq_hz) - 2).clip(0)
-        fraction = (place - low)[:, None]
         feedback, feedforward = (
-            (1 - fraction) * C[:, low] + fraction * C[:, np.minimum(low + 1, C.shape[1] - 1)]
+            np.apply_along_axis(lambda gains: np.interp(freq_hz, self.freq_hz, gains), 1, C)
             for C in (self.feedback, self.feedforward)
         )
         return replace(self, freq_hz=freq_hz, feedback=feedback, feedforward=feedforward)
@@ -191,7 +188,7 @@ class Record:
         True for odd lines only: the second half of a period is the negated first, and each half is a repetition.
     notes, repairs : tuple of Note, mapping of str to int
         Findings about the log, and its number of corrections by kind.
-    left_out, starts : tuple of int
+    discarded_periods, starts : tuple of int
         Repetitions, from 0, that are mostly interpolated and discarded, and at which further logs start.
     sliding, input_units : tuple of str
         Translating inputs and outputs, with units N and m; unit of each input with a voltage or a current.
