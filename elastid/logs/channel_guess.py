@@ -168,12 +168,12 @@ def guess_commands(
 ) -> tuple[tuple[ChannelGuess, ChannelGuess], ...]:
     """Pair measured and commanded positions of joints by names; none unless every measured one has a command."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
-    measured = _best_family([g for g in guesses if g.rank >= 0], ("position",))
-    measured = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in measured])
+    positions = _best_family([g for g in guesses if g.rank >= 0], ("position",))
+    positions = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in positions])
     commanded = _commanded_positions(guesses)
-    pairs = [(g, commanded[g.parts[1]]) for g in measured if g.parts[1] in commanded]
+    pairs = [(g, commanded[g.parts[1]]) for g in positions if g.parts[1] in commanded]
     pairs = _sorted(pairs, [g.parts[1] for g, _ in pairs])
-    return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(measured) else ()
+    return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(positions) else ()
 
 
 def _with_common_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:

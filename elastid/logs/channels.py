@@ -256,7 +256,7 @@ def _aligned(groups: Sequence[_Group], period: float | None, experiment: _Experi
     base = [group for group in groups if group.file == 1]
     n = min(len(group.signals) for group in base)
     N = None if period is None else round(period)
-    shifts, shifted, log, x_1 = {}, [], experiment.log(1), _signals(base, N, channels)
+    shifts, others, log, x_1 = {}, [], experiment.log(1), _signals(base, N, channels)
     for number in sorted({group.file for group in groups} - {1}):
         name, members = paths[number - 1].name, [group for group in groups if group.file == number]
         ratio = 1.0 if N is None else _clock_ratio(x_1, _signals(members, N, channels), N)
@@ -270,12 +270,12 @@ def _aligned(groups: Sequence[_Group], period: float | None, experiment: _Experi
         x_2 = _signals(members, N, channels)
         shift, cue = _file_delay(base[0], members[0], x_1, x_2, N, paths[number - 1])
         shifts[number] = shift
-        shifted += members
+        others += members
         up_to = "" if N is None else " (up to whole periods)"
         log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {cue}")
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(group, signals=group.signals[start:]) for group in base]
-    for group in shifted:
+    for group in others:
         shift, signals = shifts[group.file], group.signals
         if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in group.members):
             # One period of the excitation alone is repeated.

@@ -235,9 +235,9 @@ class _LogReader:
 
     def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
         driving = "u" if self.recorded.controller is None or any(role == "u" for role, *_ in signals) else "reference"
-        logged = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
+        joints = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
         is_any = self.file.purpose in STILL
-        moving = [joint for joint in logged if is_any or self._moves(joint, positions[joint.name])]
+        moving = [joint for joint in joints if is_any or self._moves(joint, positions[joint.name])]
         if self.file.purpose == "warm_up" and len(moving) > 1:
             raise DataError(
                 "friction/no-record",
@@ -289,13 +289,13 @@ def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
 
     The first part has the notes and findings, and one on the gaps.
     """
-    lacking = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
-    gaps = runs(lacking, MAX_BRIDGED + 1)
-    bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(lacking)], strict=True)
+    has_gap = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
+    gaps = runs(has_gap, MAX_BRIDGED + 1)
+    bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(has_gap)], strict=True)
     least, log = MIN_PART_S * gathered.rate_hz, gathered.log
-    inner = [_without_ends(lacking, first, end) for first, end in bounds]
+    inner = [_without_ends(has_gap, first, end) for first, end in bounds]
     long = [(first, end) for first, end in inner if end - first >= least]
-    if not long or (not len(gaps) and long == [(0, len(lacking))]):
+    if not long or (not len(gaps) and long == [(0, len(has_gap))]):
         return (gathered,)
     for start in gaps[:1, 0]:
         text = f"gaps of more than {MAX_BRIDGED} samples: {len(gaps)}, the first at {log.time_of(start)}"
@@ -310,9 +310,9 @@ def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     )
 
 
-def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
+def _without_ends(has_gap: BoolArray, first: int, end: int) -> tuple[int, int]:
     """Shrink a range until two samples at both ends are complete: an interpolation needs neighbours."""
-    is_whole = ~lacking[first:end]
+    is_whole = ~has_gap[first:end]
     pairs = first + np.flatnonzero(is_whole[:-1] & is_whole[1:])
     return (first, first) if not len(pairs) else (int(pairs[0]), int(pairs[-1]) + 2)
 

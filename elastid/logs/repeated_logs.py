@@ -75,8 +75,8 @@ def _align_record(first: Record, record: Record, claim: str) -> Record:
     for i, place in enumerate(first.inputs):
         noise = var_a[i] + var_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
-        if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{claim}, but at {place} {refused}. {_ADVICE}")
+        if refusal := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
+            raise DataError("records/inconsistent", f"{claim}, but at {place} {refusal}. {_ADVICE}")
     aligned = _shift_periods(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)

@@ -46,9 +46,9 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
                 places.check_location(channel.at)
             except StudyError as error:
                 yield i, "at", str(error)
-        key, refused = channel_refusal(channel, channels, places)
-        if refused:
-            yield i, key, refused
+        key, refusal = channel_refusal(channel, channels, places)
+        if refusal:
+            yield i, key, refusal
         try:
             channel.unit_factor(places.slides(channel.at) and channel.side == "link")
         except ValueError as error:

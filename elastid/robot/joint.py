@@ -293,8 +293,8 @@ class Joint:
     def _check_units(self) -> None:
         """Check the units of values: the joint's kind of motion for the joint, rotation for its motor."""
         for name, number in _numbers_of(self):
-            if refused := self.refusal_of(number):
-                raise ValueError(f"{name} {refused}")
+            if refusal := self.refusal_of(number):
+                raise ValueError(f"{name} {refusal}")
         for name, number in () if self.motor is None else _numbers_of(self.motor):
             if isinstance(number, Measured) and not _turns(number.dimension):
                 raise ValueError(

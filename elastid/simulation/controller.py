@@ -143,8 +143,8 @@ def feed_forward(
     start = model.B.T @ q0
     path = rigid_path(model, q0, start, start + position)
     T, v_path, a_path = rigid_rates(model, path, velocity, acceleration)
-    needed = _inverse_dynamics(model).map(len(position))(path.T, v_path.T, a_path.T).full().T
-    return np.asarray((np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0])
+    forces = _inverse_dynamics(model).map(len(position))(path.T, v_path.T, a_path.T).full().T
+    return np.asarray((np.swapaxes(T, 1, 2) @ forces[:, :, None])[:, :, 0])
 
 
 def rigid_rates(

@@ -40,12 +40,12 @@ class Contacts:
     @property
     def n_states(self) -> int:
         """Number of states of all laws."""
-        return sum(placed.law.n_states for placed in self.laws)
+        return sum(entry.law.n_states for entry in self.laws)
 
     @property
     def curves(self) -> FloatArray:
         """The numbers (9 n_f,) without load, at the reference temperature."""
-        return np.concatenate([np.zeros(0), *(placed.curve() for placed in self.laws)])
+        return np.concatenate([np.zeros(0), *(entry.curve() for entry in self.laws)])
 
     def torque(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> ca.SX:
         """Return P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
@@ -67,16 +67,16 @@ class Contacts:
 
     def at_rest(self) -> tuple[FloatArray, FloatArray]:
         """Return stiffness and damping (n_q, n_q) of all contacts at rest."""
-        at_rest = np.array([placed.at_rest() for placed in self.laws]).reshape(-1, 2)
+        at_rest = np.array([entry.at_rest() for entry in self.laws]).reshape(-1, 2)
         stiffness, damping = ((self.P * column) @ self.P.T for column in at_rest.T)
         return stiffness, damping
 
     def _sliding(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> Iterator[tuple[Law, ca.SX, ca.SX, Curve]]:
         sliding, start = ca.DM(self.P).T @ v, 0
-        for j, placed in enumerate(self.laws):
-            end = start + placed.law.n_states
+        for j, entry in enumerate(self.laws):
+            end = start + entry.law.n_states
             numbers = ca.vertsplit(curves[len(CURVE) * j : len(CURVE) * (j + 1)])
-            yield placed.law, sliding[j], z[start:end], placed.symbols(numbers)
+            yield entry.law, sliding[j], z[start:end], entry.symbols(numbers)
             start = end
 
 

@@ -220,9 +220,9 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     comment = " ".join(line.removeprefix("#").strip() for line in lines)
     origin_match = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
-    missing = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
+    first = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
     origin = f" (origin stated in the study: {origin_match[1]})" if origin_match else ""
-    return [replace(p, message=p.message + origin * (i == missing)) for i, p in enumerate(problems)]
+    return [replace(p, message=p.message + origin * (i == first)) for i, p in enumerate(problems)]
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:
@@ -230,8 +230,8 @@ def _exclude_all_amplitudes(study: Study) -> Study:
     recorded, postures = study.experiment.recorded, study.validation.configurations
     if study.friction is not None or not postures:
         return study
-    planned = 1 if study.excitation is None else len(study.excitation.amplitudes)
-    amplitudes = {name: list(range(1, planned + 1)) for name in postures}
+    n_amplitudes = 1 if study.excitation is None else len(study.excitation.amplitudes)
+    amplitudes = {name: list(range(1, n_amplitudes + 1)) for name in postures}
     if recorded is not None:
         amplitudes = {q: sorted({f.amplitude for f in recorded.files if f.configuration == q}) for q in postures}
     names = tuple(at_amplitude(name, amplitude) for name in postures for amplitude in amplitudes[name])

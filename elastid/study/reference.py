@@ -141,8 +141,8 @@ def _describe(option: Any, with_example: bool = True) -> str:
     if origin is dict:
         return "a mapping of names"
     if is_dataclass(option):
-        needed = [f.name for f in fields(option) if f.default is MISSING and f.default_factory is MISSING]
-        return f"a mapping with the keys {', '.join(needed)}" if needed else "a mapping ({} for the defaults)"
+        obligatory = [f.name for f in fields(option) if f.default is MISSING and f.default_factory is MISSING]
+        return f"a mapping with the keys {', '.join(obligatory)}" if obligatory else "a mapping ({} for the defaults)"
     return _SCALARS[option]
 
 

@@ -97,37 +97,37 @@ class TextLog(Log):
         A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
         such cells.
         """
-        needed, end = sorted(set(columns)), self.first + max(map(self._length, columns))
+        selection, end = sorted(set(columns)), self.first + max(map(self._length, columns))
         if self.is_large:
             rows = range(self.first, end)[span]
             blocks = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
-            data = np.concatenate([self._read(needed, rows.start, rows.stop) for rows in blocks or [range(0)]])
+            data = np.concatenate([self._read(selection, rows.start, rows.stop) for rows in blocks or [range(0)]])
         else:
-            data = self._read(needed, self.first, end, span.stop if (span.stop or 0) > 0 else None)[span]
-        return data[:, [needed.index(column) for column in columns]]
+            data = self._read(selection, self.first, end, span.stop if (span.stop or 0) > 0 else None)[span]
+        return data[:, [selection.index(column) for column in columns]]
 
-    def _read(self, needed: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
+    def _read(self, selection: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
         """Return columns (n_samples, len(needed)) of some lines, at most so many samples."""
         lines = self.number_lines[first:end]
         if not lines:
-            return np.zeros((0, len(needed)))
-        data, error = self._numbers(needed, lines, most)
+            return np.zeros((0, len(selection)))
+        data, error = self._numbers(selection, lines, most)
         if data is not None:
             return data
         filled = fill_empty(lines, delimiter_of(self.format))
-        data, wrong = self._with_missing_cells(needed, filled[:most])
+        data, wrong = self._with_missing_cells(selection, filled[:most])
         if wrong > max(1.0, MAX_WRONG_FRACTION * len(data)) or 2 * wrong >= len(data):
-            complaint = self._complaint(needed, filled, first)
+            complaint = self._complaint(selection, filled, first)
             raise DataError("records/text", complaint or f"{self.path}: {error}")
         return data
 
     def _numbers(
-        self, needed: Sequence[int], lines: Sequence[str], most: int | None = None
+        self, selection: Sequence[int], lines: Sequence[str], most: int | None = None
     ) -> tuple[FloatArray | None, str]:
         """Return columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
         delimiter = delimiter_of(self.format)
         load = partial(
-            np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=needed, quotechar='"',
+            np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=selection, quotechar='"',
             ndmin=2, max_rows=most
         )  # fmt: skip
         try:
@@ -138,7 +138,7 @@ class TextLog(Log):
             except ValueError as error:
                 return None, str(error)
 
-    def _with_missing_cells(self, needed: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
+    def _with_missing_cells(self, selection: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
         """Return columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows that lack numbers.
 
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
@@ -147,7 +147,7 @@ class TextLog(Log):
         rows = [
             fields for fields in nonempty if any(is_number(field) or TIME_STAMP.fullmatch(field) for field in fields)
         ]
-        columns = [cell_values([row[i] if i < len(row) else "" for row in rows]) for i in needed]
+        columns = [cell_values([row[i] if i < len(row) else "" for row in rows]) for i in selection]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
 
@@ -186,8 +186,8 @@ class TextLog(Log):
             headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
             if not headed:
                 start = f"; the data are assumed to start in row {self.first + 1} (set text.header_lines otherwise)"
-                missing = missing_channel(self.path, channel, self.shapes())
-                raise DataError("records/channels", missing + start + otherwise_written(self.path, self.format))
+                message = missing_channel(self.path, channel, self.shapes())
+                raise DataError("records/channels", message + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
                 places = ", ".join(map(str, headed))
                 raise DataError(

@@ -76,10 +76,10 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
     is_inside = (at >= 0) & (at < len(x))
     values = np.where(is_inside, x[np.where(is_inside, at, 0)], np.nan) * (float(sign) ** shifts)[:, None]
     for first in (L, 0):
-        used = np.where(at >= first, values, np.nan)
-        n = np.isfinite(used).sum(axis=0)
+        past = np.where(at >= first, values, np.nan)
+        n = np.isfinite(past).sum(axis=0)
         if np.all(n[gap] > 0):
-            yield np.where(n > 0, np.nansum(used, axis=0) / np.maximum(n, 1), np.nan)
+            yield np.where(n > 0, np.nansum(past, axis=0) / np.maximum(n, 1), np.nan)
             if not is_short:
                 return
     if is_short:

@@ -228,9 +228,9 @@ NO_LINES = (
 
 def check_complete(excitation: FloatArray, place: object) -> None:
     """Raise DataError for an excitation (n, d) with so many missing samples (NaN) that no period can be judged."""
-    missing = float(np.mean(~np.isfinite(excitation).all(axis=1)))
-    if missing > MAX_MISSING_FRACTION:
-        text = f"{missing:.1%} of the excitation's samples are missing (limit {MAX_MISSING_FRACTION:.1%})"
+    fraction = float(np.mean(~np.isfinite(excitation).all(axis=1)))
+    if fraction > MAX_MISSING_FRACTION:
+        text = f"{fraction:.1%} of the excitation's samples are missing (limit {MAX_MISSING_FRACTION:.1%})"
         raise DataError("records/missing-samples", f"{text}. {CHECK_CELLS}", place)
 
 
@@ -291,8 +291,8 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     if is_one_of_several and N <= n < MIN_PERIODS * repeat:
         return
     if n < MIN_PERIODS * repeat:
-        needed = "one is" if half_wave else "two are"
-        text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}"
+        minimum = "one is" if half_wave else "two are"
+        text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {minimum} needed. {NO_LINES}"
         raise log.error("records/period-mismatch", text)
     result = repetition(excitation, repeat, sign)
     shift = _sample_shift(excitation, repeat, sign)

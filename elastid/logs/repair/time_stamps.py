@@ -201,14 +201,14 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
     result, ratio = _fitted(time_s, signals, grid_s, knot_hz)
-    missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
-    result[missing] = np.nan
+    in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
+    result[in_gaps] = np.nan
     text = (
         f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
         f"{ratio.max(initial=0.0):.2g} of its rms, which is noise or faster"
     )
     log.report(RESAMPLED, len(result), text)
-    _report_gaps(int(missing.sum()), gaps, log)
+    _report_gaps(int(in_gaps.sum()), gaps, log)
     return result
 
 
@@ -236,10 +236,10 @@ def _fitted(
             result[rows, i] = at_times(knots[:, None], grid[rows] - low, len(knots))[:, 0]
             residual = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
             squares[i] += float(np.nansum(residual**2))
-    logged = np.isfinite(signals).any(axis=0)
-    size = np.maximum(np.nanstd(signals[:, logged], axis=0), 1e-300)
+    has_samples = np.isfinite(signals).any(axis=0)
+    size = np.maximum(np.nanstd(signals[:, has_samples], axis=0), 1e-300)
     ratio = np.zeros(signals.shape[1])
-    ratio[logged] = np.sqrt(squares[logged] / len(signals)) / size
+    ratio[has_samples] = np.sqrt(squares[has_samples] / len(signals)) / size
     return result, ratio
 
 

@@ -128,10 +128,10 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
 
 
 def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
-    missing = [name for name in names if name not in log.headings]
-    if missing:
+    absent = [name for name in names if name not in log.headings]
+    if absent:
         headings = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
-        text = f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels"
+        text = f"no column {', '.join(absent)}. Give the names under columns, with {{y}} and {{u}} for the channels"
         raise table_error(path, f"{text}. There are {headings}")
     return log.columns([log.headings.index(name) for name in names])
 
@@ -178,9 +178,9 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     columns = spec.columns
     G = complex_array(leaves, columns.response)
     if G is None or columns.frequency not in leaves:
-        lacking = columns.response if G is None else columns.frequency
+        absent = columns.response if G is None else columns.frequency
         datasets = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
-        raise table_error(path, f"no {lacking} in it. Name response and frequency under columns. There are {datasets}")
+        raise table_error(path, f"no {absent} in it. Name response and frequency under columns. There are {datasets}")
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:

@@ -77,18 +77,18 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
         if file.at and (len(inputs) != 1 or study.robot is not None):
             message = "a hammer or sensors move in studies without robot and with one input. Write a configuration each"
             yield Problem((*path, "files", i, "at"), message)
-        if refused := recorded.repeat_refusal(i):
-            yield Problem((*path, "files", i), refused)
+        if refusal := recorded.repeat_refusal(i):
+            yield Problem((*path, "files", i), refusal)
 
 
 def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Check gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
         joints = study.as_robot().driven_names
-        for keys, refused in recorded.controller.refusals(
+        for keys, refusal in recorded.controller.refusals(
             joints, recorded.controller.tick_hz or recorded.known_rate_hz
         ):
-            yield Problem((*_RECORDED, "controller", *keys), refused)
+            yield Problem((*_RECORDED, "controller", *keys), refusal)
 
 
 def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
@@ -150,8 +150,8 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         if channel.role == "u" and channel.at not in inputs:
             yield unknown((*place, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
-            if refused := refusal_of(robot.check_location, channel.at):
-                yield Problem((*place, "at"), refused)
+            if refusal := refusal_of(robot.check_location, channel.at):
+                yield Problem((*place, "at"), refusal)
             if tool.motors == "locked" and channel.at.startswith("motor "):
                 yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
@@ -184,14 +184,14 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         if samples in contents:
             yield Problem((*_RECORDED, "files", i, "path"), "samples identical to another log, without noise")
         contents.add(samples)
-    chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
+    selection = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
     problems: dict[KeyPath, Problem] = {}
     counts: Counter[KeyPath] = Counter()
-    for i in map(int, chosen):
+    for i in map(int, selection):
         for problem in _check_log(study, recorded, i, base):
             problems.setdefault(problem.path, problem)
             counts[problem.path] += 1
-    least = min(2, len(chosen))
+    least = min(2, len(selection))
     yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= least)
     several = next((i for i, file in enumerate(recorded.files) if file.also), None)
     if several is not None and not problems and study.friction is None:
@@ -203,8 +203,8 @@ def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> It
     file = recorded.files[i]
     if sum((base / name).stat().st_size for name in (file.path, *file.also)) > _MAX_BYTES:
         return
-    if refused := refusal_of(gather_channels, recorded, file, base, study.places):
-        yield Problem((*_RECORDED, "files", i, "also"), refused)
+    if refusal := refusal_of(gather_channels, recorded, file, base, study.places):
+        yield Problem((*_RECORDED, "files", i, "also"), refusal)
 
 
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
@@ -217,9 +217,9 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
         members = [k for k, channel in enumerate(recorded.channels) if channel.file == number]
         try:
             with opened_log(base / name, recorded.text) as log:
-                missing = list(_check_names(log, recorded, members))
-                yield from missing
-                if number == 1 and not missing:
+                absences = list(_check_names(log, recorded, members))
+                yield from absences
+                if number == 1 and not absences:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
             is_format = WRITTEN_OTHERWISE in str(error)
@@ -232,9 +232,9 @@ def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -
     refusals = [(k, text) for k in members if (text := refusal_of(log.values, [recorded.channels[k]], first))]
     if refusals and len(refusals) == len(members):
         log.values([recorded.channels[k] for k in members], first)
-    for k, refused in refusals:
+    for k, refusal in refusals:
         key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
-        yield Problem((*_RECORDED, "channels", k, key), refused)
+        yield Problem((*_RECORDED, "channels", k, key), refusal)
     if recorded.time and recorded.time not in log.shapes():
         message = f"the log has no such channel; {did_you_mean(recorded.time, list(log.shapes()))}"
         yield Problem((*_RECORDED, "time"), message)

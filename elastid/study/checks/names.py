@@ -34,11 +34,11 @@ def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem
     """Check that a number for all motors, or one for each, has the unit of its joint's motion."""
     entries = values if isinstance(values, tuple) else (values,) * len(robot.driven)
     for i, (value, joint) in enumerate(zip(entries, robot.driven, strict=False)):
-        refused = joint.refusal_of(value) if isinstance(value, float) else ""
-        if refused and isinstance(values, tuple):
-            yield Problem((*path, i), refused)
-        elif refused:
-            yield Problem(path, f"{refused}, or one number for each motor")
+        refusal = joint.refusal_of(value) if isinstance(value, float) else ""
+        if refusal and isinstance(values, tuple):
+            yield Problem((*path, i), refusal)
+        elif refusal:
+            yield Problem(path, f"{refusal}, or one number for each motor")
             return
 
 
