@@ -22,7 +22,7 @@ Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
 Motors: TypeAlias = Literal["locked", "free", "controlled"]
 MOTION_UNIT: dict[str, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
-MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
+MOTION_ORDER: dict[str, int] = {quantity: order for order, quantity in enumerate(MOTION_UNIT)}
 
 
 def motion_unit(quantity: Motion, slides: bool) -> str:
@@ -64,8 +64,8 @@ class JointLoop:
 
     def gain_derivatives(self, change: Callable[..., Any], *others: "JointLoop") -> "JointLoop":
         """Return derivatives of a joint loop with respect to kp, kd and ki, combined with the other loops."""
-        parts = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
-        return JointLoop(*(change(*values) for values in parts))
+        gains = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
+        return JointLoop(*(change(*values) for values in gains))
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
         """Return F (..., n_u), torque over angle of the sampled loop, at freq_hz (...)."""
@@ -101,11 +101,8 @@ class ReferenceLoop:
         """Return the loop at other frequencies (F',), interpolated."""
         if np.array_equal(freq_hz, self.freq_hz):
             return self
-        place = np.interp(freq_hz, self.freq_hz, np.arange(len(self.freq_hz)))
-        low = np.minimum(place.astype(np.int64), len(self.freq_hz) - 2).clip(0)
-        fraction = (place - low)[:, None]
         feedback, feedforward = (
-            (1 - fraction) * C[:, low] + fraction * C[:, np.minimum(low + 1, C.shape[1] - 1)]
+            np.apply_along_axis(lambda gains: np.interp(freq_hz, self.freq_hz, gains), 1, C)
             for C in (self.feedback, self.feedforward)
         )
         return replace(self, freq_hz=freq_hz, feedback=feedback, feedforward=feedforward)
@@ -191,7 +188,7 @@ class Record:
         True for odd lines only: the second half of a period is the negated first, and each half is a repetition.
     notes, repairs : tuple of Note, mapping of str to int
         Findings about the log, and its number of corrections by kind.
-    left_out, starts : tuple of int
+    discarded_periods, starts : tuple of int
         Repetitions, from 0, that are mostly interpolated and discarded, and at which further logs start.
     sliding, input_units : tuple of str
         Translating inputs and outputs, with units N and m; unit of each input with a voltage or a current.

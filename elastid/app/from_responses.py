@@ -19,7 +19,8 @@ from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.clocks import is_time
 from elastid.logs.files.formats import opened_log
 from elastid.logs.files.log import StoredArray
-from elastid.logs.files.text import TextLog, described_format, guess_format
+from elastid.logs.files.text import TextLog
+from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
 from elastid.robot import Robot
 

@@ -16,7 +16,8 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.clocks import is_clock
 from elastid.logs.files.formats import is_log, naming, opened_log
-from elastid.logs.files.text import BLOCK_LINES, TextLog, described_format, guess_format
+from elastid.logs.files.text import BLOCK_LINES, TextLog
+from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.files.universal import is_universal_file
 from elastid.logs.repair.time_stamps import describe_steps, even_grid
 from elastid.logs.responses.reading import contents_of

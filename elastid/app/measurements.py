@@ -14,10 +14,11 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.logs.channel_guess import DRIVES, LogGuess, signals_of
-from elastid.logs.channel_names import ChannelGuess, guess_by_name
+from elastid.logs.channel_guess import LogGuess
+from elastid.logs.channel_names import DRIVES, ChannelGuess, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES, clock_of
 from elastid.logs.files.formats import opened_log
+from elastid.logs.log_signals import signals_of
 
 Signals: TypeAlias = list[tuple[ChannelGuess, FloatArray]]
 # Words before the numbers of hit points and of sensor locations; of others, the responses decide.

@@ -14,8 +14,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.units import dimension_and_size, of_translation, units_of, usual_spelling
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
-from elastid.logs.channel_guess import DRIVES
-from elastid.logs.channel_names import guess_by_name
+from elastid.logs.channel_names import DRIVES, guess_by_name
 from elastid.logs.motion_relations import (
     MAX_EFFICIENCY,
     MIN_CORRELATION,

@@ -24,6 +24,8 @@ _NOT_MEASURED = (
     "model|init|kin|dyn|traj|qg|simple|follow.*"
 )
 
+STANDARD_GRAVITY = 9.80665  # m/s^2
+DRIVES = ("torque", "force", "current", "voltage")
 ChannelKey: TypeAlias = tuple[str, int | None, int]
 
 
@@ -104,5 +106,5 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     if parsed.unit and dimension_and_size(unit_of_text(unit) or parsed.unit) != dimension_and_size(parsed.unit):
         why = f"? the heading says {parsed.unit}, and the unit of the column is {unit}"
     if parsed.unit == "g":  # of gravity
-        return ChannelGuess(name, column, quantity, "m/s^2", rank, why, scale=9.80665)
+        return ChannelGuess(name, column, quantity, "m/s^2", rank, why, scale=STANDARD_GRAVITY)
     return ChannelGuess(name, column, quantity, parsed.unit, rank, why)

@@ -19,22 +19,20 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.clocks import corrected_stamps, stamp_size
 from elastid.logs.files.formats import contents, read_channels
 from elastid.logs.repair import Findings, Log
-from elastid.logs.repair.masks import samples_before_motion
-from elastid.logs.repair.missing import bridged_gaps, filled
-from elastid.logs.repair.periodicity import check_complete, period_samples, rounded_samples
-from elastid.logs.repair.time_stamps import (
+from elastid.logs.repair.clock_drift import (
     MAX_CLOCK_ERROR,
     MAX_GRID_DEVIATION,
     MAX_REMAINING_FRACTION,
     MIN_DELAY_CORRELATION,
-    PASSBAND,
-    at_times,
     clock_drift,
     delay,
     delay_by_torque,
-    on_grid,
-    rising,
 )
+from elastid.logs.repair.masks import samples_before_motion
+from elastid.logs.repair.missing import bridged_gaps, filled
+from elastid.logs.repair.periodicity import check_complete, period_samples, rounded_samples
+from elastid.logs.repair.resampling import PASSBAND, at_times
+from elastid.logs.repair.time_stamps import on_grid, rising
 from elastid.logs.units_and_sides import check_values, link_side, without_placeholders
 from elastid.record import MOTION_ORDER, Motion
 
@@ -87,6 +85,12 @@ class _Experiment:
         return channel.file, float(channel.rate_hz or self.recorded.known_rate_hz)
 
 
+def driver_columns(channels: Sequence[ChannelSpec]) -> list[int]:
+    """Return the numbers of the channels of role r, else of role u, else of the references."""
+    columns = ([i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "reference"))
+    return next(filter(None, columns), [])
+
+
 def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Places) -> GatheredChannels:
     """Read the logs of one experiment.
 
@@ -121,8 +125,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         firsts.setdefault((channels[i].role, channels[i].at), i)
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
     rows = groups[0].rows if len(groups) == 1 else None
-    by_role = {role: [i for i in keep if channels[i].role == role] for role in ("r", "u", "reference")}
-    drivers = by_role["r"] or by_role["u"] or by_role["reference"]
+    drivers = [keep[j] for j in driver_columns([channels[i] for i in keep])]
     log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
     begin = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
     return GatheredChannels(
@@ -171,17 +174,15 @@ def period_samples_of_channel(period_s: float, rate_hz: float, recorded: Recorde
 
 def _period_s(groups: Sequence[_Group], experiment: _Experiment) -> float | None:
     """Return the period in s (samples if the rate is unknown), stated or detected in torques; None without one."""
-    for role in ("r", "u", "reference"):
-        for group in groups:
-            drivers = [j for j, i in enumerate(group.members) if experiment.recorded.channels[i].role == role]
-            if group.file == 1 and drivers:
-                signals = group.signals[:, drivers]
-                if experiment.recorded.period_of(experiment.file) is not None:
-                    check_complete(signals, experiment.paths[0])
-                signals = signals[samples_before_motion(signals) :]
-                samples = period_samples(experiment.recorded, experiment.file, group.rate_hz, signals)
-                return None if samples is None else samples / group.rate_hz
-    raise AssertionError("the first file of an experiment has an acting torque")
+    recorded, members = experiment.recorded, [i for group in groups if group.file == 1 for i in group.members]
+    drivers = [members[j] for j in driver_columns([recorded.channels[i] for i in members])]
+    group = next(group for group in groups if drivers[0] in group.members)  # the first file has an acting torque
+    signals = group.signals[:, [j for j, i in enumerate(group.members) if i in drivers]]
+    if recorded.period_of(experiment.file) is not None:
+        check_complete(signals, experiment.paths[0])
+    signals = signals[samples_before_motion(signals) :]
+    samples = period_samples(recorded, experiment.file, group.rate_hz, signals)
+    return None if samples is None else samples / group.rate_hz
 
 
 def _read(experiment: _Experiment, key: tuple[int, float]) -> _Group:
@@ -255,7 +256,7 @@ def _aligned(groups: Sequence[_Group], period: float | None, experiment: _Experi
     base = [group for group in groups if group.file == 1]
     n = min(len(group.signals) for group in base)
     N = None if period is None else round(period)
-    shifts, shifted, log, x_1 = {}, [], experiment.log(1), _signals(base, N, channels)
+    shifts, others, log, x_1 = {}, [], experiment.log(1), _signals(base, N, channels)
     for number in sorted({group.file for group in groups} - {1}):
         name, members = paths[number - 1].name, [group for group in groups if group.file == number]
         ratio = 1.0 if N is None else _clock_ratio(x_1, _signals(members, N, channels), N)
@@ -269,12 +270,12 @@ def _aligned(groups: Sequence[_Group], period: float | None, experiment: _Experi
         x_2 = _signals(members, N, channels)
         shift, cue = _file_delay(base[0], members[0], x_1, x_2, N, paths[number - 1])
         shifts[number] = shift
-        shifted += members
+        others += members
         up_to = "" if N is None else " (up to whole periods)"
         log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {cue}")
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
     result = [replace(group, signals=group.signals[start:]) for group in base]
-    for group in shifted:
+    for group in others:
         shift, signals = shifts[group.file], group.signals
         if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in group.members):
             # One period of the excitation alone is repeated.

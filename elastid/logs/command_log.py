@@ -6,7 +6,6 @@ drive, u = kp (command - position) + kd (command velocity - velocity), link side
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +14,13 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.logs.channel_guess import guess_commands, signals_of
+from elastid.logs.channel_guess import guess_commands
 from elastid.logs.channel_names import ChannelGuess
 from elastid.logs.clocks import MAX_SAMPLES, clock_of
 from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.files.log import Log as LogFile
-from elastid.logs.files.text import guess_format
+from elastid.logs.files.text_format import guess_format
+from elastid.logs.log_signals import signals_of
 from elastid.logs.repair import Log, bridged
 from elastid.logs.units_and_sides import link_side, on_one_side, to_joints
 from elastid.robot import Robot
@@ -45,27 +45,22 @@ class CommandLog:
     clock_hz: float | None = None
 
 
-@dataclass(frozen=True)
-class _Signals:
-    """Signals (n,) of a log with the guesses by their names."""
-
-    path: Path
-    members: Sequence[tuple[ChannelGuess, FloatArray]]
-
-    def of(self, quantity: str, is_command: bool, joints: Sequence[str]) -> FloatArray | None:
-        """Find signals (n, n_u) of a quantity in SI, in the order of joints; None if the log has another number."""
-        families: dict[str, dict[str, FloatArray]] = {}
-        for guess, x in self.members:
-            # A command without a quantity in its name is a position.
-            kind = guess.quantity or ("position" if guess.rank < 0 else "")
-            if kind == quantity and (guess.rank < 0) == is_command:
-                families.setdefault(guess.parts[0], {})[guess.parts[1]] = guess.to_si * x
-        for family in families.values():
-            match = [family[joint] for joint in joints if joint in family]
-            columns = [*family.values()] if len(match) < len(joints) else match  # else in the order of the log
-            if len(columns) == len(joints):
-                return np.stack(columns, axis=1)
-        return None
+def _find_signals(
+    signals: Sequence[tuple[ChannelGuess, FloatArray]], quantity: str, is_command: bool, joints: Sequence[str]
+) -> FloatArray | None:
+    """Find signals (n, n_u) of a quantity in SI, in the order of joints; None if the log has another number."""
+    families: dict[str, dict[str, FloatArray]] = {}
+    for guess, x in signals:
+        # A command without a quantity in its name is a position.
+        kind = guess.quantity or ("position" if guess.rank < 0 else "")
+        if kind == quantity and (guess.rank < 0) == is_command:
+            families.setdefault(guess.parts[0], {})[guess.parts[1]] = guess.to_si * x
+    for family in families.values():
+        match = [family[joint] for joint in joints if joint in family]
+        columns = [*family.values()] if len(match) < len(joints) else match  # else in the order of the log
+        if len(columns) == len(joints):
+            return np.stack(columns, axis=1)
+    return None
 
 
 def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = None) -> CommandLog:
@@ -80,10 +75,10 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
         kp, kd = (gains_in(log, name, len(joints)) for name in ("kp", "kd"))
     members = [(guess, x) for guess, x in members if guess.name != clock.name]
     with_unit = {g.key: g for pair in guess_commands(members, rate_hz or clock.rate_hz or 1.0) for g in pair}
-    signals = _Signals(path, [(with_unit.get(guess.key, guess), x) for guess, x in members])
-    command, position = (signals.of("position", is_command, joints) for is_command in (True, False))
+    signals = [(with_unit.get(guess.key, guess), x) for guess, x in members]
+    command, position = (_find_signals(signals, "position", is_command, joints) for is_command in (True, False))
     if command is None or position is None:
-        names = ", ".join(dict.fromkeys(guess.name for guess, _ in signals.members)) or "none"
+        names = ", ".join(dict.fromkeys(guess.name for guess, _ in signals)) or "none"
         raise DataError(
             "records/channels",
             f"each of {len(joints)} joints needs one commanded and one measured position. Name them command and "
@@ -93,7 +88,7 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     rate_hz = rate_hz or clock.rate_hz
     if rate_hz is None:
         raise DataError("records/clock", "the log has no time stamps. Give --rate", path)
-    velocity = signals.of("velocity", True, joints)
+    velocity = _find_signals(signals, "velocity", True, joints)
     velocity = np.zeros_like(command) if velocity is None else velocity
     return CommandLog(path.stem, rate_hz, command, velocity, position, kp, kd, clock.rate_hz)
 

@@ -15,7 +15,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.logs.repair import Log
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
 from elastid.simulation.spec import ReferencePathSpec
@@ -25,7 +25,7 @@ _SMALLEST = 0.03  # of the largest reference: DFT lines with smaller ones are no
 TORQUE_LAG_S = 3e-4
 # Explained fraction of the power of a torque above which the gains are identified to _MAX_GAIN_ERROR.
 _MIN_CERTAIN, _MAX_GAIN_ERROR = 0.98, 0.1
-_REFERENCE_CYCLES = (-2, -1, 0, 1, 2)  # delay of the reference path behind the logged reference, in cycles
+_REFERENCE_CYCLES = range(-2, 3)  # delay of the reference path behind the logged reference, in cycles
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +120,8 @@ class Match:
 
     def gains(self, motor: int) -> tuple[FloatArray, float]:
         """Fit factors (2,) of the terms of position and velocity gain of a motor; also explained power."""
-        parts = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
-        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in parts)
+        terms = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
+        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in terms)
         A = np.stack(columns, axis=1)
         factors = np.linalg.lstsq(A, u)[0]
         return factors, 1 - float(np.sum((u - A @ factors) ** 2)) / max(float(u @ u), 1e-300)
@@ -197,7 +197,7 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
         M, K = scaled(delays[0], 0.0 if Q is None else delays[1])
         return float(np.sum(np.abs(U - M * K) ** 2) / np.maximum(np.sum(np.abs(U) ** 2), 1e-300))
 
-    cycles = (0,) if Q is None else _REFERENCE_CYCLES
+    cycles = range(1) if Q is None else _REFERENCE_CYCLES
     starts = [(tau, k * cycle) for k in cycles for tau in np.arange(-2, 4, 0.1) * cycle]
     start = np.array(min(starts, key=unexplained))
     simplex = start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])
@@ -207,5 +207,5 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
     C_fb_v, C_ff_v = drives.controlled(f, has_position=False)
     by_velocity = delayed(*delays, C_ff_v * R, 0 * feedback if Q is None else C_fb_v * Q)
-    parts = delayed(*delays, forward, feedback), by_velocity, images(*delays)
-    return Match(drives, U, *parts, scaled(*delays)[1], sum(delays), 1 - float(end.fun))
+    terms = delayed(*delays, forward, feedback), by_velocity, images(*delays)
+    return Match(drives, U, *terms, scaled(*delays)[1], sum(delays), 1 - float(end.fun))

@@ -1,14 +1,7 @@
-r"""Logs of a friction study as records of each moving joint, in SI, on the link side.
+"""Logs of a friction study as records of each moving joint, in SI, on the link side.
 
 Single missing samples and spikes of torque and position are repaired by the samples beside them. A longer gap divides
-a log of motions into parts, which become records of their own.
-
-Logs of a warm-up are heat: power and temperature in steps of seconds, and the test passes that the motion contains.
-
-.. math:: P_k = \frac{1}{\Delta t} \int_k^{k+1} u\, dq
-
-The work of the torque over a step is kept whatever its length: inertia and gravity store energy and give it back, so
-that over a motion to and fro friction alone is left, and of hours a few hundred steps say all that a joint feels.
+a log of motions into parts, which become records of their own. Logs of a warm-up become heat (`warm_ups`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,48 +11,37 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Progress, silent
 from elastid.base.statistics import runs
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.friction_study.motion_signals import alike_speeds, detect_passes
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.sliding_friction import STILL, turns_against_gravity
 from elastid.linear.equilibrium import equilibrium
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.logs.files.formats import read_channels
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.interpolation import MAX_BRIDGED
-from elastid.logs.repair.masks import step, without_dropouts, without_zero_rows
+from elastid.logs.repair.masks import MAX_MISSING_FRACTION, step, without_dropouts, without_zero_rows
 from elastid.logs.repair.missing import bridged_gaps
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.rig import repaired_signals
 from elastid.logs.units_and_sides import check_values, link_side, on_one_side, to_shafts
+from elastid.logs.warm_ups import tests_in, warm_up_log
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, Hold
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 from elastid.simulation.controller import loop_of
 
-# Limits of motions and temperatures of joints, and of warm-ups (all of 12 clean logs are accepted).
+# Limits of motions and temperatures of joints (all of 12 clean logs are accepted).
 # Travel below which a joint is held by its controller, in m where it slides and in rad.
 REST_TRAVEL_M, REST_TRAVEL_RAD = 1e-3, 5e-3
 IMPOSSIBLE_DEGC = 150.0
-# Of warm-ups.
-STEP_S = 10.0  # of constant power, at least: several cycles of a motion
-MAX_STEPS = 500  # of one log
-MIN_STEPS = 30  # of all logs together; five minutes warm no gear
-GROUPS = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
-MIN_GROUPS = 6  # in which a speed must occur: a level's course has three numbers
-MAX_RETURN = 0.99  # share of the travel from the first to the last position: above, no way back
-PER_COUNT = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
-MIN_READINGS = 10
-START_STD = 1.0  # K, of the temperature at the start, before readings are fitted
-# Of logs with gaps: duration of a part, and share of single missing samples in it.
-MIN_PART_S, MAX_MISSING_FRACTION = 2.0, 0.25
+MIN_PART_S = 2.0  # of a log with gaps
 # Signals (n,) by role, place and quantity; torques and currents have an empty one.
 Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
 
@@ -99,7 +81,7 @@ def read_friction_logs(
             joint = robot.driven[robot.driven_names.index(motions[0].joint)]
             motions = tests_in(motions[0], turns_against_gravity(robot, joint, motions[0].configuration))
         records += motions
-    warm_ups = tuple(warm_up_log(*zip(*parts, strict=True)) for parts in heated.values())
+    warm_ups = tuple(warm_up_log(*zip(*pairs, strict=True)) for pairs in heated.values())
     return FrictionRecords(tuple(records), warm_ups, tuple(notes))
 
 
@@ -130,13 +112,13 @@ class _LogReader:
         if self.file.purpose not in (*STILL, "warm_up"):
             signals = without_dropouts(signals, gathered.log)
         gathered = replace(gathered, signals=signals)
-        parts = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _parts(gathered)
+        segments = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _segments(gathered)
         records = list[FrictionRecord]()
-        for i, part in enumerate(parts):
+        for i, segment in enumerate(segments):
             name = f"{self.name} part {i + 1}" if i else self.name
-            offset_s = (part.log.first - gathered.log.first) / gathered.rate_hz
+            offset_s = (segment.log.first - gathered.log.first) / gathered.rate_hz
             records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._segment_records(
-                part
+                segment
             )
         if records:
             return tuple(records)
@@ -253,9 +235,9 @@ class _LogReader:
 
     def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
         driving = "u" if self.recorded.controller is None or any(role == "u" for role, *_ in signals) else "reference"
-        logged = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
+        joints = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
         is_any = self.file.purpose in STILL
-        moving = [joint for joint in logged if is_any or self._moves(joint, positions[joint.name])]
+        moving = [joint for joint in joints if is_any or self._moves(joint, positions[joint.name])]
         if self.file.purpose == "warm_up" and len(moving) > 1:
             raise DataError(
                 "friction/no-record",
@@ -302,18 +284,18 @@ class _LogReader:
         return degrees
 
 
-def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
+def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     """Return the parts of a log between gaps that are too long to interpolate, without short parts; else all of it.
 
     The first part has the notes and findings, and one on the gaps.
     """
-    lacking = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
-    gaps = runs(lacking, MAX_BRIDGED + 1)
-    bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(lacking)], strict=True)
+    has_gap = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
+    gaps = runs(has_gap, MAX_BRIDGED + 1)
+    bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(has_gap)], strict=True)
     least, log = MIN_PART_S * gathered.rate_hz, gathered.log
-    inner = [_without_ends(lacking, first, end) for first, end in bounds]
+    inner = [_without_ends(has_gap, first, end) for first, end in bounds]
     long = [(first, end) for first, end in inner if end - first >= least]
-    if not long or (not len(gaps) and long == [(0, len(lacking))]):
+    if not long or (not len(gaps) and long == [(0, len(has_gap))]):
         return (gathered,)
     for start in gaps[:1, 0]:
         text = f"gaps of more than {MAX_BRIDGED} samples: {len(gaps)}, the first at {log.time_of(start)}"
@@ -328,11 +310,11 @@ def _parts(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     )
 
 
-def _without_ends(lacking: BoolArray, first: int, end: int) -> tuple[int, int]:
+def _without_ends(has_gap: BoolArray, first: int, end: int) -> tuple[int, int]:
     """Shrink a range until two samples at both ends are complete: an interpolation needs neighbours."""
-    part = ~lacking[first:end]
-    complete = np.flatnonzero(part[:-1] & part[1:])
-    return (first, first) if not len(complete) else (first + int(complete[0]), first + int(complete[-1]) + 2)
+    is_whole = ~has_gap[first:end]
+    pairs = first + np.flatnonzero(is_whole[:-1] & is_whole[1:])
+    return (first, first) if not len(pairs) else (int(pairs[0]), int(pairs[-1]) + 2)
 
 
 def _joint_of(channel: ChannelSpec) -> str:
@@ -345,106 +327,3 @@ def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> Floa
     """Return the signal at the motor of a joint, which its friction acts on, or else at the joint."""
     at_motor, at_joint = ((role, f"{kind} {joint}", quantity) for kind in ("motor", "joint"))
     return signals.get(at_motor, signals.get(at_joint))
-
-
-@frozen_value
-class Heat:
-    """Heat in one log: power (n,), W, between time_s (n + 1,), readings (n + 1,), degC, of a step of `count`."""
-
-    time_s: FloatArray
-    power: FloatArray
-    readings: FloatArray
-    count: float
-
-
-def heat_of(record: FrictionRecord) -> Heat:
-    """Compute the heat of a log in steps; DataError where the joint never returns, or its torque does no work on it."""
-    q, u, rate_hz = record.position, record.torque, record.rate_hz
-    where = f"{record.place}: warm-up of joint {record.joint}"
-    n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
-    edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
-    # A held torque acts until the next sample, a band-limited one changes on the way.
-    acting = u[:-1] if record.hold == "zero-order" else (u[:-1] + u[1:]) / 2
-    work, text = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges], ""
-    if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
-        text = (
-            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and "
-            "the heat are confounded. Log a motion to and fro"
-        )
-    elif work[-1] <= 0:
-        text = (
-            f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint. "
-            "Correct the sign of torque or position"
-        )
-    if text:
-        raise DataError("friction/warm-up", text, where)
-    T = record.temperature
-    readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
-    power = np.diff(work) / (np.diff(edges) / rate_hz)
-    return Heat(record.start_s + edges / rate_hz, power, readings, 0.0 if T is None else step(T))
-
-
-def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
-    """Compute means (n + 1,) of the samples within half a step of each edge."""
-    sums, middles = np.append(0.0, np.cumsum(x - x[0])), (edges[:-1] + edges[1:]) // 2 + 1
-    low, high = np.append(0, middles), np.append(middles, len(x))
-    return np.asarray(x[0] + (sums[high] - sums[low]) / (high - low))
-
-
-def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
-    """Find constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
-    least = 1 if record.speed is not None else MIN_GROUPS
-    passes = detect_passes(record, has_gravity)
-    speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
-    length = max(record.duration_s / GROUPS, 1e-9)
-    firsts: dict[float, dict[int, FrictionRecord]] = {}
-    for speed, test in zip(speeds, passes, strict=True):
-        firsts.setdefault(speed, {}).setdefault(int((test.start_s - record.start_s) / length), test)
-    usable = [p for groups in firsts.values() if len(groups) >= least for p in groups.values()]
-    return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
-
-
-def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
-    """Join all logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
-
-    DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
-    """
-    joint, place = records[0].joint, f"{records[0].place}: warm-up of joint {records[0].joint}"
-    heats, start = [heat_of(record) for record in records], files[0].temperature
-    room = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
-    time_s, power, readings = heats[0].time_s, heats[0].power, heats[0].readings
-    for record, heat in zip(records[1:], heats[1:], strict=True):
-        pause = float(heat.time_s[0] - time_s[-1])
-        if pause < -1.5 / record.rate_hz:
-            raise DataError(
-                "friction/warm-up",
-                f"it starts at {heat.time_s[0]:.4g} s, before the end of the previous log at {time_s[-1]:.4g} s. "
-                "Correct start, or the order of the files",
-                record.place,
-            )
-        first = 0 if pause > 1.5 / record.rate_hz else 1
-        power = np.concatenate([power, np.zeros(1 - first), heat.power])
-        time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
-    span = float(time_s[-1] - time_s[0])
-    least = MIN_STEPS * STEP_S
-    valid, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
-    if span < least:
-        text = (
-            f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s, better "
-            "two hours, or set purpose: motion"
-        )
-    elif valid.any() and np.ptp(readings[valid]) < max(count, 1e-9):
-        text = (
-            f"the thermometer reads {readings[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint."
-            " Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
-        )
-    if text:
-        raise DataError("friction/warm-up", text, place)
-    if not valid.any():
-        return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
-    noise = float(np.std(np.diff(readings[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
-    std, at_start = max(noise, count / np.sqrt(12)), float(readings[valid][0])
-    if noise < count / np.sqrt(12):  # readings of one count have one error
-        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[valid]) / count))
-        readings = np.where(np.cumsum(valid) % max(1, valid.sum() // most) == 0, readings, np.nan)
-    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(START_STD, 3 * std))

@@ -136,7 +136,8 @@ def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, ra
 def _fitted(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Fit x (n,) by columns of A (n, c): coefficients, residual, a column without the others, its coefficient's std.
 
-    The sandwich estimate has a window of ten samples: neighbouring residuals are correlated.
+    The sandwich estimate has a window of ten samples, since neighbouring residuals are correlated (Newey and West,
+    Econometrica 55, 1987).
     """
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     theta = np.linalg.lstsq(A / size, x, rcond=1e-9)[0] / size

@@ -6,7 +6,7 @@ import numpy as np
 
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.frf.lines import reference_steps
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR
 from elastid.record import Record, ReferenceLoop, ZohTorque
 from elastid.response import Response
 from elastid.robot import Robot

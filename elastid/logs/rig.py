@@ -1,13 +1,8 @@
 """A folder of lab logs as a rig: their channels as records in SI, on the link side, checked before use.
 
-A record may have several parts: of a log that is too large for memory, or of several logs of one experiment.
-
 A large log is measured in pieces of whole periods (without one, of any length), kept in files, each repaired and
 checked as a log of its own.  Where they are not in step (a clock that differs, a piece that is refused) the log must be
 measured as a whole.
-
-Logs of one experiment may hold further periods, or repeats, of one excitation, which brings each into step with the
-first; the record keeps where a log starts, since each has a transient and a drift of its own.
 """
 
 from collections import Counter
@@ -21,8 +16,8 @@ from typing import Any, cast
 import numpy as np
 
 from elastid.base import arrays
-from elastid.base.arrays import FloatArray, LargeArray, folded
-from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.arrays import FloatArray, LargeArray
+from elastid.base.errors import DataError, Note
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.planned_run import mean_period
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
@@ -31,10 +26,13 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.logs.files.formats import naming, size_in_pieces
 from elastid.logs.repair import Log
+from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION, delay
 from elastid.logs.repair.masks import STOPPED
 from elastid.logs.repair.missing import repair, repair_without_period
 from elastid.logs.repair.periodicity import check_repeat, grid_samples, report_unstated_period
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR, MIN_DELAY_CORRELATION, RESAMPLED, SET_BACK, at_times, delay
+from elastid.logs.repair.resampling import RESAMPLED
+from elastid.logs.repair.time_stamps import SET_BACK
+from elastid.logs.repeated_logs import MAX_LAG, joined_periods
 from elastid.logs.step_images import without_step_images
 from elastid.logs.units_and_sides import UNWRAPPED, hold_samples, on_one_side, report_drives, to_joints
 from elastid.record import REFERENCE, Motion, Record, motion_unit
@@ -300,109 +298,3 @@ def _is_in_step(piece: Record, first: FloatArray | None) -> bool:
         for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
         if correlation >= MIN_DELAY_CORRELATION
     )
-
-
-# Limits of the judgement that two logs hold one excitation. Of 300 pairs of clean logs with noise of up to 0.6 of the
-# excitation none is refused (tests/logs/test_several_files.py).
-# Share of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
-# friction that warms up changes torques by a few per cent; how many times its noise the former must be.
-MAX_CHANGE = 0.1
-MIN_TIMES_NOISE = 4.0
-MAX_LAG = 0.05  # samples: logs that are closer to step are left as they are
-_ADVICE = "Give each log its own experiment (same phases) or realisation (other phases)"
-
-
-def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
-    """Join all periods of some records, each of one log, in step with the first.
-
-    Raises DataError that names two logs where they do not hold the same excitation at the same rate.
-    """
-    first = _shift_periods(records[0], 0.0)
-    claims = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
-    parts = [first, *(_align_record(first, *pair) for pair in zip(records[1:], claims, strict=True))]
-    starts = np.cumsum([0, *(part.n_repeats for part in parts)]).tolist()
-    r = [part.r for part in parts if part.r is not None]
-    repairs = sum((Counter(part.repairs) for part in parts), Counter())
-    counts = ", ".join(f"{part.n_periods} of {path}" for part, path in zip(parts, paths, strict=True))
-    text = f"the periods of one excitation are from {len(parts)} logs: {counts}"
-    note = Note("records/corrected", text, f"record {first.name}", severity="information")
-    return replace(
-        first,
-        u=np.concatenate([part.u for part in parts]),
-        y=np.concatenate([part.y for part in parts]),
-        r=np.concatenate(r) if len(r) == len(parts) else None,
-        starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(notes_of(parts)), note),
-        repairs=dict(repairs),
-        discarded_periods=tuple(
-            start + p for start, part in zip(starts, parts, strict=False) for p in part.discarded_periods
-        ),
-    )
-
-
-def _align_record(first: Record, record: Record, claim: str) -> Record:
-    """Align a record with the phase and the means of the first; DataError for another excitation."""
-    N = first.period_samples
-    if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > MAX_CLOCK_ERROR:
-        raise DataError(
-            "records/inconsistent",
-            f"{claim}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
-            f"{record.rate_hz:g} Hz. {_ADVICE}",
-        )
-    has_references = first.r is not None and record.r is not None
-    (a, var_a), (b, var_b) = (
-        _mean_with_variance(x.r if has_references and x.r is not None else x.u, N) for x in (first, record)
-    )
-    delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
-    best = max(range(len(delays)), key=lambda i: delays[i][1])
-    lag = delays[best][0]
-    turns = np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)
-    b = np.fft.irfft(np.fft.rfft(b, axis=0) * turns[:, None], N, axis=0)
-    for i, place in enumerate(first.inputs):
-        noise = var_a[i] + var_b[i]
-        # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
-        if refused := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{claim}, but at {place} {refused}. {_ADVICE}")
-    aligned = _shift_periods(record, lag)
-    u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
-    return replace(aligned, u=aligned.u + u, y=aligned.y + y)
-
-
-def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
-    """Return why b (N,) is no repetition of a (N,). noise: variance of their difference, NaN if unknown."""
-    power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
-    unexplained = float(np.sum((b - gain * a) ** 2))
-    least = MIN_TIMES_NOISE * len(a) * noise if np.isfinite(noise) else 0.5 * power
-    if unexplained > max(MAX_CHANGE * power, least):
-        return f"the excitations of the two logs differ in {unexplained / power:.0%} of the power"
-    if abs(gain - 1) > MAX_CHANGE and (gain - 1) ** 2 * float(a @ a) > least:
-        return f"the excitation of the second log is {gain:.3g} times that of the first"
-    return ""
-
-
-def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the mean period (N, c) of signals without its mean, and its variance (c,), NaN for one period."""
-    X = folded(signals, N)
-    X = X[1:] if len(X) > 2 else X  # the first holds the transient
-    P, mean = len(X), X.mean(axis=0)
-    variance = np.mean((X - mean) ** 2, axis=(0, 1)) / (P - 1) if P > 1 else np.full(X.shape[2], np.nan)
-    return mean - mean.mean(axis=0), np.asarray(variance)
-
-
-def _shift_periods(record: Record, lag: float) -> Record:
-    """Cut whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
-    N, L = record.period_samples, record.repeat_samples
-    is_whole = abs(lag - round(lag)) <= MAX_LAG
-    start = float(round(lag) % N) if is_whole else lag % N
-    periods = max(1, int((record.n_samples - start) // N))
-    overlap = range(2) if start % L else range(1)
-    discarded = {int(p - start // L) - i for p in record.discarded_periods for i in overlap}
-    discarded = {p for p in discarded if 0 <= p < periods * N // L}
-    times = np.arange(periods * N, dtype=np.float64) + start
-    is_inside = is_whole and times[-1] < record.n_samples
-
-    def shifted(x: FloatArray) -> FloatArray:
-        return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
-
-    r = None if record.r is None else shifted(record.r)
-    return replace(record, u=shifted(record.u), y=shifted(record.y), r=r, discarded_periods=tuple(sorted(discarded)))

@@ -23,9 +23,9 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.logs.commanded_torques import Drives, Match, match_torques, positive, report_controller
+from elastid.logs.commanded_torques import Drives, match_torques, positive, report_controller
 from elastid.logs.repair import Log
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR
 from elastid.record import MOTION_ORDER
 from elastid.response import STEP_IMAGES, Response
 from elastid.robot import Robot
@@ -72,7 +72,8 @@ def without_step_images(
         if not roles["r"] and Q is not None and drives.is_subtracted:
             return _subtracted(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
         if match is not None and match.explained > _MIN_EXPLAINED:
-            return _subtracted(signals, u, _images_by_references(match, freq_hz, R), text, log)
+            images, _ = match.drives.per_reference(freq_hz, match.delay_s)
+            return _subtracted(signals, u, np.asarray(images * R * match.scale), text, log)
         if match is not None:
             fraction = f"{100 * match.explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
             text = f"{text}. They are not subtracted: the logged references and the controller explain {fraction}"
@@ -106,8 +107,8 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
     fed_back, unit = C_fb[:, :, None] * P, np.eye(len(rows))
     images = drives.per_reference(f)[0]
     if drives.is_subtracted:
-        late, early = (drives.per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
-        changes = [((late - early) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
+        delayed, advanced = (drives.per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
+        changes = [((delayed - advanced) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
     else:
         rotated = sum(1j * np.sign(m) * image for m, image in drives.logged(f))
         changes = [(image / np.sqrt(2), unit + fed_back) for image in (images, rotated)]
@@ -146,9 +147,3 @@ def _images_by_torques(drives: Drives, freq_hz: FloatArray, U: ComplexArray, Q: 
     total = C_ff + images
     R = (U + C_fb * Q) * total.conj() / (np.abs(total) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
     return images * R
-
-
-def _images_by_references(match: Match, freq_hz: FloatArray, R: ComplexArray) -> ComplexArray:
-    """Compute images (F, n_u) of logged references, with the delay and the scale of the torques."""
-    images, _ = match.drives.per_reference(freq_hz, match.delay_s)
-    return np.asarray(images * R * match.scale)

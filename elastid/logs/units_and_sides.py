@@ -19,8 +19,8 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.logs.repair import MAX_WRONG_FRACTION, Log, blocks
+from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION
 from elastid.logs.repair.masks import CHECK_CELLS
-from elastid.logs.repair.time_stamps import MIN_DELAY_CORRELATION
 
 UNWRAPPED = "records/unwrapped"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
@@ -46,9 +46,9 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
                 places.check_location(channel.at)
             except StudyError as error:
                 yield i, "at", str(error)
-        key, refused = channel_refusal(channel, channels, places)
-        if refused:
-            yield i, key, refused
+        key, refusal = channel_refusal(channel, channels, places)
+        if refusal:
+            yield i, key, refusal
         try:
             channel.unit_factor(places.slides(channel.at) and channel.side == "link")
         except ValueError as error:

@@ -42,8 +42,9 @@ from elastid.robot.friction import (
     MeasuredRange,
     TemperatureDependence,
 )
+from elastid.robot.gear_effects import Gear, GearRipple, Hysteresis, TransmissionError
 from elastid.robot.gears import GearCoupling
-from elastid.robot.joint import Gear, GearRipple, Hysteresis, Joint, Limits, Motor, Spring, TransmissionError
+from elastid.robot.joint import Joint, Limits, Motor
 from elastid.robot.measurement_chain import (
     CHANNEL_NUMBERS,
     MAX_DELAY_S,
@@ -54,6 +55,7 @@ from elastid.robot.measurement_chain import (
 )
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.robot import FRAME_AXES, Robot
+from elastid.robot.spring import Spring
 from elastid.robot.tolerances import BodyTolerances, Tolerances
 
 __all__ = [

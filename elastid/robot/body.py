@@ -37,10 +37,10 @@ def possible(tensor: FloatArray) -> FloatArray:
     By at most a tenth of the largest, the usual tolerance of an inertia; else, and with a negative one, as it is.
     """
     principal, axes = np.linalg.eigh(tensor)
-    missing = principal[2] - principal[0] - principal[1]
-    if principal[0] < 0 or not 0 < missing <= 0.2 * principal[2]:
+    deficit = principal[2] - principal[0] - principal[1]
+    if principal[0] < 0 or not 0 < deficit <= 0.2 * principal[2]:
         return tensor
-    return np.asarray(axes @ np.diag(principal + missing / 2 * np.array([1, 1, 0])) @ axes.T)
+    return np.asarray(axes @ np.diag(principal + deficit / 2 * np.array([1, 1, 0])) @ axes.T)
 
 
 @section

@@ -254,10 +254,10 @@ class Friction:
                     f"most 4 sqrt(2 e) coulomb / damping = {fastest:.4g} {speed}. Lower it"
                 )
             return
-        needed = self.lugre.damping * (self.break_away - self.coulomb) / self.coulomb
-        if viscous < needed:
+        minimum = self.lugre.damping * (self.break_away - self.coulomb) / self.coulomb
+        if viscous < minimum:
             raise ValueError(
                 f"lugre: not passive: constant damping {self.lugre.damping:.4g} needs viscous >= damping (stiction - "
-                f"coulomb) / coulomb = {needed:.4g} {damper} (got {viscous:.4g}). Give damping_velocity: "
+                f"coulomb) / coulomb = {minimum:.4g} {damper} (got {viscous:.4g}). Give damping_velocity: "
                 f"{0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
             )

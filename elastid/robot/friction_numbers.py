@@ -148,10 +148,10 @@ def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot
 
 
 def _present(friction: Friction, keys: Path) -> bool:
-    part: object = friction
+    section: object = friction
     for key in keys:
-        part = getattr(part, str(key), None)
-    return part is not None
+        section = getattr(section, str(key), None)
+    return section is not None
 
 
 def _scaled(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:

@@ -1,17 +1,4 @@
-r"""A joint between two bodies, its motor, its gear with the effects beside its spring, and its limits.
-
-The spring of a joint: gearbox, bearing or link, linear or not.
-
-.. math:: \tau(\Delta) = k_i \Delta + (k - k_i)\, g_b(\Delta) + k_2 \Delta^2 + k_{2s} \Delta |\Delta| + k_3 \Delta^3
-          + d \dot\Delta, \qquad
-          g_b = \tfrac12 \left[ 2 \Delta + \sqrt{(\Delta - b)^2 + e^2} - \sqrt{(\Delta + b)^2 + e^2} \right]
-
-Without backlash g_b = Delta: a stiffness k. With it, k beyond the gap of +-b and k_i inside: 0 for free play, more for
-a gear that hardens in a kink; e -> 0 gives the sharp dead zone. Niglis & Oberg (2015), eq. (2.13) for the polynomial.
-
-The model's response is that of the tangent under gravity, the limit of small motion. A multisine that deflects the
-spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma well below the deflection by gravity.
-"""
+"""A joint between two bodies, its motor, and its limits."""
 
 import math
 from collections.abc import Iterator
@@ -22,174 +9,29 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import (
     Angle,
-    CubicStiffness,
     Damping,
     Inertia,
     InUnit,
     JointPosition,
-    JointTorque,
     Measured,
-    QuadraticStiffness,
-    Ratio,
-    Stiffness,
     Torque,
     of_translation,
 )
 from elastid.robot.friction import Friction
+from elastid.robot.gear_effects import Gear
 from elastid.robot.placement import Axis, Numbers, Vector3, below, coordinates, unit_axis
+from elastid.robot.spring import Spring
 
-# Field, parameter and unit of the optional terms of a spring.
-_FURTHER = (
-    ("quadratic", "k2", "N*m/rad^2"),
-    ("symmetric_quadratic", "k2s", "N*m/rad^2"),
-    ("cubic", "k3", "N*m/rad^3"),
-    ("backlash", "b", "rad"),
-)
+# fmt: on
 
 
-@section
-class Spring:
-    """Spring with viscous damping, link side, of a gear (deflection q_m - q_a) or an elastic joint (deflection q_na).
-
-    The parameters are keys of `robot.bodies[].joints[].spring`. Optional terms without a value are no parameters of a
-    fit.
-
-    Raises
-    ------
-    ValueError
-        For a negative stiffness at some deflection, or inner_stiffness without backlash.
-
-    Examples
-    --------
-    >>> Spring(3.5e5, damping=350.0).is_linear
-    True
-    >>> sorted(Spring(3.5e5, cubic=1e11).numbers("1"))
-    ['d_1', 'k3_1', 'k_1']
-    """
-
-    # fmt: off
-    stiffness: Annotated[Stiffness, Key("Stiffness k of the spring; with backlash, stiffness beyond the gap.",
-        "start from the catalogue's torsional stiffness at medium torque, or 1e5 to 1e6 N*m/rad for the axes of large "
-        "robots.", above=0)]
-    damping: Annotated[Damping, Key("Viscous damping d of the spring.", "start with 1e-3 s times the stiffness; a fit "
-        "keeps a damping of 0 unless fit.parameters gives d_NAME a start.", least=0)] = 0.0
-    quadratic: Annotated[QuadraticStiffness | None, Key("Quadratic stiffness k2 in k2 Delta^2, which makes one "
-        "direction stiffer (default: no quadratic term).", "for springs that differ between directions, such as cable "
-        "drives; postures with opposite gravity identify it.")] = None
-    symmetric_quadratic: Annotated[QuadraticStiffness | None, Key("Symmetric quadratic stiffness k2s in k2s Delta "
-        "|Delta| (default: no such term).", "for gears whose stiffness grows in proportion to the deflection in both "
-        "directions, such as strain wave gears.")] = None
-    cubic: Annotated[CubicStiffness | None, Key("Cubic stiffness k3 in k3 Delta^3 (default: no cubic term).",
-        "for smooth hardening; a multisine with rms deflection sigma raises the stiffness by about 3 k3 "
-        "sigma^2.")] = None
-    backlash: Annotated[JointPosition | None, Key("Backlash b, half the gap (default: no backlash).", "for worn gears "
-        "and rack drives; it is identifiable only where gravity does not press the flanks together.", above=0)] = None
-    inner_stiffness: Annotated[Stiffness, Key("Stiffness k_i inside the gap of the backlash.", "above 0 for gears that "
-        "are softer near zero torque, such as strain wave gears.", least=0)] = 0.0
-    rounding: Annotated[Ratio, Key("Rounding e / b of the backlash: fraction of b over which the flanks make contact.",
-        "smaller for hard flanks, with more substeps in simulation; the solver needs smooth derivatives, for which 0.1 "
-        "is enough.", above=0)] = 0.1
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.backlash is None and self.inner_stiffness > 0:
-            raise ValueError("inner_stiffness, inside the backlash, needs backlash. Give half of the gap")
-        self._check_monotone()
-
-    @property
-    def is_linear(self) -> bool:
-        """One stiffness at every deflection."""
-        return all(getattr(self, field) is None for field, _, _ in _FURTHER)
-
-    def numbers(self, joint: str) -> Numbers:
-        """Return k_ and d_ of a joint; k2_, k2s_, k3_, b_, ki_ and e_ where the spring has them."""
-        present = [row for row in _FURTHER if getattr(self, row[0]) is not None]
-        present += (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1")) if self.backlash is not None else ()
-        first: Numbers = {f"k_{joint}": ("N*m/rad", ("stiffness",)), f"d_{joint}": ("N*m*s/rad", ("damping",))}
-        return first | {f"{letter}_{joint}": (unit, (field,)) for field, letter, unit in present}
-
-    def _check_monotone(self) -> None:
-        """Check that a + 2 s |Delta| + 3 k3 Delta^2 is positive in both directions: s >= 0 or s^2 < 3 a k3."""
-        even, odd, cubic = self.quadratic or 0.0, self.symmetric_quadratic or 0.0, self.cubic or 0.0
-        a = min(self.stiffness, self.inner_stiffness) if self.backlash is not None else self.stiffness
-        where = " inside the backlash" if a < self.stiffness else ""
-        for s, side in ((odd + even, "positive"), (odd - even, "negative")):
-            if cubic < 0 or (s < 0 and not s**2 < 3 * a * cubic):
-                # The smallest deflection x at which a + 2 s x + 3 cubic x^2 reaches 0.
-                root = math.sqrt(max(s**2 - 3 * a * cubic, 0.0))
-                ends = [(sign * root - s) / (3 * cubic) for sign in (-1, 1)] if cubic else [a / (-2 * s)]
-                worst, (unit, angle) = min(x for x in ends if x >= 0), self._units
-                raise ValueError(
-                    f"the stiffness becomes negative at a {side} deflection of {worst:.3g} {angle} (k = {a:g} {unit}"
-                    f"{where}, quadratic {s:g} {unit}^2 on this side, cubic {cubic:g} {unit}^3). The limit is "
-                    "quadratic^2 < 3 k cubic"
-                )
-
-    @property
-    def _units(self) -> tuple[str, str]:
-        """Units of stiffness and deflection: N/m and m where any number has them; a spring does not know its joint."""
-        numbers = (getattr(self, row[0]) for row in (("stiffness",), *_FURTHER))
-        slides = any("rad" not in getattr(number, "dimension", "rad") for number in numbers)
-        return ("N/m", "m") if slides else ("N*m/rad", "rad")
+# fmt: on
 
 
-@section
-class TransmissionError:
-    """Error e of a gear that repeats with the motor's turn: A sin(order theta + phase), theta the motor's angle."""
-
-    # fmt: off
-    amplitude: Annotated[JointPosition, Key("Amplitude of the transmission error on the link side.", "10 to 60 arcsec "
-        "in data sheets, which state the peak-to-peak value: use half of it.", above=0)]
-    order: Annotated[float, Key("Periods per motor revolution.", "1 for an eccentric part on the motor shaft, 2 for a "
-        "strain wave gear, other orders for teeth of later stages.", above=0)] = 1.0
-    phase: Annotated[Angle, Key("Phase at motor angle zero.", "copy it from the stage gears; it matters with several "
-        "orders, or for motion of less than one period.")] = 0.0
-    # fmt: on
+# fmt: on
 
 
-@section
-class GearRipple:
-    """Torque on the motor that repeats with its turn, cogging and ripple: A sin(order theta + phase), braking."""
-
-    # fmt: off
-    amplitude: Annotated[JointTorque, Key("Amplitude of the ripple torque on the link side.", "cogging torque of the "
-        "motor times the ratio, typically 0.5 to 2 % of the rated torque.", above=0)]
-    order: Annotated[float, Key("Periods per motor revolution.", "6 times the number of pole pairs for commutation "
-        "ripple.", above=0)] = 1.0
-    phase: Annotated[Angle, Key("Phase at motor angle zero.", "copy it from the stage gears.")] = 0.0
-    # fmt: on
-
-
-@section
-class Hysteresis:
-    """An element of a gear's hysteresis: a spring that slides at a torque, in parallel with the gear's own."""
-
-    # fmt: off
-    torque: Annotated[JointTorque, Key("Torque at which the element slides, on the link side.", "half the height of "
-        "the hysteresis loop in the data sheet's stiffness test; several elements round its corners.", above=0)]
-    deflection: Annotated[JointPosition, Key("Torsion of the gear at which the element begins to slide.",
-        "torsion after a reversal at which the loop has closed half of its height.", above=0)]
-    edge: Annotated[Literal["sharp", "smooth"], Key("Transition from sticking to sliding: `sharp` (elastoplastic "
-        "element) or `smooth` (Dahl model).", "copy it from the stage gears; both dissipate the same energy in large "
-        "loops.")] = "sharp"
-    # fmt: on
-
-
-@section
-class Gear:
-    """Effects of an elastic gear: its error, ripple, hysteresis, and friction that grows with its torque."""
-
-    # fmt: off
-    load: Annotated[float, Key("Coulomb friction at the motor per Nm of instantaneous gear torque.", "0.02 to 0.15, "
-        "about one minus the efficiency; friction.load refers to the static load instead.", least=0, below=1)] = 0.0
-    transmission_error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, one entry per order.",
-        "from the data sheet, or as estimated by the stage gears.")] = ()
-    ripple: Annotated[tuple[GearRipple, ...], Key("Torque ripple and cogging of the motor, one entry per order.",
-        "for values that differ between joints; experiment.simulated.torque_ripple applies to all motors.")] = ()
-    hysteresis: Annotated[tuple[Hysteresis, ...], Key("Hysteresis elements in parallel with the gear's spring.",
-        "a few percent of the rated torque for strain wave gears; without an element, the gear dissipates by damping "
-        "only.")] = ()
-    # fmt: on
+# fmt: on
 
 
 @section
@@ -386,7 +228,9 @@ class Joint:
     @property
     def cells(self) -> tuple[str, str, str, str]:
         """Axis, gear ratio, stiffness and damping as table cells, empty for missing values."""
-        direction = self.axis if isinstance(self.axis, str) else ", ".join(f"{part:.4g}" for part in self.axis)
+        direction = (
+            self.axis if isinstance(self.axis, str) else ", ".join(f"{component:.4g}" for component in self.axis)
+        )
         axis = f"along {direction}" if self.slides else direction
         ratio = "" if self.motor is None else f"{self.motor.ratio:.6g}"
         if self.spring is None:
@@ -449,8 +293,8 @@ class Joint:
     def _check_units(self) -> None:
         """Check the units of values: the joint's kind of motion for the joint, rotation for its motor."""
         for name, number in _numbers_of(self):
-            if refused := self.refusal_of(number):
-                raise ValueError(f"{name} {refused}")
+            if refusal := self.refusal_of(number):
+                raise ValueError(f"{name} {refusal}")
         for name, number in () if self.motor is None else _numbers_of(self.motor):
             if isinstance(number, Measured) and not _turns(number.dimension):
                 raise ValueError(
@@ -459,9 +303,9 @@ class Joint:
                 )
 
 
-def _numbers_of(part: object, path: str = "") -> Iterator[tuple[str, float]]:
+def _numbers_of(section: object, path: str = "") -> Iterator[tuple[str, float]]:
     """Yield numbers of a section and of sections in it except motors: `viscous`, `friction.lugre: stiffness`."""
-    for name, value in vars(part).items():
+    for name, value in vars(section).items():
         if is_dataclass(value) and not isinstance(value, Motor):
             yield from _numbers_of(value, f"{path}.{name}" if path else name)
         for number in value if isinstance(value, tuple) else (value,):

@@ -58,10 +58,10 @@ def channel_meaning(name: str) -> str:
     >>> channel_meaning("delay_r"), channel_meaning("gain_kd_motor_1")[:40]
     ('time delay between all references and the controller, s', 'ratio of the true to the stated velocity')
     """
-    parts = re.fullmatch(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(?:_(.+))?", name)
-    if parts is None:
+    match = re.fullmatch(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(?:_(.+))?", name)
+    if match is None:
         return ""
-    kind, role, place = parts[1], parts[2], (parts[3] or "").replace("_", " ")
+    kind, role, place = match[1], match[2], (match[3] or "").replace("_", " ")
     signal = SIGNALS.get(role, "")
     owner = place or "all motors" if not signal else f"the {signal} of {place}" if place else f"all {signal}s"
     return MEANINGS.get(f"{kind} {role}", MEANINGS[kind]).format(owner)

@@ -97,7 +97,7 @@ def replaced(description: Any, values: Mapping[Path, float]) -> Any:
     for (step, *rest), value in values.items():
         inner.setdefault(step, {})[tuple(rest)] = value
     if isinstance(description, tuple):
-        return tuple(replaced(part, inner[i]) if i in inner else part for i, part in enumerate(description))
+        return tuple(replaced(entry, inner[i]) if i in inner else entry for i, entry in enumerate(description))
     return replace(
-        description, **{str(step): replaced(getattr(description, str(step)), part) for step, part in inner.items()}
+        description, **{str(step): replaced(getattr(description, str(step)), entry) for step, entry in inner.items()}
     )

@@ -280,8 +280,8 @@ class Robot:
     def count_refusal(self, count: int, noun: str = "angles") -> str:
         """Return why so many numbers cannot be one for each driven joint; empty where they can."""
         n_u, joints = len(self.driven), ", ".join(self.driven_names)
-        refused = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
-        return "" if count == n_u else refused
+        refusal = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
+        return "" if count == n_u else refusal
 
     def check_location(self, location: str) -> None:
         """Raise StudyError for a place that the robot does not have; it lists those it has."""

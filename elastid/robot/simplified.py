@@ -8,8 +8,9 @@ from elastid.base.errors import StudyError
 from elastid.base.escape import unused
 from elastid.robot.body import Body
 from elastid.robot.connections import Loop
-from elastid.robot.joint import Joint, Spring
+from elastid.robot.joint import Joint
 from elastid.robot.robot import Robot
+from elastid.robot.spring import Spring
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,10 @@ from elastid.base.section import Key, section
 from elastid.base.units import Damping
 from elastid.robot.body import BASE, TENSOR, TENSOR_LETTERS, Body, Frame, possible, six_numbers
 from elastid.robot.gears import GearCouplings
-from elastid.robot.joint import Joint, Limits, Motor, Spring
+from elastid.robot.joint import Joint, Limits, Motor
 from elastid.robot.placement import Placement
 from elastid.robot.robot import Frames, Gravity, OptionalPayload, Robot, RobotTolerances, Source
+from elastid.robot.spring import Spring
 
 _RULE = NameRule(without=SEPARATOR)
 
@@ -256,8 +257,8 @@ class _Reader:
         viscous = viscous if properties.viscous is None else properties.viscous
         try:
             limits = _limits(joint) if properties.limits is None else properties.limits
-            axis, parts = (x, y, z), (properties.spring, properties.motor, viscous)
-            return Joint(name, axis, *parts, limits=limits, motion=_MOVING[kind]), *properties.elastic
+            axis, contents = (x, y, z), (properties.spring, properties.motor, viscous)
+            return Joint(name, axis, *contents, limits=limits, motion=_MOVING[kind]), *properties.elastic
         except StudyError:
             raise
         except ValueError as error:

@@ -183,7 +183,7 @@ def _control(model: ElasticModel, drives: Drives, rate_hz: float, filters: Filte
 def _drive(drives: Drives, step: float) -> ca.Function:
     """Build (w, u) -> torque at each stage of a step, and w after it."""
     w, u = ca.SX.sym("w", drives.n_states), ca.SX.sym("u", len(drives.torque))
-    torques, states = zip(*(drives.lagged(w, u, part * step) for part in FIFTH_ORDER.nodes), strict=True)
+    torques, states = zip(*(drives.lagged(w, u, node * step) for node in FIFTH_ORDER.nodes), strict=True)
     return ca.Function("drive", [w, u], [*torques, states[-1]])
 
 
@@ -326,12 +326,12 @@ def simulate(
         buffer.set_res(i, values.data)
     chunks = []
     for start in range(0, n, CHUNK_SAMPLES):
-        used = min(CHUNK_SAMPLES, n - start)
+        count = min(CHUNK_SAMPLES, n - start)
         for block, signal in zip(blocks, signals, strict=True):
-            block[:used] = signal[start : start + used]
-            block[used:] = block[used - 1]
+            block[:count] = signal[start : start + count]
+            block[count:] = block[count - 1]
         evaluate()
-        q, reading, u = (results[i][:used].copy() for i in (0, -2, -1))
+        q, reading, u = (results[i][:count].copy() for i in (0, -2, -1))
         chunks.append((np.vstack([state[0], q[:-1]]), reading, u))
         _check(loop, reading, commands.position, start)
         for values, result in zip(state, results, strict=False):

@@ -45,7 +45,7 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: ControllerSpec) -> 
 
 def loop_of(gains: GainsSpec, n_u: int) -> JointLoop:
     """Return loop of each of n_u motors with stated gains."""
-    position, kd = (np.broadcast_to(part, n_u) for part in (gains.position_gain, gains.velocity_gain))
+    position, kd = (np.broadcast_to(gain, n_u) for gain in (gains.position_gain, gains.velocity_gain))
     ki = 0.0 if gains.integral_time is None else 1 / np.asarray(gains.integral_time)
     return JointLoop(position * kd, np.asarray(kd, float), np.broadcast_to(ki, n_u))
 
@@ -143,8 +143,8 @@ def feed_forward(
     start = model.B.T @ q0
     path = rigid_path(model, q0, start, start + position)
     T, v_path, a_path = rigid_rates(model, path, velocity, acceleration)
-    needed = _inverse_dynamics(model).map(len(position))(path.T, v_path.T, a_path.T).full().T
-    return np.asarray((np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0])
+    forces = _inverse_dynamics(model).map(len(position))(path.T, v_path.T, a_path.T).full().T
+    return np.asarray((np.swapaxes(T, 1, 2) @ forces[:, :, None])[:, :, 0])
 
 
 def rigid_rates(

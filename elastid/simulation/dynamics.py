@@ -40,12 +40,12 @@ class Contacts:
     @property
     def n_states(self) -> int:
         """Number of states of all laws."""
-        return sum(placed.law.n_states for placed in self.laws)
+        return sum(entry.law.n_states for entry in self.laws)
 
     @property
     def curves(self) -> FloatArray:
         """The numbers (9 n_f,) without load, at the reference temperature."""
-        return np.concatenate([np.zeros(0), *(placed.curve() for placed in self.laws)])
+        return np.concatenate([np.zeros(0), *(entry.curve() for entry in self.laws)])
 
     def torque(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> ca.SX:
         """Return P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
@@ -67,16 +67,16 @@ class Contacts:
 
     def at_rest(self) -> tuple[FloatArray, FloatArray]:
         """Return stiffness and damping (n_q, n_q) of all contacts at rest."""
-        at_rest = np.array([placed.at_rest() for placed in self.laws]).reshape(-1, 2)
+        at_rest = np.array([entry.at_rest() for entry in self.laws]).reshape(-1, 2)
         stiffness, damping = ((self.P * column) @ self.P.T for column in at_rest.T)
         return stiffness, damping
 
     def _sliding(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> Iterator[tuple[Law, ca.SX, ca.SX, Curve]]:
         sliding, start = ca.DM(self.P).T @ v, 0
-        for j, placed in enumerate(self.laws):
-            end = start + placed.law.n_states
+        for j, entry in enumerate(self.laws):
+            end = start + entry.law.n_states
             numbers = ca.vertsplit(curves[len(CURVE) * j : len(CURVE) * (j + 1)])
-            yield placed.law, sliding[j], z[start:end], placed.symbols(numbers)
+            yield entry.law, sliding[j], z[start:end], entry.symbols(numbers)
             start = end
 
 
@@ -221,12 +221,12 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     """
     q, v = model.symbols("q", "v")
     numbers = model.theta if theta is None else theta
-    parts = pivots(model)
-    _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), parts)
+    division = pivots(model)
+    _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), division)
     closed = q + step
-    Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), parts)
+    Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), division)
     arguments = [q, v, *([] if theta is None else [theta])]
-    return ca.Function("projection", arguments, [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
+    return ca.Function("projection", arguments, [closed, Z @ v[division.independent.tolist()]], {"cse": True})
 
 
 def pivots(model: ElasticModel) -> Partition:
@@ -237,20 +237,20 @@ def pivots(model: ElasticModel) -> Partition:
     return partition(model, model.constraint_jacobian(q, model.theta).full())
 
 
-def _solved(Phi: ca.SX, right: ca.SX, parts: Partition) -> tuple[ca.SX, ca.SX]:
+def _solved(Phi: ca.SX, right: ca.SX, division: Partition) -> tuple[ca.SX, ca.SX]:
     """Return Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
 
     Gauss and Jordan with the pivots given; zeros stay zeros.
     """
-    table = ca.horzcat(Phi, right)[parts.rows.tolist(), :]
-    columns = parts.dependent.tolist()
+    table = ca.horzcat(Phi, right)[division.rows.tolist(), :]
+    columns = division.dependent.tolist()
     rows = [ca.sparsify(table[i, :]) for i in range(len(columns))]
     for i, column in enumerate(columns):
         rows[i] = rows[i] / rows[i][column]
         for k in range(len(rows)):
             if k != i and not rows[k][column].is_zero():
                 rows[k] = rows[k] - rows[k][column] * rows[i]
-    n_q, independent = Phi.size2(), parts.independent.tolist()
+    n_q, independent = Phi.size2(), division.independent.tolist()
     Z, a = ca.SX(n_q, len(independent)), ca.SX(n_q, 1)
     for place, column in enumerate(independent):
         Z[column, place] = 1

@@ -98,7 +98,7 @@ class CommandedJoints:
         """Integrate the command (K, S) up to times (K,) from the first sample on; before it the first holds."""
         sample = time_s * self.rate_hz
         k = np.clip(np.floor(sample).astype(int), 0, len(growth) - 1)
-        part = (sample - k)[:, None]
-        bend = np.where((part >= 0) & (part <= 1), part * (part - 1), 0.0) * growth[k]
-        straight = np.where(part < 0, self.command[0] / self.rate_hz, integral[k + 1] - integral[k])
-        return np.asarray(integral[k] + part * straight + bend)
+        fraction = (sample - k)[:, None]
+        bend = np.where((fraction >= 0) & (fraction <= 1), fraction * (fraction - 1), 0.0) * growth[k]
+        straight = np.where(fraction < 0, self.command[0] / self.rate_hz, integral[k + 1] - integral[k])
+        return np.asarray(integral[k] + fraction * straight + bend)

@@ -52,19 +52,12 @@ class GainsSpec:
         "and high resonances; its delay is 0.23 / low_pass_hz.", above=0)] = None
     # fmt: on
 
-    def _numbers(self) -> Iterator[tuple[str, np.ndarray]]:
-        for name in ("position_gain", "velocity_gain", "integral_time", "low_pass_hz"):
-            if getattr(self, name) is not None:
-                yield name, np.atleast_1d(np.asarray(getattr(self, name), float))
-
     def refusals(self, joints: Sequence[str], rate_hz: float) -> Iterator[tuple[tuple[str | int, ...], str]]:
         """Yield keys that do not go with driven joints and a rate, and why."""
-        for name, values in self._numbers():
-            if len(values) not in (1, len(joints)):
-                yield (
-                    (name,),
-                    f"{len(values)} numbers for {len(joints)} driven joints; give one for all or one for each",
-                )
+        for name in ("position_gain", "velocity_gain", "integral_time", "low_pass_hz"):
+            count = np.size(getattr(self, name))  # 1 without a number
+            if count not in (1, len(joints)):
+                yield (name,), f"{count} numbers for {len(joints)} driven joints; give one for all or one for each"
         for i, notch in enumerate(self.notches):
             if notch.joint not in joints:
                 yield ("notches", i, "joint"), f"no driven joint '{notch.joint}'; there are {', '.join(joints)}"

@@ -106,7 +106,7 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
 
     names: of files, of folders, or patterns such as `references/*.csv`, relative to the folder.
     """
-    hashes = _known(folder)
+    hashes = _checksums(folder)
     return tuple(
         name for name in _files(folder, names) if name in hashes and hashes[name] != content_hash(folder / name)
     )
@@ -116,14 +116,14 @@ def is_as_written(path: Path) -> bool | None:
     """Tell if a file of a run folder is as it was at `keep_checksums`; None for a file without a checksum."""
     path = path.resolve()
     for folder in path.parents[:2]:  # a run folder and those in it: figures, references
-        if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
+        if (expected := _checksums(folder).get(path.relative_to(folder).as_posix())) is not None:
             return expected == content_hash(path)
     return None
 
 
 def keep_checksums(folder: Path, names: Iterable[str]) -> None:
     """Save checksums of the existing files, and delete entries of removed files. names: as for `changed_texts`."""
-    hashes = _known(folder)
+    hashes = _checksums(folder)
     now = {name: digest for name, digest in hashes.items() if (folder / name).is_file()}
     now |= {name: content_hash(folder / name) for name in _files(folder, names)}
     if now != hashes:
@@ -137,7 +137,7 @@ def remove_texts(folder: Path, names: Iterable[str]) -> None:
         path.unlink()
 
 
-def _known(folder: Path) -> dict[str, str]:
+def _checksums(folder: Path) -> dict[str, str]:
     """Return checksum by name; a damaged line names no file, or reports an intact file as changed."""
     path = folder / CHECKSUMS
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []

@@ -45,13 +45,13 @@ def write_friction_result(
     result: FrictionResult,
     stamp: Stamp = NO_STAMP,
     log_comparison: LogComparison = NO_COMPARISON,
-    left_out: LogComparison = NO_COMPARISON,
+    validation: LogComparison = NO_COMPARISON,
 ) -> None:
     """Write friction.h5: the numbers of all joints as a table, a group with everything, comparison with logs."""
-    parts = {
+    groups = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),
         "simulation": (log_comparison, LogComparison),
-        "validation": (left_out, LogComparison),
+        "validation": (validation, LogComparison),
     }
-    write_artefact(path, FRICTION, stamp, parts)
+    write_artefact(path, FRICTION, stamp, groups)

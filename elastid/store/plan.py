@@ -49,14 +49,14 @@ def write_run(
 
     sliding: inputs that translate.  injected (n, n_u): torque on top; without it the scale of that of the periods.
     """
-    parts = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
-    parts += [] if injected is None else [("injected torque", "N*m", injected)]
+    signals = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
+    signals += [] if injected is None else [("injected torque", "N*m", injected)]
     headings = [
         f"{name} of {place} ({of_translation(unit) if place in sliding else unit}, link side)"
-        for name, unit, _ in parts
+        for name, unit, _ in signals
         for place in inputs
     ]
-    columns, scale = [signal for _, _, signal in parts], ["torque scale"] * (injected is None)
+    columns, scale = [signal for _, _, signal in signals], ["torque scale"] * (injected is None)
     rows = np.column_stack([reference.scale, *columns] if scale else columns)
     _write_csv(path, ["time_s", *scale, *headings], rows, reference.rate_hz, reference.first_sample)
 

@@ -111,7 +111,7 @@ def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[An
 
 def _read_rows(group: Any, kind: Kind) -> list[Any]:
     n, slots = _scalar(group.attrs["length"], Kind("scalar", int)), fields_of(kind.type)
-    columns = {part.name: _read_column(group[part.name], part.annotation, part.label) for part in slots} if n else {}
+    columns = {slot.name: _read_column(group[slot.name], slot.annotation, slot.label) for slot in slots} if n else {}
     if any(len(column) != n for column in columns.values()):
         raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
     return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]

@@ -82,9 +82,9 @@ class Numbers:
     def of(cls, result: Result) -> "Numbers":
         """Return numbers that were asked for."""
         parameters = result.parameters.of_interest
-        parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
+        stds = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
-            (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
+            (result.values[p.name], result.std[p.name], *(std[p.name] for std in stds), *result.interval(p.name))
             for p in parameters
         ]  # fmt: skip
         columns = np.array(rows).reshape(-1, 7).T

@@ -112,8 +112,8 @@ def needs_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
 
 def _has_arrays(annotation: Any) -> bool:
     kind = kind_of_annotation(annotation)
-    inner = [part.annotation for part in fields_of(annotation)] if kind.form == "fields" else kind.parts
-    return kind.form in ("array", "union") or any(_has_arrays(part) for part in inner)
+    inner = [slot.annotation for slot in fields_of(annotation)] if kind.form == "fields" else kind.parts
+    return kind.form in ("array", "union") or any(_has_arrays(slot) for slot in inner)
 
 
 def text_of(value: Any, indent: int | None = None) -> str:
@@ -239,23 +239,23 @@ def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, a
     group = group.create_group(name)
     scopes = (_Scope(group, value), *above)
     inner, labelled = [], []
-    for part in fields_of(type(value)):
-        content = getattr(value, part.name)
-        if content is None or (part.may_be_empty and not content):
+    for slot in fields_of(type(value)):
+        content = getattr(value, slot.name)
+        if content is None or (slot.may_be_empty and not content):
             continue
         if hasattr(content, "__dataclass_fields__"):
-            inner.append(part)
+            inner.append(slot)
             continue
-        dataset = write_value(group, part.name, content, part.annotation, part.label, scopes)
+        dataset = write_value(group, slot.name, content, slot.annotation, slot.label, scopes)
         if dataset is not None:
-            scopes[0].axes[part.name] = dataset
+            scopes[0].axes[slot.name] = dataset
             # The times of a large record would take as much room as its signals.
-            if part.label.axes and not isinstance(content, LargeArray):
-                labelled.append((dataset, part.label.axes))
+            if slot.label.axes and not isinstance(content, LargeArray):
+                labelled.append((dataset, slot.label.axes))
     for dataset, axes in labelled:
         _attach(dataset, axes, scopes)
-    for part in inner:
-        write_value(group, part.name, getattr(value, part.name), part.annotation, part.label, scopes)
+    for slot in inner:
+        write_value(group, slot.name, getattr(value, slot.name), slot.annotation, slot.label, scopes)
 
 
 def _write_union(group: Any, name: str, value: Any, kind: Kind, label: Label, above: tuple[_Scope, ...]) -> None:

@@ -81,8 +81,8 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
 
 def _rows(path: Path) -> Iterator[MemberSpec]:
     for line, row in read_table(path):
-        if missing := [name for name in (ROBOT, DATE) if name not in row]:
-            raise StudyError("files/table", f"there is no column {missing[0]}", f"{path}:1:1")
+        if absent := [name for name in (ROBOT, DATE) if name not in row]:
+            raise StudyError("files/table", f"there is no column {absent[0]}", f"{path}:1:1")
         values = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
         try:
             yield MemberSpec(row[ROBOT], row[DATE], values)

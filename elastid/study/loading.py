@@ -220,9 +220,9 @@ def _with_origin(problems: Sequence[Problem], text: str) -> list[Problem]:
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     comment = " ".join(line.removeprefix("#").strip() for line in lines)
     origin_match = re.search(r"The records?: (.*?)(?=\. [A-Z]|\.?$)", comment)
-    missing = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
+    first = next((i for i, problem in enumerate(problems) if problem.message.startswith(NO_LOG)), None)
     origin = f" (origin stated in the study: {origin_match[1]})" if origin_match else ""
-    return [replace(p, message=p.message + origin * (i == missing)) for i, p in enumerate(problems)]
+    return [replace(p, message=p.message + origin * (i == first)) for i, p in enumerate(problems)]
 
 
 def _exclude_all_amplitudes(study: Study) -> Study:
@@ -230,8 +230,8 @@ def _exclude_all_amplitudes(study: Study) -> Study:
     recorded, postures = study.experiment.recorded, study.validation.configurations
     if study.friction is not None or not postures:
         return study
-    planned = 1 if study.excitation is None else len(study.excitation.amplitudes)
-    amplitudes = {name: list(range(1, planned + 1)) for name in postures}
+    n_amplitudes = 1 if study.excitation is None else len(study.excitation.amplitudes)
+    amplitudes = {name: list(range(1, n_amplitudes + 1)) for name in postures}
     if recorded is not None:
         amplitudes = {q: sorted({f.amplitude for f in recorded.files if f.configuration == q}) for q in postures}
     names = tuple(at_amplitude(name, amplitude) for name in postures for amplitude in amplitudes[name])
@@ -280,11 +280,11 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
             "files/missing", f"robot: no such file (looked for {file}; the path is relative to the study)", place
         )
     try:
-        part = read_robot(file)
+        robot_source = read_robot(file)
     except StudyError as error:
         raise StudyError("robot/file", f"robot: {file} is no robot:\n{error}", place) from None
-    text = f"{source.text.rstrip()}\n\n{comment_lines(robot)}{part.text}"
-    return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
+    text = f"{source.text.rstrip()}\n\n{comment_lines(robot)}{robot_source.text}"
+    return YamlSource({**source.data, **robot_source.data}, {**source.places, **robot_source.places}, text)
 
 
 def _split(override: str) -> tuple[KeyPath, YamlSource, str]:

@@ -141,8 +141,8 @@ def _describe(option: Any, with_example: bool = True) -> str:
     if origin is dict:
         return "a mapping of names"
     if is_dataclass(option):
-        needed = [f.name for f in fields(option) if f.default is MISSING and f.default_factory is MISSING]
-        return f"a mapping with the keys {', '.join(needed)}" if needed else "a mapping ({} for the defaults)"
+        obligatory = [f.name for f in fields(option) if f.default is MISSING and f.default_factory is MISSING]
+        return f"a mapping with the keys {', '.join(obligatory)}" if obligatory else "a mapping ({} for the defaults)"
     return _SCALARS[option]
 
 
@@ -218,14 +218,14 @@ def explain(query: str) -> str:
         return f"{query}\n  {codes()[query].meaning}\n  {codes()[query].remedy}"
     keys = {key.path: key for key in all_keys()}
     steps, target = {path: _steps(path) for path in keys}, _steps(query)
-    if any(_agree(parts[: len(target)], target) and parts[len(target) - 1] == "<name>" for parts in steps.values()):
+    if any(_agree(path[: len(target)], target) and path[len(target) - 1] == "<name>" for path in steps.values()):
         target = target[:-1]  # of a name the mapping that holds it
     exact = [key for path, key in keys.items() if _agree(steps[path], target)]
     matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(target) :], target)]
     if not matches and (same := [code for code in codes() if code.endswith(f"/{query}")]):
         return "\n\n".join(map(explain, same))
     if not matches:
-        names = {".".join(parts[-n:]): ".".join(parts) for parts in reversed(steps.values()) for n in (len(parts), 1)}
+        names = {".".join(path[-n:]): ".".join(path) for path in reversed(steps.values()) for n in (len(path), 1)}
         close = get_close_matches(".".join(target), names, n=1)
         nearest = f"did you mean '{names[close[0]]}'?" if close else f"there are {', '.join(names_in(Study))}"
         owner = "a fleet" if query.startswith("fleet.") else "a study"

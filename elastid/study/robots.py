@@ -34,17 +34,17 @@ def load_robot(path: Path | str) -> Robot:
 
 def read_robot(path: Path) -> YamlSource:
     """Read the file's content under the key `robot`, which the places of its keys do not show."""
-    part = read_source(path, str(path), rank=1)
-    if not isinstance(part.data, dict):
+    source = read_source(path, str(path), rank=1)
+    if not isinstance(source.data, dict):
         raise StudyError("robot/file", "a robot is a mapping with the keys name and bodies", f"{path}:1:1")
-    if "experiment" in part.data:
+    if "experiment" in source.data:
         text = "this is a study. Give its robot model (the file under `robot`), or its run folder"
         raise StudyError("robot/file", text, f"{path}:1:1")
     places = {
         ("robot", *keys): (replace(key, skipped_keys=1), replace(value, skipped_keys=1))
-        for keys, (key, value) in part.places.items()
+        for keys, (key, value) in source.places.items()
     }
-    return YamlSource({"robot": part.data}, places, part.text)
+    return YamlSource({"robot": source.data}, places, source.text)
 
 
 def with_robot(source: YamlSource, folder: Path) -> YamlSource:

@@ -127,8 +127,8 @@ class Study:
         """Joints whose friction is identified, in the robot's order, by default all driven joints."""
         driven, choice = self.as_robot().driven, self.as_friction().joints
         names = [joint.name for joint in driven]
-        chosen = [joint_called(name, names) for name in choice]
-        return tuple(joint for joint in driven if not choice or joint.name in chosen)
+        selection = [joint_called(name, names) for name in choice]
+        return tuple(joint for joint in driven if not choice or joint.name in selection)
 
     @property
     def places(self) -> Places:

@@ -17,7 +17,8 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.warm_up import WarmUp, warm_up_of
-from elastid.logs.friction_logs import read_friction_logs, warm_up_log
+from elastid.logs.friction_logs import read_friction_logs
+from elastid.logs.warm_ups import warm_up_log
 from elastid.record import Configuration
 
 Q = trapezoids([0.2, 0.5])

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis.extra.numpy import arrays
-from plants.lab_logs import CHANNELS, ROBOT, N, measured, record_of, save_csv, study_of
+from plants.lab_logs import CHANNELS, ROBOT, N, measured, multisines, record_of, save_csv, study_of
 from plants.measured import KUKA
 from plants.measured import measured as record_file
 from plants.notes import said
 from plants.refusals import refused
 
 from elastid.base.errors import DataError
-from elastid.excitation.multisine import orthogonal_set
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
@@ -48,18 +47,11 @@ AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-
 LINES = np.arange(3, 60)
 
 
-def _log_of_period(T: float, n: int) -> dict[str, np.ndarray]:
-    """n samples of four multisines with a period of T samples."""
-    U = orthogonal_set(np.ones((len(LINES), 4)), np.random.default_rng(0))[0]
-    x = (np.exp(2j * np.pi * np.outer(np.arange(n) / T, LINES)) @ U).real
-    return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
-
-
 def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
     """200.3 and 200.31 samples, found in each; the same lines, and the response of the axis that moves alone."""
     channels = (CHANNELS[1], ChannelSpec("y", "motor 1", "phi", quantity="position"))
     for name, T in (("a", 200.3), ("b", 200.31)):
-        log = _log_of_period(T, 1203)
+        log = multisines(LINES, T, 1203)
         save_csv(tmp_path / f"{name}.csv", {"i1": log["i1"], "phi": 0.2 * log["i1"] * 0.5e-3 * -50.0})
     files = (FileSpec("a.csv", "home"), FileSpec("b.csv", "home", 1))
     rig = RecordedRig(ROBOT, study_of("", channels, files=files, period_samples=None, period="find"), tmp_path)
@@ -72,7 +64,7 @@ def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(
 
 def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path) -> None:
     """1.95 periods: two of them, the last 10 samples from the first."""
-    whole = _log_of_period(N, 400)
+    whole = multisines(LINES, N, 400)
     record = record_of(tmp_path, {name: x[:390] for name, x in whole.items()})
     assert record.n_periods == 2
     np.testing.assert_allclose(record.u[:, 1], whole["i1"] * 0.5e-3 * -50.0, atol=1e-6 * np.ptp(record.u))
@@ -93,7 +85,7 @@ def test_without_a_period_the_whole_record_is_one_piece(period: str | None, tmp_
 
 def test_a_period_that_is_not_stated_is_advised_of(tmp_path: Path) -> None:
     """Four periods of 200 samples; not where the study says none."""
-    save_csv(tmp_path / "log.csv", _log_of_period(N, 800))
+    save_csv(tmp_path / "log.csv", multisines(LINES, N, 800))
     (note,) = said(measured(tmp_path, study_of("log.csv", period_samples=None)).notes)
     assert "the torques repeat every 200 samples" in note
     assert said(measured(tmp_path, study_of("log.csv", period_samples=None, period="none")).notes) == ()

@@ -66,19 +66,21 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path,
 
 
 @pytest.mark.parametrize(
-    ("change", "holds"),
+    ("channel", "change", "code", "holds"),
     [
-        (lambda name, x: x[:1], "one row"),  # and not each channel as constant
-        (lambda name, x: 0 * x + 0.25 if name == "w2" else x, "w2"),
-        (lambda name, x: np.nan * x if name == "w2" else x, "w2"),
-        (lambda name, x: 1e-300 * x if name == "w2" else x, "w2"),  # too small to compute with
+        ("", lambda x: x[:1], "values", "one row"),  # and not each channel as constant
+        ("w2", lambda x: 0 * x + 0.25, "values", "w2"),
+        ("w2", lambda x: np.nan * x, "values", "w2"),
+        ("w2", lambda x: 1e-300 * x, "values", "w2"),  # too small to compute with
+        ("i1", lambda x: np.where(np.arange(len(x)) % 7, np.nan, x), "missing-samples", "85.6%"),
     ],
 )
-def test_a_log_of_one_row_and_a_dead_sensor_are_refused(
-    change: Callable[[str, np.ndarray], np.ndarray], holds: str, tmp_path: Path, log: dict[str, np.ndarray]
+def test_a_log_of_one_row_a_dead_sensor_and_an_empty_torque_are_refused(
+    channel: str, change: Callable[..., Any], code: str, holds: str, tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
-    with refused("records/values", place="log.csv", holds=holds):
-        record_of(tmp_path, {name: change(name, x) for name, x in log.items()})
+    """A torque that is mostly missing is not said to be without a period."""
+    with refused(f"records/{code}", place="log.csv", holds=holds):
+        record_of(tmp_path, {name: change(x) if channel in ("", name) else x for name, x in log.items()})
 
 
 def test_a_motor_side_without_a_gear_is_refused(tmp_path: Path, log: dict[str, np.ndarray]) -> None:

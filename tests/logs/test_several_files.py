@@ -19,7 +19,8 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec, TextFormatSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.files.formats import contents
-from elastid.logs.rig import RecordedRig, joined_periods
+from elastid.logs.repeated_logs import joined_periods
+from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.response import Response
 from elastid.store.reading import described

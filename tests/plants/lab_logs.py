@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from elastid.excitation.multisine import orthogonal_set
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
@@ -34,6 +35,13 @@ CHANNELS = (
     ChannelSpec("y", "motor 1", "phi", quantity="position", unit="deg", side="motor"),
     ChannelSpec("y", "joint 2", "w2", quantity="velocity", scale=0.1),
 )
+
+
+def multisines(lines: np.ndarray, T: float, n: int) -> dict[str, np.ndarray]:
+    """Four orthogonal multisines (n,) with a period of T samples, by channel."""
+    U = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(0))[0]
+    x = (np.exp(2j * np.pi * np.outer(np.arange(n) / T, lines)) @ U).real
+    return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
 
 
 def study_of(path: str, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any) -> ExperimentSpec:

@@ -63,10 +63,10 @@ def torque_spectra(
     than inputs are excited, realisations would all be the same, or closed_loop is missing.
     """
     inputs = robot.motor_locations
-    if refused := line_count_refusal(len(lines), len(inputs), "motors"):
-        raise StudyError("excitation/power", refused, "excitation")
-    if refused := excitation.realisation_refusal(len(draws)):
-        raise StudyError("excitation/lines", refused, "excitation.phases")
+    if refusal := line_count_refusal(len(lines), len(inputs), "motors"):
+        raise StudyError("excitation/power", refusal, "excitation")
+    if refusal := excitation.realisation_refusal(len(draws)):
+        raise StudyError("excitation/lines", refusal, "excitation.phases")
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = relative_amplitudes(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
@@ -102,8 +102,8 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
         return np.where(np.isfinite(limits), limits, np.min(limits[np.isfinite(limits)], initial=1e3)) / 100
     if not isinstance(rms, tuple):
         return np.full(len(robot.driven), rms)
-    if refused := robot.count_refusal(len(rms), "torques"):
-        raise StudyError("excitation/power", f"{refused}, or one for all", "excitation.torque_rms")
+    if refusal := robot.count_refusal(len(rms), "torques"):
+        raise StudyError("excitation/power", f"{refusal}, or one for all", "excitation.torque_rms")
     return np.array(rms)
 
 

@@ -28,22 +28,22 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
     coulomb (n_u,): friction of the motors, as known.  The record has the positions of all motors.
     """
     assert record.r is not None
-    planned, columns = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
+    torque_r, columns = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
     N = plan.period_samples
     r, u, y = (mean_period(x, N) for x in (record.r, record.u, record.y[:, columns]))
     position, torque = (mean_period(x[plan.measured], N) for x in (rehearsal.position, rehearsal.torque))
-    spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(planned, axis=0).conj(), axis=1)
+    spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(torque_r, axis=0).conj(), axis=1)
     lag = int(np.argmax(np.fft.irfft(spectrum, len(r))))  # a start that all signals share is no contradiction
     late_s, none = min(lag, len(r) - lag) / plan.rate_hz, np.full(r.shape[1], np.inf)
     same, size = SAME_EXCITATION, EXCITATION_GAIN
-    words = _first_inconsistent_motor(plan, "injected torque (r)", np.roll(r, -lag, axis=0), planned, same, size, none)
+    words = _first_inconsistent_motor(plan, "injected torque (r)", np.roll(r, -lag, axis=0), torque_r, same, size, none)
     if not words and late_s > LATE_S:
         return f"its excitation is shifted by {late_s:.3g} s relative to the plan. Log from the first sample of the run"
     same, size, posture = MIRRORED, UNIT_RATIO, np.full(len(none), POSTURE_ERROR)
     # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
     friction, mean_torque = coulomb * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
-    injected = np.sqrt(np.mean(planned**2, axis=0))
-    holding = HOLDING_ERROR * np.maximum(mean_torque, 0.25 * mean_torque.max()) + friction + 0.1 * injected
+    rms = np.sqrt(np.mean(torque_r**2, axis=0))
+    holding = HOLDING_ERROR * np.maximum(mean_torque, 0.25 * mean_torque.max()) + friction + 0.1 * rms
     return (
         words
         or _first_inconsistent_motor(plan, "position (y)", y, position, same, size, posture)
@@ -55,9 +55,9 @@ def _first_inconsistent_motor(
     plan: Plan, noun: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
 ) -> str:
     """Find the first motor whose mean period does not follow the expected one, or has another size or mean."""
-    X, planned = (np.fft.rfft(x, axis=0)[plan.lines] for x in (signal, expected))
-    norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(planned, axis=0)
-    rho, gain = np.real(np.sum(X.conj() * planned, axis=0)) / np.maximum(norms * sizes, 1e-300), norms / sizes
+    X, expectation = (np.fft.rfft(x, axis=0)[plan.lines] for x in (signal, expected))
+    norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(expectation, axis=0)
+    rho, gain = np.real(np.sum(X.conj() * expectation, axis=0)) / np.maximum(norms * sizes, 1e-300), norms / sizes
     means, offsets = signal.mean(axis=0), expected.mean(axis=0)
     wrong = (rho < same) | (gain > size) | (gain < 1 / size) | (np.abs(means - offsets) > offset)
     for i in np.flatnonzero(wrong)[:1]:

@@ -70,16 +70,16 @@ def max_excursion(carrier: CarrierSpec, n_u: int, period_s: float, before_s: flo
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
     """Raise StudyError for a carrier of other motors, on analysed lines, or beyond joint limits, with ramps."""
-    if refused := carrier.refusal(len(plan.inputs), int(min(*plan.lines, *plan.detection))):
-        raise StudyError("experiment/simulated", refused, "experiment.simulated.carrier")
+    if refusal := carrier.refusal(len(plan.inputs), int(min(*plan.lines, *plan.detection))):
+        raise StudyError("experiment/simulated", refusal, "experiment.simulated.carrier")
     low, high = np.array([end(movement(carrier, plan).position, axis=0) for end in (np.min, np.max)])
     for configuration in plan.configurations:
         middle, swings = (configuration.angles + (low + high) / 2).tolist(), ((high - low) / 2).tolist()
         for joint, at, swing in zip(robot.driven, middle, swings, strict=True):
-            if refused := joint.position_refusal(at, swing):
+            if refusal := joint.position_refusal(at, swing):
                 raise StudyError(
                     "experiment/simulated",
-                    f"{refused}. Reduce the carrier, or move configuration {configuration.name}",
+                    f"{refusal}. Reduce the carrier, or move configuration {configuration.name}",
                     "experiment.simulated.carrier",
                 )
 
@@ -121,9 +121,9 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
     h = np.arange(1, (plan.period_samples - 1) // (2 * carrier.cycles) + 1, 2)
     filtered = 1 / (h * np.sqrt(1 + (h * f / SQUARE_CUTOFF_HZ) ** 4))
     analysed = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
-    used = ~analysed & (filtered > 1e-4 * filtered[0])
-    omega = 2 * np.pi * f * h[used]
-    c = 4 / np.pi * filtered[used]
+    is_free = ~analysed & (filtered > 1e-4 * filtered[0])
+    omega = 2 * np.pi * f * h[is_free]
+    c = 4 / np.pi * filtered[is_free]
     phase = np.outer(_time(plan), omega)
     v = carrier.velocities(len(plan.inputs))
     shapes = (-np.cos(phase) @ (c / omega), np.sin(phase) @ c, np.cos(phase) @ (c * omega))

@@ -5,8 +5,8 @@ r"""Drives, sensors, noise and friction of the simulated rig, from its section o
 
 with the frame's origin p and axes R, e one of its axes. An accelerometer measures gravity: its constant part is
 removed, its change as the frame tilts remains. The second derivative is taken of the sampled motion, with the images of
-held torques that it contains, by central differences over 21 samples: to 1e-6 up to a fifth of the rate, 4e-5 up to a
-quarter.
+held torques that it contains, by central differences over 21 samples (Fornberg, Math. Comp. 51, 1988): to 1e-6 up to a
+fifth of the rate, 4e-5 up to a quarter.
 """
 
 import math

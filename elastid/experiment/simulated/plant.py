@@ -116,17 +116,17 @@ def true_plant(
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
     s, fastest = poles(model, contacts(model, frictions(robot)), point.q)
-    needed = least_steps(1.2 * s if has_theta else s, 1 / rate_hz)
+    least = least_steps(1.2 * s if has_theta else s, 1 / rate_hz)
     # The rate of a recorded log cannot be raised: it has the steps in a second of a log of 1 kHz.
     most = spec.substeps or max(MAX_SUBSTEPS, int(1000.0 / rate_hz * MAX_SUBSTEPS) if is_free else 0)
-    if needed > most:
+    if least > most:
         raise StudyError(
             "experiment/simulated",
-            f"configuration {start.name}: the fastest mode, of {fastest}, needs {needed} steps per sample at "
+            f"configuration {start.name}: the fastest mode, of {fastest}, needs {least} steps per sample at "
             f"{rate_hz:g} Hz; limit {most}. Raise the rate",
             "experiment.simulated.substeps",
         )
-    substeps = max(needed, spec.steps(rate_hz, highest_hz))
+    substeps = max(least, spec.steps(rate_hz, highest_hz))
     hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
     return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, has_theta), point)

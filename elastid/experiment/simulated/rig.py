@@ -120,8 +120,8 @@ class SimulatedRig:
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             offset = reference.position[:end] - experiment.configuration.angles
             u, y = u - reference.feed_forward[:end], y - sense_movement(offset, *setup)
-        of_inputs, of_outputs = robot.chain.at("u", plan.inputs), robot.chain.at("y", self.outputs)
-        return logged(u, plan.rate_hz, of_inputs), logged(y, plan.rate_hz, of_outputs)
+        u_channels, y_channels = robot.chain.at("u", plan.inputs), robot.chain.at("y", self.outputs)
+        return logged(u, plan.rate_hz, u_channels), logged(y, plan.rate_hz, y_channels)
 
     def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
         plan, experiment = self.plan, run.experiment

@@ -224,8 +224,8 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
             return "quantity", (
                 "a voltage is no torque. Use a logged torque or current, or remove robot for a study of responses only"
             )
-        needed = "a current needs torque_constant (N*m/A). Give torque_constant"
-        return ("quantity", needed) if channel.drive else ("", "")
+        remedy = "a current needs torque_constant (N*m/A). Give torque_constant"
+        return ("quantity", remedy) if channel.drive else ("", "")
     if channel.side == "motor":
         return "side", "without a robot, side has no meaning. Remove side; use scale instead"
     turning = QUANTITY_UNIT[channel.quantity]

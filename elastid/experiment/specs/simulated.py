@@ -147,8 +147,8 @@ class CarrierSpec:
         if (self.kind == "sine") != (self.amplitude is not None) or (self.kind == "sine") == (
             self.velocity is not None
         ):
-            needed = "amplitude" if self.kind == "sine" else "velocity"
-            raise ValueError(f"a carrier of kind {self.kind} needs only {needed}. Give it and omit the other")
+            key = "amplitude" if self.kind == "sine" else "velocity"
+            raise ValueError(f"a carrier of kind {self.kind} needs only {key}. Give it and omit the other")
         if self.velocity is not None and 0.0 in np.atleast_1d(self.velocity):
             raise ValueError("the carrier's velocity is 0 for a joint, which then sticks. Give a velocity other than 0")
 

@@ -106,8 +106,8 @@ def _column(file: Any, name: str, field: Any, n: int) -> StoredArray:
 
 
 def _read_column(file: Any, name: str) -> NDArray[Any]:
-    parts = [_values(file.read_row_group(i, columns=[name]), name) for i in range(file.num_row_groups)]
-    values = np.concatenate(parts) if parts else np.zeros(0)
+    groups = [_values(file.read_row_group(i, columns=[name]), name) for i in range(file.num_row_groups)]
+    values = np.concatenate(groups) if groups else np.zeros(0)
     return seconds(values, values[0]) if values.dtype.kind in "mM" else values
 
 
@@ -133,7 +133,7 @@ def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
         channels = [c for group in file.groups() for c in group.channels() if len(c) > 0]
         common = _common_samples([(c.properties, len(c)) for c in channels])
         yield ArrayLog(
-            path, {f"{c.group_name}/{c.name}": _channel(c, part) for c, part in zip(channels, common, strict=True)}
+            path, {f"{c.group_name}/{c.name}": _channel(c, span) for c, span in zip(channels, common, strict=True)}
         )
 
 
@@ -148,12 +148,12 @@ def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[
     ]
     timed = [(s, s + n * step) for (_, n), step, s in zip(waveforms, steps, starts, strict=True) if s is not None]
     latest, end = max((s for s, _ in timed), default=0.0), min((e for _, e in timed), default=0.0)
-    parts = []
+    spans = []
     for (_, n), step, start in zip(waveforms, steps, starts, strict=True):
         is_whole = start is None or end <= latest or len({s for s, _ in timed}) == 1
         first = 0 if start is None or is_whole else round((latest - start) / step)
-        parts.append(slice(first, n if is_whole else min(n, first + round((end - latest) / step))))
-    return parts
+        spans.append(slice(first, n if is_whole else min(n, first + round((end - latest) / step))))
+    return spans
 
 
 def _start_s(properties: Mapping[str, Any]) -> float | None:
@@ -169,17 +169,17 @@ def _start_s(properties: Mapping[str, Any]) -> float | None:
 _EPOCH = np.datetime64("2000-01-01T00:00:00", "us")
 
 
-def _channel(channel: Any, part: slice) -> StoredArray:
+def _channel(channel: Any, span: slice) -> StoredArray:
     step = channel.properties.get("wf_increment", 0.0)
     is_time = channel.dtype.kind == "M"
     dtype = np.dtype(np.float64) if is_time else channel.dtype
     units = "s" if is_time else str(channel.properties.get("unit_string", ""))
-    rows = partial(_read_channel, channel, part)
-    return StoredArray((part.stop - part.start,), dtype, rows, units, 1 / step if step > 0 else None, rows=rows)
+    rows = partial(_read_channel, channel, span)
+    return StoredArray((span.stop - span.start,), dtype, rows, units, 1 / step if step > 0 else None, rows=rows)
 
 
-def _read_channel(channel: Any, whole: slice, part: slice = slice(None)) -> NDArray[Any]:
-    first, end, step = part.indices(whole.stop - whole.start)
+def _read_channel(channel: Any, whole: slice, span: slice = slice(None)) -> NDArray[Any]:
+    first, end, step = span.indices(whole.stop - whole.start)
     values = np.asarray(channel[whole.start + first : whole.start + end : step])
     return seconds(values, channel[0]) if values.dtype.kind == "M" else values
 
@@ -228,7 +228,7 @@ def _dataset(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
     return StoredArray(shape[::-1] if is_transposed else shape, dtype, rows, units, rows=rows)
 
 
-def _read_dataset(dataset: Any, field: str, is_transposed: bool, part: slice | None = None) -> NDArray[Any]:
-    index = () if part is None else (..., part) if is_transposed else part
+def _read_dataset(dataset: Any, field: str, is_transposed: bool, span: slice | None = None) -> NDArray[Any]:
+    index = () if span is None else (..., span) if is_transposed else span
     values = np.asarray((dataset.fields(field) if field else dataset)[index])
     return values.T if is_transposed else values

@@ -116,15 +116,15 @@ def size_in_pieces(
 
 
 def read_channels(
-    path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec, part: slice = slice(None)
+    path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec, span: slice = slice(None)
 ) -> FloatArray:
     """Read raw values (n_samples, len(channels)) of the requested channels.
 
-    part: of the samples; no more than that is read where the format allows it.
+    span: of the samples; no more than that is read where the format allows it.
     Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
     """
     with opened_log(path, text) as log:
-        return log.values(channels, part)
+        return log.values(channels, span)
 
 
 @contextmanager

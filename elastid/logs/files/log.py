@@ -36,7 +36,7 @@ class Log(Protocol):
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Return every numeric signal with its shape; column numbers where a text has no headings."""
 
-    def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
+    def values(self, channels: Sequence[ChannelSpec], span: slice = slice(None)) -> FloatArray:
         """Return raw values (n_samples, n_c) of the channels, or of a range of samples.
 
         DataError where one cannot be read; no more is read or understood than the format needs.
@@ -97,9 +97,9 @@ class ArrayLog:
     def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> "ArrayLog":
         """Return log in which every read runs under a guard."""
 
-        def read_guarded(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
+        def read_guarded(read: Callable[..., NDArray[Any]], *span: slice) -> NDArray[Any]:
             with guard():
-                return read(*part)
+                return read(*span)
 
         def guarded(array: StoredArray) -> StoredArray:
             rows = None if array.rows is None else partial(read_guarded, array.rows)
@@ -111,13 +111,13 @@ class ArrayLog:
         """Return every numeric signal with its shape."""
         return {name: array.shape for name, array in self.arrays.items() if array.is_signal}
 
-    def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
+    def values(self, channels: Sequence[ChannelSpec], span: slice = slice(None)) -> FloatArray:
         """Return values (n_samples, n_c) of the channels, or a part of the samples.
 
         Raises DataError for a channel that is missing, not numeric, of another length, or without the stated column.
         """
         stored: dict[str, FloatArray] = {}  # an array that holds several channels is read once
-        signals = [self._signal(channel, part, stored) for channel in channels]
+        signals = [self._signal(channel, span, stored) for channel in channels]
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
@@ -139,13 +139,13 @@ class ArrayLog:
             raise self._refusal(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
-    def _signal(self, channel: ChannelSpec, part: slice, stored: dict[str, FloatArray]) -> FloatArray:
+    def _signal(self, channel: ChannelSpec, span: slice, stored: dict[str, FloatArray]) -> FloatArray:
         name, array = self.array_of(channel)
         if not channel.channel and len(self.shapes()) > 1:
             channel = replace(channel, channel=name, column=None)
-        is_range = part != slice(None) and array.rows is not None and array.has_pieces
+        is_range = span != slice(None) and array.rows is not None and array.has_pieces
         if name not in stored:
-            values = array.rows(part) if is_range and array.rows is not None else np.squeeze(np.asarray(array))
+            values = array.rows(span) if is_range and array.rows is not None else np.squeeze(np.asarray(array))
             stored[name] = np.asarray(values, dtype=np.float64)
         values = stored[name]
         if is_range:
@@ -157,7 +157,7 @@ class ArrayLog:
             )
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
-        return self._column(channel, name, matrix)[part]
+        return self._column(channel, name, matrix)[span]
 
     def _column(self, channel: ChannelSpec, name: str, matrix: FloatArray) -> FloatArray:
         n, columns = matrix.shape

@@ -63,8 +63,10 @@ def guarded(reader: Opener) -> Opener:
 
     @contextmanager
     def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-        parts = sorted(path.iterdir()) if path.is_dir() else [path]
-        version = tuple((part.name, s.st_ino, s.st_size, s.st_mtime_ns) for part in parts for s in [part.stat()])
+        members = sorted(path.iterdir()) if path.is_dir() else [path]
+        version = tuple(
+            (member.name, s.st_ino, s.st_size, s.st_mtime_ns) for member in members for s in [member.stat()]
+        )
         file, arrays = _File(reader.__module__, reader.__name__, os.getcwd(), path, version), {}
         for name, (shape, dtype, units, rate_hz, has_rows) in _ask(file).items():
             values = partial(_ask, file, name)
@@ -74,12 +76,12 @@ def guarded(reader: Opener) -> Opener:
     return opened
 
 
-def _ask(file: _File, name: str = "", part: slice | None = None) -> Any:
+def _ask(file: _File, name: str = "", span: slice | None = None) -> Any:
     """Ask for the signals of a file, or for values of one; raise the reader's error, ValueError if it died."""
     where = os.pathsep.join(place or os.getcwd() for place in sys.path)
     with _one_request:
         try:
-            reply = _exchange(_reader(where), (file, name, part))
+            reply = _exchange(_reader(where), (file, name, span))
         except EOFError:
             code = _end(_readers.pop((os.getpid(), where)))
             raise ValueError(f"the reading process ended with exit code {code}") from None
@@ -143,7 +145,7 @@ def serve() -> None:
     reply: Any
     while True:
         try:
-            file, name, part = pickle.load(sys.stdin.buffer)
+            file, name, span = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
         try:
@@ -152,7 +154,7 @@ def serve() -> None:
                 last, signals = None, dict(opened.enter_context(file.opened()).arrays)
                 last = file
             descriptions = {n: (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None) for n, x in signals.items()}
-            reply = _values(signals[name], part) if name else descriptions
+            reply = _values(signals[name], span) if name else descriptions
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
             reply = ValueError(f"its reader needs {amount} memory")
@@ -187,8 +189,8 @@ def limit_memory() -> int:
     return limit
 
 
-def _values(array: StoredArray, part: slice | None) -> NDArray[Any]:
-    values = np.asarray(array.read() if part is None or array.rows is None else array.rows(part))
+def _values(array: StoredArray, span: slice | None) -> NDArray[Any]:
+    values = np.asarray(array.read() if span is None or array.rows is None else array.rows(span))
     if values.dtype.hasobject:
         raise ValueError(f"values of type {values.dtype} are not numbers")
     return values

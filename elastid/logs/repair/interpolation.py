@@ -2,9 +2,10 @@ r"""Interpolation of missing samples: repetition of the period plus a polynomial
 
 .. math:: \hat x(t) = r(t) + h(t), \qquad r(t) = \text{mean}_{p} \, s^{p} x(t + p L)
 
-r: mean of other periods; h: polynomial fitted to x - r on both sides of the gap. Periods that contain a transient, and
-polynomials that follow noise, are worse references: each candidate (set of periods, degree) is tried on gaps of the
-same length beside the gap, where the samples are measured, and the one with the smallest error is taken.
+r: mean of other periods; h: polynomial fitted to x - r on both sides of the gap (Savitzky and Golay, Anal. Chem. 36,
+1964). Periods that contain a transient, and polynomials that follow noise, are worse references: each candidate (set of
+periods, degree) is tried on gaps of the same length beside the gap, where the samples are measured, and the one with
+the smallest error is taken.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from elastid.base.statistics import STD_OVER_MAD, runs
 
 # Degree of the polynomial, and samples on each side of the gap that it is fitted to.
 _POLYNOMIALS = ((0, 16), (3, 2), (1, 2))
-_WIDEST = 16
 _TRIALS = 32  # samples on each side of the gap in which trial gaps lie
 QUANTILE_75 = 1.150349  # of the size of a normal variable, in standard deviations
 _TRIAL_GAP = 8  # samples of a trial gap at most
@@ -50,7 +50,7 @@ def interpolations(x: FloatArray, L: int, sign: int) -> Iterator[tuple[slice, In
 
 
 def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_step: float) -> Interpolation | None:
-    reach = _TRIALS + _WIDEST
+    reach = _TRIALS + max(width for _, width in _POLYNOMIALS)
     rows = np.arange(max(0, start - reach), min(len(x), end + reach))
     gap = slice(start - int(rows[0]), end - int(rows[0]))
     best: Interpolation | None = None
@@ -76,10 +76,10 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
     is_inside = (at >= 0) & (at < len(x))
     values = np.where(is_inside, x[np.where(is_inside, at, 0)], np.nan) * (float(sign) ** shifts)[:, None]
     for first in (L, 0):
-        used = np.where(at >= first, values, np.nan)
-        n = np.isfinite(used).sum(axis=0)
+        past = np.where(at >= first, values, np.nan)
+        n = np.isfinite(past).sum(axis=0)
         if np.all(n[gap] > 0):
-            yield np.where(n > 0, np.nansum(used, axis=0) / np.maximum(n, 1), np.nan)
+            yield np.where(n > 0, np.nansum(past, axis=0) / np.maximum(n, 1), np.nan)
             if not is_short:
                 return
     if is_short:

@@ -91,11 +91,11 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
 
 def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]], others: str, log: Log) -> None:
     """Mask (NaN) ranges of channel c of signals (n, c), and report them; others: the signals that vary there."""
-    missing = np.unique([i for start, end in ranges for i in range(start, end)]).astype(int)
-    if missing.size:
-        signals[missing, c] = np.nan
-        text = f"{log.names[c]} is constant or 0 for {missing.size} samples in total while other {others} vary"
-        log.report(MASKED, missing.size, f"{text}, first at {log.time_of(missing[0])}; treated as missing")
+    gaps = np.unique([i for start, end in ranges for i in range(start, end)]).astype(int)
+    if gaps.size:
+        signals[gaps, c] = np.nan
+        text = f"{log.names[c]} is constant or 0 for {gaps.size} samples in total while other {others} vary"
+        log.report(MASKED, gaps.size, f"{text}, first at {log.time_of(gaps[0])}; treated as missing")
 
 
 def samples_before_motion(torques: FloatArray) -> int:

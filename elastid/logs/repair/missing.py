@@ -15,6 +15,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import runs
 from elastid.logs.repair import MAX_WRONG_FRACTION, Log, bridged
+from elastid.logs.repair.clock_drift import resampled
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
     CHECK_CELLS,
@@ -28,7 +29,7 @@ from elastid.logs.repair.masks import (
 )
 from elastid.logs.repair.outliers import outliers_of, without_spikes
 from elastid.logs.repair.periodicity import MIN_PERIODS, grid_samples
-from elastid.logs.repair.time_stamps import at_times, resampled
+from elastid.logs.repair.resampling import at_times
 
 MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 FILLED = "missing samples filled"
@@ -53,13 +54,13 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         count, text = _missing(good[:, c], log, int(c))
         if count > MAX_MISSING_FRACTION * len(good):
             raise log.error("records/missing-samples", f"{text}. {CHECK_CELLS}, or exclude them with samples")
-        result[:, c], of_gaps = _interpolated(periodic[:, c], L, sign, log, text)
-        noisy |= of_gaps
+        result[:, c], noisy_gaps = _interpolated(periodic[:, c], L, sign, log, text)
+        noisy |= noisy_gaps
         outliers = outliers_of(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
-    lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    discarded = sorted(noisy | set(np.flatnonzero(lacking > MAX_STATIONARY_FRACTION).tolist()))
+    fraction = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
+    discarded = sorted(noisy | set(np.flatnonzero(fraction > MAX_STATIONARY_FRACTION).tolist()))
     if not discarded:
         return result
     numbers = ", ".join(str(p + 1) for p in discarded)
@@ -89,10 +90,10 @@ def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tupl
 
 def _missing(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
     """Return the number of missing samples of a channel, and a sentence on them."""
-    missing = np.flatnonzero(~good)
-    verb = "is" if missing.size == 1 else "are"
-    text = f"{log.names[c]}: {missing.size} of {len(good)} samples {verb} missing"
-    return missing.size, f"{text}, the first is {log.time_of(missing[0])}"
+    gaps = np.flatnonzero(~good)
+    verb = "is" if gaps.size == 1 else "are"
+    text = f"{log.names[c]}: {gaps.size} of {len(good)} samples {verb} missing"
+    return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
 def bridged_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
@@ -167,14 +168,14 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
         stack = at_times(_with_flags(signals), times, period, min(1.0, N / period))
         result = _with_missing(stack, signals.shape[1])
         log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
-    n, lacking = len(result), 2 * L - len(result)
-    if n < MIN_PERIODS * L or lacking <= 0:
+    n, remainder = len(result), 2 * L - len(result)
+    if n < MIN_PERIODS * L or remainder <= 0:
         return result
     text = (
         f"{n} samples are {n / L:.2f} repetitions of {L}: {n - L} of them repeat and give the noise, the last "
-        f"{lacking} are taken from the first repetition"
+        f"{remainder} are taken from the first repetition"
     )
-    end = np.full((lacking, signals.shape[1]), np.nan)
+    end = np.full((remainder, signals.shape[1]), np.nan)
     log.report("incomplete periods", 1, text)
     return np.concatenate([result, end])
 

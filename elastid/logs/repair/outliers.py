@@ -1,20 +1,21 @@
-r"""Outliers: one to three samples that the other periods contradict (Hampel's rule across periods).
+r"""Outliers: one to three samples that the other periods contradict (Hampel identifier across periods).
 
 .. math:: e = x_p - x_{p+1},\; x_p - x_{p+2},\; x_p - \operatorname{median}_q x_q, \qquad
           d = |e - \text{running median of } e| > 6 \sigma, \qquad
           \sigma^2 = (d_{75\,\%} / 1.15)^2 + q^2 / 12
 
-for each e, in which a transient is smooth, and for each period.  q: step of the converter.  A spike is also five times
-as far from the parabola through its neighbours as three quarters of these, d is five times as large as there, and three
-times as large as at 90 % of the samples of most parts of the log: drift, transients, steps and bursts of oscillation
-are no spikes, nor are the pulses of a controller at the counts of an encoder.  In a transient e has the signal of the
-other period, so that the sample must be a spike of its own period, too.  A value that repeats the previous one exactly,
-or is exactly 0, is a lost message where the channel has more such values than steps make by chance, or where one e
-differs.  A sample is replaced only if its distance from the interpolation is more than four times the error of the
-interpolation beside it; lost messages below are replaced together if their median distance is not due to that error.
-Among values that steps repeat by chance lost messages are told as spikes only. Interpolated samples are references and
-are never judged, nor is the only measured sample of a phase. Spikes at one phase of two of three periods are told by
-their roughness: below the roughness of the signal equal ones outvote the third period, which a note counts.
+for each e, in which a transient is smooth, and for each period (Davies and Gather, J. Am. Stat. Assoc. 88, 1993).  q:
+step of the converter.  A spike is also five times as far from the parabola through its neighbours as three quarters of
+these, d is five times as large as there, and three times as large as at 90 % of the samples of most parts of the log:
+drift, transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
+encoder.  In a transient e has the signal of the other period, so that the sample must be a spike of its own period,
+too.  A value that repeats the previous one exactly, or is exactly 0, is a lost message where the channel has more such
+values than steps make by chance, or where one e differs.  A sample is replaced only if its distance from the
+interpolation is more than four times the error of the interpolation beside it; lost messages below are replaced
+together if their median distance is not due to that error. Among values that steps repeat by chance lost messages are
+told as spikes only. Interpolated samples are references and are never judged, nor is the only measured sample of a
+phase. Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal
+ones outvote the third period, which a note counts.
 """
 
 from __future__ import annotations
@@ -43,16 +44,16 @@ MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
 MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
-# Distance of neighbours in a difference over its noise, above which the difference shows a transient; there a spike of
-# a smaller ratio must be in the signal itself.
-TRANSIENT_SIGMAS, MIN_RATIO_IN_TRANSIENT = 6.0, 20.0
+# Where neighbours in a difference are as far from it as spikes, it shows a transient; there a spike of a smaller ratio
+# must be in the signal itself.
+MIN_RATIO_IN_TRANSIENT = 20.0
 # Samples of a change from period to period that stay below the size by which transients are told; of a pulse in them,
 # over the largest step that repeats.
 TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
-# Distance of a spike over the distance of this share of the samples, in the median of parts of the log.
-USUAL_FRACTION, PARTS, MIN_OVER_USUAL = 0.9, 20, 3.0
-MIN_RANGES = 3.0  # distance of a spike from the median over the range of most samples, beyond which no motion leaps
+# Distance of a spike over the distance of this fraction of the samples, in the median of parts of the log; also over
+# the range of most samples, beyond which no motion leaps.
+USUAL_FRACTION, SECTIONS, MIN_OVER_USUAL = 0.9, 20, 3.0
 ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
 
 
@@ -93,7 +94,7 @@ def _is_outlier(x: FloatArray) -> BoolArray:
     """Flag runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
     low, middle, high = np.quantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
     result = np.zeros(len(x), dtype=np.bool_)
-    for start, end in runs(np.abs(x - middle) > MIN_RANGES * (high - low)).tolist():
+    for start, end in runs(np.abs(x - middle) > MIN_OVER_USUAL * (high - low)).tolist():
         result[start:end] = end - start <= MAX_BRIDGED
     return result
 
@@ -310,7 +311,7 @@ def _spikes(
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
         around, around_x = np.quantile(d[sides], quantile), np.quantile(d_x[sides], quantile)
         # In a transient the difference shows the signal of the other period.
-        is_transient = around > TRANSIENT_SIGMAS * sigma[first]
+        is_transient = around > MIN_SIGMAS * sigma[first]
         is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, scale_x)
         if is_transient and not is_in_signal and d[first:end].max() < MIN_RATIO_IN_TRANSIENT * around:
             continue
@@ -337,8 +338,8 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
 
 def _scale(d: FloatArray) -> float:
     """Compute the distance that a spike exceeds, from typical distances (n,) in sections of a log."""
-    parts = d[: len(d) // PARTS * PARTS].reshape(PARTS, -1)
-    return MIN_OVER_USUAL * float(np.median(np.quantile(parts, USUAL_FRACTION, axis=1)))
+    sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
+    return MIN_OVER_USUAL * float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))
 
 
 def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:

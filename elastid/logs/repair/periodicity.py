@@ -1,4 +1,4 @@
-r"""The period of a recorded excitation, as stated or as found, by autocorrelation.
+r"""The period of a recorded excitation, stated or detected, by autocorrelation (Rabiner, IEEE Trans. ASSP 25, 1977).
 
 .. math:: \rho(l) = \frac{\sum_t x(t)\, x(t + l)}{\sqrt{\sum_t x(t)^2 \sum_t x(t + l)^2}}
 
@@ -14,8 +14,9 @@ from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.repair import Log, flat
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION
 from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION
-from elastid.logs.repair.time_stamps import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION, at_times
+from elastid.logs.repair.resampling import at_times
 
 # Limits of the judgement that a signal repeats.
 # Correlation of a repetition at least; where several periods show that the rest is noise MIN_DELAY_CORRELATION.
@@ -185,9 +186,9 @@ def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
     fine = at_times(rho[first:last, None], times, float(last - first))[:, 0]
     i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
     bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
-    part = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
+    offset = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
     # Between few samples an interpolated peak lies above 1, which no correlation is.
-    return first + float(times[i]) + part * step, min(float(fine.max()), 1.0)
+    return first + float(times[i]) + offset * step, min(float(fine.max()), 1.0)
 
 
 def _from_later(rho: FloatArray, period: float) -> float:
@@ -227,9 +228,9 @@ NO_LINES = (
 
 def check_complete(excitation: FloatArray, place: object) -> None:
     """Raise DataError for an excitation (n, d) with so many missing samples (NaN) that no period can be judged."""
-    missing = float(np.mean(~np.isfinite(excitation).all(axis=1)))
-    if missing > MAX_MISSING_FRACTION:
-        text = f"{missing:.1%} of the excitation's samples are missing (limit {MAX_MISSING_FRACTION:.1%})"
+    fraction = float(np.mean(~np.isfinite(excitation).all(axis=1)))
+    if fraction > MAX_MISSING_FRACTION:
+        text = f"{fraction:.1%} of the excitation's samples are missing (limit {MAX_MISSING_FRACTION:.1%})"
         raise DataError("records/missing-samples", f"{text}. {CHECK_CELLS}", place)
 
 
@@ -290,8 +291,8 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     if is_one_of_several and N <= n < MIN_PERIODS * repeat:
         return
     if n < MIN_PERIODS * repeat:
-        needed = "one is" if half_wave else "two are"
-        text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}"
+        minimum = "one is" if half_wave else "two are"
+        text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {minimum} needed. {NO_LINES}"
         raise log.error("records/period-mismatch", text)
     result = repetition(excitation, repeat, sign)
     shift = _sample_shift(excitation, repeat, sign)

@@ -5,50 +5,20 @@ The signal is the band-limited one that fits all samples in the sense of least s
 .. math:: \min_x \sum_i w_i \Bigl(s(t_i) - \sum_j x_j \varphi(t_i / T_k - j)\Bigr)^2, \quad
     w_i = \tfrac12 (t_{i+1} - t_{i-1})
 
-with phi a windowed sinc (below) and T_k the longest mean of some steps in a row, so that samples are nowhere fewer
-than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995); it holds frequencies up to 0.45 / T_k.
-
-The clock of a log: one that differs from the generator's, delay between two logs.
-
-Consecutive periods are then shifted by e = T - N samples, which their mean cross-spectrum C shows,
-
-.. math:: \hat e = \arg\max_e\, \mathrm{Re} \sum_k C_k e^{2 \pi j k e / N}, \quad C_k = \sum_p X_{p+1} X_p^*
-
-and the log is resampled at multiples of T / N: the generator's clock is taken as right.
-
-Interpolation is by a sinc in a Kaiser window of half width W samples (Kaiser and Schafer, IEEE Trans. ASSP 28, 1980),
-
-    x(t) = sum_n x(n) b sinc(b (t - n)) I_0(beta sqrt(1 - (b (t - n) / W)^2)) / I_0(beta)
-
-with b = 1, or the ratio of the rates where the new one is lower.
+with phi a windowed sinc (`resampling`) and T_k the longest mean of some steps in a row, so that samples are nowhere
+fewer than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995); it holds frequencies up to 0.45 / T_k.
+LSMR solves for x (Fong and Saunders, SIAM J. Sci. Comput. 33, 2011).
 """
-
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
-from elastid.logs.repair import MAX_WRONG_FRACTION, Log, scaled
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_GRID_DEVIATION
 from elastid.logs.repair.interpolation import MAX_BRIDGED
+from elastid.logs.repair.resampling import HALF_WIDTH, PASSBAND, RESAMPLED, at_times, kernel
 
-RESAMPLED, JITTER = "samples resampled", "time stamps with jitter"
-# Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.
-HALF_WIDTH, _BETA, PASSBAND = 32, 9.0, 0.45
-# The kernels of so many times are in memory together.
-_TIMES_AT_ONCE = 4096
-
-
-# Correlation at the best delay at least; below, the signals are not the same.
-MIN_DELAY_CORRELATION = 0.5
-# Quartz clocks differ by less; a period that is off by more is stated wrong.
-MAX_CLOCK_ERROR = 5e-4
-# Maximum non-repeating power after resampling, relative to the power before.
-MAX_REMAINING_FRACTION = 0.5
-# Fraction of a period that may be missing at the end; the period before replaces it.
-MAX_MISSING_END = 5e-3
-# Deviations from an even grid, and shifts over a whole record, in samples, that do no harm.
-MAX_GRID_DEVIATION = 0.02
+JITTER = "time stamps with jitter"
 # Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
 MAX_ROUNDING = 0.8
 # Longer steps, in medians, are gaps.
@@ -60,178 +30,6 @@ MIN_RATE_FRACTION = 0.75
 SMOOTHER, JUDGED_FRACTION = 0.8, 0.9
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
-
-
-def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
-    """Estimate the delay of the second signal (n,) or signals (n, c), -N/2 to N/2 samples, and their correlation.
-
-    Relative to the first.  Of the mean periods, or of the whole signals without a period (N None); the fraction of a
-    sample comes from the phase of their cross-spectrum, summed over the columns.
-    """
-    (X, Y), N = _spectra([x.reshape(len(x), -1) for x in (first, second)], N)
-    C = np.sum(Y * X.conj(), axis=1)
-    size = np.sqrt(np.sum(np.abs(X[1:]) ** 2) * np.sum(np.abs(Y[1:]) ** 2))
-    tau = _peak(C, N)
-    return tau, correlation(C, N, tau) / size if size > 0 else 0.0
-
-
-def delay_by_torque(
-    torques: FloatArray, motions: FloatArray, orders: IntArray, N: int | None, shift: float
-) -> tuple[float, float, float]:
-    r"""Estimate the delay of motions (n, c) against torques (n, c); return also the agreement there and at shift.
-
-    .. math:: \max_\tau\, \mathrm{Re} \sum_k e^{j \omega_k \tau} \frac{|U_k|}{|A_k|} A_k^T U_k^*
-
-    with the accelerations A (phase transform: Knapp and Carter, IEEE Trans. ASSP 24, 1976).  Most lines are those of an
-    inertia, whose torque and acceleration are in phase.  orders (c,): of the derivatives that are accelerations.
-    """
-    (U, Y), N = _spectra((torques, motions), N)
-    A = Y * (1j * np.arange(len(Y))[:, None]) ** orders
-    C = np.sum(A * U.conj(), axis=1) * np.linalg.norm(U, axis=1) / np.maximum(np.linalg.norm(A, axis=1), 1e-300)
-    size, tau = max(float(np.linalg.norm(U[1:]) ** 2), 1e-300), _peak(C, N)
-    return tau, correlation(C, N, tau) / size, correlation(C, N, shift) / size
-
-
-def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[ComplexArray], int]:
-    """Compute spectra (F, c) of mean periods of signals (n, c), padded without a period; and samples of a period."""
-    if N is None:
-        N = 2 * max(map(len, signals))
-        signals = [np.pad(x - x.mean(axis=0), ((0, N - len(x)), (0, 0))) for x in signals]
-    return [np.fft.rfft(folded(x, N).mean(axis=0), axis=0) for x in signals], N
-
-
-def _peak(C: ComplexArray, N: int) -> float:
-    """Find the shift with the largest correlation of a cross-spectrum (N // 2 + 1,), whose mean is removed."""
-    C[0] = 0.0
-    peak = int(np.argmax(np.fft.irfft(C, N)))
-    return refined_shift(C, N, float(peak - N if peak > N // 2 else peak))
-
-
-def correlation(C: ComplexArray, N: int, shift: float) -> float:
-    """Compute Re sum_k C_k exp(2 pi j k shift / N) of a cross-spectrum (N // 2 + 1,)."""
-    return float(np.sum((C * np.exp(_turns(C, N) * shift)).real))
-
-
-def refined_shift(C: ComplexArray, N: int, shift: float) -> float:
-    """Find the maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
-    turns = _turns(C, N)
-    for _ in range(5):
-        phasor = C * np.exp(turns * shift)
-        slope, bend = float(np.sum((turns * phasor).real)), float(np.sum((turns**2 * phasor).real))
-        if bend >= 0:
-            return shift
-        shift -= float(np.clip(slope / bend, -0.5, 0.5))
-    return shift
-
-
-def _turns(C: ComplexArray, N: int) -> ComplexArray:
-    return (2j * np.pi * np.arange(len(C)) / N).astype(np.complex128)
-
-
-def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
-    """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate."""
-    reach = int(np.ceil(HALF_WIDTH / band))
-    before = reach + max(0, int(np.ceil(-times.min())))
-    after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
-    padded = _continued(signals, period, before, after)
-    result = np.empty((len(times), signals.shape[1]))
-    offsets = np.arange(-reach, reach + 1)
-    for first in range(0, len(times), _TIMES_AT_ONCE):
-        t = times[first : first + _TIMES_AT_ONCE]
-        nearest, weights = kernel(t, band)
-        result[first : first + _TIMES_AT_ONCE] = np.einsum(
-            "tk,tkc->tc", weights, padded[nearest[:, None] + before + offsets]
-        )
-    return result
-
-
-def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
-    """Compute the samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
-    reach = int(np.ceil(HALF_WIDTH / band))
-    nearest = np.round(t).astype(np.int64)
-    apart = band * ((t - nearest)[:, None] - np.arange(-reach, reach + 1))
-    inside = np.clip(1 - (apart / HALF_WIDTH) ** 2, 0.0, None)
-    weights = band * np.sinc(apart) * np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)
-    # A constant stays a constant.
-    return nearest, weights / weights.sum(axis=1, keepdims=True)
-
-
-def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
-    n = len(x)
-    # Each end and its continuation, taken one period further inside.
-    first = _values_at(x, np.arange(-before, 1.0) + period, period)
-    last = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
-    return np.concatenate([first[:-1] + x[0] - first[-1], x, last[1:] + x[-1] - last[0]])
-
-
-def _values_at(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
-    N = round(period)
-    if period != N and len(x) > period + 2 * HALF_WIDTH:
-        return at_times(x, times, N)
-    nearest = np.round(times).astype(np.int64)
-    return x[
-        np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, len(x) - N + (nearest - len(x)) % N))
-    ]
-
-
-@dataclass(frozen=True)
-class ClockDrift:
-    """T - N in samples, and the parts of the power that do not repeat without and with the shift."""
-
-    excess: float
-    unexplained: float
-    corrected_unexplained: float
-
-
-def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
-    """Estimate the excess of the period over N samples, from signals (n, c) that the generator sends."""
-    Z = np.fft.rfft(scaled(drivers, N), axis=1)
-    # The first period may hold a transient.
-    Z = Z[1:] if len(Z) > 3 else Z
-    far = max(1, len(Z) // 2)
-    C, _ = _cross(Z, 1)
-    C_far, power_far = _cross(Z, far)
-    # In eighths of a sample, from which the maximum is found.
-    shifts = np.arange(-(limit := 8 * int(MAX_CLOCK_ERROR * N + 2)), limit + 1)
-    excess = refined_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
-    excess = refined_shift(C_far, N, far * excess) / far
-    before, after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far * excess))
-    return ClockDrift(excess, before, after)
-
-
-def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
-    """Resample finite signals (n, c) to the generator's clock if it differs; DataError for fewer than two periods."""
-    P = len(signals) // N
-    if P < 2:
-        return signals
-    drift = clock_drift(drivers, N)
-    is_clock = abs(drift.excess) * P >= MAX_GRID_DEVIATION and abs(drift.excess) <= MAX_CLOCK_ERROR * N
-    if not is_clock or drift.corrected_unexplained > MAX_REMAINING_FRACTION * drift.unexplained:
-        return signals
-    T = N + drift.excess
-    # Leakage biases the first estimate: corrected by the drift that is left after resampling.
-    for _ in range(2):
-        times = np.arange(int(len(drivers) / max(T, N)) * N, dtype=np.float64) * (T / N)
-        T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
-    periods = int((len(signals) + MAX_MISSING_END * N) // T)
-    if periods < 2:
-        text = f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods"
-        raise log.error("records/clock", text)
-    result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
-    text = (
-        f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
-        f"ppm; after resampling, {100 * drift.corrected_unexplained / drift.unexplained:.2g} % of the non-repeating "
-        "power remains"
-    )
-    log.report(RESAMPLED, len(result), text)
-    return result
-
-
-def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
-    """Compute C (F,) of spectra Z (P, F, c), summed over periods and channels, and the power that it cannot exceed."""
-    a, b = Z[:-lag], Z[lag:]
-    C: ComplexArray = np.sum(b * a.conj(), axis=(0, 2))
-    return C, float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2)))
 
 
 GAPS, SET_BACK = "samples missing in time", "clock set back"
@@ -403,14 +201,14 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
     result, ratio = _fitted(time_s, signals, grid_s, knot_hz)
-    missing = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
-    result[missing] = np.nan
+    in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
+    result[in_gaps] = np.nan
     text = (
         f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
         f"{ratio.max(initial=0.0):.2g} of its rms, which is noise or faster"
     )
     log.report(RESAMPLED, len(result), text)
-    _report_gaps(int(missing.sum()), gaps, log)
+    _report_gaps(int(in_gaps.sum()), gaps, log)
     return result
 
 
@@ -438,10 +236,10 @@ def _fitted(
             result[rows, i] = at_times(knots[:, None], grid[rows] - low, len(knots))[:, 0]
             residual = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
             squares[i] += float(np.nansum(residual**2))
-    logged = np.isfinite(signals).any(axis=0)
-    size = np.maximum(np.nanstd(signals[:, logged], axis=0), 1e-300)
+    has_samples = np.isfinite(signals).any(axis=0)
+    size = np.maximum(np.nanstd(signals[:, has_samples], axis=0), 1e-300)
     ratio = np.zeros(signals.shape[1])
-    ratio[logged] = np.sqrt(squares[logged] / len(signals)) / size
+    ratio[has_samples] = np.sqrt(squares[has_samples] / len(signals)) / size
     return result, ratio
 
 

@@ -17,7 +17,8 @@ from elastid.base.errors import DataError, Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.logs import ResponsesSpec
 from elastid.logs.files.formats import opened_log
-from elastid.logs.files.text import TextLog, guess_format
+from elastid.logs.files.text import TextLog
+from elastid.logs.files.text_format import guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.repair import MAX_WRONG_FRACTION
 from elastid.logs.responses.table import (

@@ -25,6 +25,7 @@ from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import ResponsesSpec
+from elastid.logs.channel_names import STANDARD_GRAVITY
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, is_universal_file, place_of, sets_of
@@ -127,10 +128,10 @@ def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
 
 
 def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
-    missing = [name for name in names if name not in log.headings]
-    if missing:
+    absent = [name for name in names if name not in log.headings]
+    if absent:
         headings = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
-        text = f"no column {', '.join(missing)}. Give the names under columns, with {{y}} and {{u}} for the channels"
+        text = f"no column {', '.join(absent)}. Give the names under columns, with {{y}} and {{u}} for the channels"
         raise table_error(path, f"{text}. There are {headings}")
     return log.columns([log.headings.index(name) for name in names])
 
@@ -177,9 +178,9 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     columns = spec.columns
     G = complex_array(leaves, columns.response)
     if G is None or columns.frequency not in leaves:
-        lacking = columns.response if G is None else columns.frequency
+        absent = columns.response if G is None else columns.frequency
         datasets = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
-        raise table_error(path, f"no {lacking} in it. Name response and frequency under columns. There are {datasets}")
+        raise table_error(path, f"no {absent} in it. Name response and frequency under columns. There are {datasets}")
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
@@ -193,9 +194,9 @@ def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray 
     """Read a complex array, or struct with real and imag fields as written by MATLAB; None if it is missing."""
     if name in leaves:
         return np.asarray(leaves[name]).astype(np.complex128)
-    for parts in (("real", "imag"), ("re", "im"), ("r", "i")):
-        if all(f"{name}.{part}" in leaves for part in parts):
-            real, imaginary = (np.asarray(leaves[f"{name}.{part}"], dtype=np.float64) for part in parts)
+    for suffixes in (("real", "imag"), ("re", "im"), ("r", "i")):
+        if all(f"{name}.{suffix}" in leaves for suffix in suffixes):
+            real, imaginary = (np.asarray(leaves[f"{name}.{suffix}"], dtype=np.float64) for suffix in suffixes)
             return (real + 1j * imaginary).astype(np.complex128)
     return None
 
@@ -229,7 +230,7 @@ def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
 
 
 # Length in m and force in N of the unit codes of data set 164.
-_FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, 9.80665
+_FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, STANDARD_GRAVITY
 _UNITS = {
     1: (1.0, 1.0), 2: (_FOOT, _POUND), 3: (1.0, _KILOGRAM), 4: (_FOOT, 0.138254954376), 5: (1e-3, 1e-3),
     6: (1e-2, 1e-2), 7: (0.0254, _POUND), 8: (1e-3, _KILOGRAM), 10: (1e-3, 1.0)
@@ -281,10 +282,10 @@ def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec 
     return next((geometry for geometry in geometries if geometry is not None), None)
 
 
-def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[str] = ()) -> GeometrySpec | None:
+def uff_geometry(path: Path, channels: Sequence[ChannelSpec], places: Sequence[str] = ()) -> GeometrySpec | None:
     """Read nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of places.
 
-    channels: of the study, whose places move in the directions of their nodes.  moved: further places, by these names.
+    channels: of the study, whose places move in the directions of their nodes.  places: further places, by these names.
     """
     metre = _length_and_force(path)[0]
     points = {
@@ -294,7 +295,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec], moved: Sequence[st
     }
     motion = dict[str, tuple[str, str]]()
     names = [(channel.at, channel.channel or channel.at, channel.sign) for channel in channels]
-    for at, name, sign in (*names, *((at, at, 1) for at in moved)):
+    for at, name, sign in (*names, *((at, at, 1) for at in places)):
         match = re.fullmatch(r"(\d+)([xyz])( \d+)?", name)
         if match and match[1] in points:
             motion.setdefault(at, (match[1], f"{'-' if sign < 0 else ''}{match[2]}"))

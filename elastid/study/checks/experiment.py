@@ -8,7 +8,7 @@ from elastid.base.errors import StudyError
 from elastid.base.names import posture_of
 from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.study.checks.names import check_names, check_units
+from elastid.study.checks.names import check_names, check_units, refusal_of
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -22,39 +22,38 @@ def check_count(study: Study) -> Iterator[Problem]:
     count, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
     if count is None or experiment.simulated is None:
         return
-    needed = estimator.experiments_needed(n_u, experiment.realisations)
-    if not needed <= count <= n_u:
+    least = estimator.experiments_needed(n_u, experiment.realisations)
+    if not least <= count <= n_u:
         yield Problem(
             path,
             f"{count} experiments in each of {experiment.realisations} realisations; estimator.method "
-            f"{estimator.method} needs {needed} to {n_u} for {n_u} motors",
+            f"{estimator.method} needs {least} to {n_u} for {n_u} motors",
         )
 
 
 def check_configurations(study: Study) -> Iterator[Problem]:
     """Check that angles are one for each driven joint, in its unit and limits with the swing, and that loops close."""
-    robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         if posture_of(name) != name:
             yield Problem(
                 path, ("names of configurations must not end in `amplitude` and a number. Rename it"), at_key=True
             )
-        if refused := robot.count_refusal(len(angles)):
-            yield Problem(path, refused)
+        if refusal := study.places.count_refusal(len(angles)):
+            yield Problem(path, refusal)
+            continue
+        if (robot := study.robot) is None:
             continue
         refusals = [
             joint.refusal_of(angle) or joint.position_refusal(angle, swing)
-            for angle, joint, swing in zip(angles, robot.driven, swings, strict=True)
+            for angle, joint, swing in zip(angles, robot.driven, _swings(study), strict=True)
         ]
-        yield from (Problem((*path, i), refused) for i, refused in enumerate(refusals) if refused)
+        yield from (Problem((*path, i), refusal) for i, refusal in enumerate(refusals) if refusal)
         if robot.loops and not any(refusals):
             from elastid.model.closed_posture import assembled  # brings CasADi, which robots without loops do without
 
-            try:
-                assembled(robot, np.array(angles, dtype=float))
-            except StudyError as refusal:
-                yield Problem(path, str(refusal))
+            if refusal := refusal_of(assembled, robot, np.array(angles, dtype=float)):
+                yield Problem(path, refusal)
 
 
 def check_payload(study: Study) -> Iterator[Problem]:
@@ -93,15 +92,15 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
         yield Problem((*path, "reference"), f"{key} and the path of the references go together. Give both or neither")
     elif (excitation := study.excitation) is not None and controller.reference is not None:
         N, highest_hz = excitation.period_samples, excitation.band_hz[1]
-        if refused := controller.reference.cycle_refusal(excitation.rate_hz, N, highest_hz):
-            yield Problem((*path, "reference", "cycle"), refused)
+        if refusal := controller.reference.cycle_refusal(excitation.rate_hz, N, highest_hz):
+            yield Problem((*path, "reference", "cycle"), refusal)
         if controller.reference.unit == "increments" and not simulated.noise.encoder_counts:
             text = "increments need the counts of a motor turn. Give experiment.simulated.noise.encoder_counts"
             yield Problem((*path, "reference", "unit"), text)
     if study.friction is None and controller.gains is not None and study.excitation is not None:
         joints = study.as_robot().driven_names
-        for keys, refused in controller.gains.refusals(joints, study.excitation.rate_hz):
-            yield Problem((*path, "gains", *keys), refused)
+        for keys, refusal in controller.gains.refusals(joints, study.excitation.rate_hz):
+            yield Problem((*path, "gains", *keys), refusal)
 
 
 def check_structure(study: Study) -> Iterator[Problem]:
@@ -116,10 +115,7 @@ def check_structure(study: Study) -> Iterator[Problem]:
             "no configuration is given; name each state of the structure that was measured, for example {bench: []}"
         )
         yield Problem(("experiment", "configurations"), message)
-    for name, angles in experiment.configurations.items():
-        path = ("experiment", "configurations", name)
-        if refused := study.places.count_refusal(len(angles)):
-            yield Problem(path, refused)
+    yield from check_configurations(study)
 
 
 def check_excitation(study: Study) -> Iterator[Problem]:
@@ -138,8 +134,8 @@ def check_excitation(study: Study) -> Iterator[Problem]:
     freq_hz, carrier = lines.excited / excitation.period, study.experiment.simulated.carrier
     if carrier is not None:
         lowest, n_u = int(min(*lines.excited, *lines.detection)), len(study.as_robot().driven)
-        if refused := carrier.refusal(n_u, lowest):
-            yield Problem((*_SIMULATED, "carrier"), refused)
+        if refusal := carrier.refusal(n_u, lowest):
+            yield Problem((*_SIMULATED, "carrier"), refusal)
     for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
         if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
             yield Problem(

@@ -49,11 +49,11 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         groups += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
     for path, names in groups:
         yield from check_names(path, "configuration", names, configurations)
-    measured = {name for names in fit.robots.values() for name in names}
-    missing = [name for name in study.experiment.configurations if name not in measured]
-    if fit.robots and missing:
+    members = {name for names in fit.robots.values() for name in names}
+    absent = [name for name in study.experiment.configurations if name not in members]
+    if fit.robots and absent:
         message = (
-            f"configuration {', '.join(missing)} is assigned to no robot. Assign it to the robot of its measurement"
+            f"configuration {', '.join(absent)} is assigned to no robot. Assign it to the robot of its measurement"
         )
         yield Problem(("fit", "robots"), message, at_key=True)
 
@@ -73,8 +73,8 @@ def _check_test(study: Study, test: LoadTest, path: KeyPath) -> Iterator[Problem
     if test.configuration and test.configuration not in configurations:
         yield unknown((*path, "configuration"), "configuration", test.configuration, configurations)
     if test.angles is not None:
-        if refused := robot.count_refusal(len(test.angles)):
-            yield Problem((*path, "angles"), refused)
+        if refusal := robot.count_refusal(len(test.angles)):
+            yield Problem((*path, "angles"), refusal)
         yield from check_units((*path, "angles"), test.angles, robot)
     places = [*(frame.name for frame in robot.frames), *(body.name for body in robot.bodies), TOOL]
     for key in ("frame", "measured_at"):

@@ -60,8 +60,8 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
     limits, passes = joint.limits, spec.designed_passes
     for name, pair in (("window", passes.window), ("speeds", passes.speeds)):
         for i, value in enumerate(pair or ()):
-            if refused := joint.refusal_of(value):
-                yield Problem((*_PASSES, name, i), refused)
+            if refusal := joint.refusal_of(value):
+                yield Problem((*_PASSES, name, i), refusal)
     if passes.window is not None and not limits.angle[0] <= passes.window[0] < passes.window[1] <= limits.angle[1]:
         yield Problem(
             (*_PASSES, "window"),
@@ -71,8 +71,8 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
     if passes.speeds is not None and passes.speeds[1] > limits.velocity:
         message = f"joint {joint.name} is limited to {limits.velocity:.4g} {joint.unit}/s. Lower the highest speed"
         yield Problem((*_PASSES, "speeds", 1), message)
-    if spec.warm_up is not None and (refused := joint.refusal_of(spec.warm_up.speed)):
-        yield Problem((*_FRICTION, "warm_up", "speed"), refused)
+    if spec.warm_up is not None and (refusal := joint.refusal_of(spec.warm_up.speed)):
+        yield Problem((*_FRICTION, "warm_up", "speed"), refusal)
 
 
 def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem]:
@@ -125,10 +125,10 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
         yield Problem(
             (*path, "ambient"), ("ambient is the room temperature of a warm-up. Give the joint's as temperature")
         )
-    logged = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
-    if file.purpose in ("presliding_loops", "presliding_test") and not file.joint and len(logged) > 1:
+    motors = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
+    if file.purpose in ("presliding_loops", "presliding_test") and not file.joint and len(motors) > 1:
         message = (
-            f"{', '.join(logged)} are logged, and none moves significantly. Set joint to the single excited one, since "
+            f"{', '.join(motors)} are logged, and none moves significantly. Set joint to the single excited one, since "
             "each joint moves the others through the robot"
         )
         yield Problem((*path, "purpose"), message)

@@ -11,21 +11,21 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import ElastidError, StudyError, did_you_mean
+from elastid.base.errors import ElastidError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.channel_doubts import channel_doubts
-from elastid.logs.channels import gather_channels
+from elastid.logs.channels import driver_columns, gather_channels
 from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, is_time, stamp_size, stamps_of, time_units
 from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
-from elastid.logs.files.text import WRITTEN_OTHERWISE
+from elastid.logs.files.text_format import WRITTEN_OTHERWISE
 from elastid.logs.repair import Log
 from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders
 from elastid.store.files import content_hash
-from elastid.study.checks.names import unknown
+from elastid.study.checks.names import refusal_of, unknown
 from elastid.study.messages import NO_LOG, Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -77,18 +77,18 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
         if file.at and (len(inputs) != 1 or study.robot is not None):
             message = "a hammer or sensors move in studies without robot and with one input. Write a configuration each"
             yield Problem((*path, "files", i, "at"), message)
-        if refused := recorded.repeat_refusal(i):
-            yield Problem((*path, "files", i), refused)
+        if refusal := recorded.repeat_refusal(i):
+            yield Problem((*path, "files", i), refusal)
 
 
 def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Check gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
         joints = study.as_robot().driven_names
-        for keys, refused in recorded.controller.refusals(
+        for keys, refusal in recorded.controller.refusals(
             joints, recorded.controller.tick_hz or recorded.known_rate_hz
         ):
-            yield Problem((*_RECORDED, "controller", *keys), refused)
+            yield Problem((*_RECORDED, "controller", *keys), refusal)
 
 
 def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
@@ -150,10 +150,8 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         if channel.role == "u" and channel.at not in inputs:
             yield unknown((*place, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
-            try:
-                robot.check_location(channel.at)
-            except StudyError as error:
-                yield Problem((*place, "at"), str(error))
+            if refusal := refusal_of(robot.check_location, channel.at):
+                yield Problem((*place, "at"), refusal)
             if tool.motors == "locked" and channel.at.startswith("motor "):
                 yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
@@ -186,14 +184,14 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         if samples in contents:
             yield Problem((*_RECORDED, "files", i, "path"), "samples identical to another log, without noise")
         contents.add(samples)
-    chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
+    selection = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
     problems: dict[KeyPath, Problem] = {}
     counts: Counter[KeyPath] = Counter()
-    for i in map(int, chosen):
+    for i in map(int, selection):
         for problem in _check_log(study, recorded, i, base):
             problems.setdefault(problem.path, problem)
             counts[problem.path] += 1
-    least = min(2, len(chosen))
+    least = min(2, len(selection))
     yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= least)
     several = next((i for i, file in enumerate(recorded.files) if file.also), None)
     if several is not None and not problems and study.friction is None:
@@ -205,10 +203,8 @@ def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> It
     file = recorded.files[i]
     if sum((base / name).stat().st_size for name in (file.path, *file.also)) > _MAX_BYTES:
         return
-    try:
-        gather_channels(recorded, file, base, study.places)
-    except ElastidError as error:
-        yield Problem((*_RECORDED, "files", i, "also"), str(error))
+    if refusal := refusal_of(gather_channels, recorded, file, base, study.places):
+        yield Problem((*_RECORDED, "files", i, "also"), refusal)
 
 
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
@@ -221,9 +217,9 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
         members = [k for k, channel in enumerate(recorded.channels) if channel.file == number]
         try:
             with opened_log(base / name, recorded.text) as log:
-                missing = list(_check_names(log, recorded, members))
-                yield from missing
-                if number == 1 and not missing:
+                absences = list(_check_names(log, recorded, members))
+                yield from absences
+                if number == 1 and not absences:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
             is_format = WRITTEN_OTHERWISE in str(error)
@@ -232,23 +228,16 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
     """Yield channels that are missing in their file; DataError if all are."""
-    refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
+    first = slice(0, 2)
+    refusals = [(k, text) for k in members if (text := refusal_of(log.values, [recorded.channels[k]], first))]
     if refusals and len(refusals) == len(members):
-        log.values([recorded.channels[k] for k in members], slice(0, 2))
-    for k, refused in refusals:
+        log.values([recorded.channels[k] for k in members], first)
+    for k, refusal in refusals:
         key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
-        yield Problem((*_RECORDED, "channels", k, key), refused)
+        yield Problem((*_RECORDED, "channels", k, key), refusal)
     if recorded.time and recorded.time not in log.shapes():
         message = f"the log has no such channel; {did_you_mean(recorded.time, list(log.shapes()))}"
         yield Problem((*_RECORDED, "time"), message)
-
-
-def _refusal(log: OpenLog, channels: Sequence[ChannelSpec]) -> str:
-    try:
-        log.values(channels, slice(0, 2))
-    except ElastidError as error:
-        return str(error)
-    return ""
 
 
 def _check_content(
@@ -259,8 +248,8 @@ def _check_content(
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
     most = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
-    part = slice(first, first + most if end is None else min(end, first + most))
-    values = without_placeholders(log.values(channels, part))
+    span = slice(first, first + most if end is None else min(end, first + most))
+    values = without_placeholders(log.values(channels, span))
     if end is not None and len(values) < min(end - first, most):
         yield Problem(
             (*path, "samples"), (f"the log ends after sample {first + len(values)}, counted from 0. Correct samples")
@@ -269,7 +258,7 @@ def _check_content(
     rates = list(_check_rate(recorded, log))
     yield from rates
     if isinstance(period, float) and not rates and not recorded.time and len(values) > 1:
-        yield from _check_period(recorded, file, path, channels, values, period, place)
+        yield from _check_period(recorded, file, path, values[:, driver_columns(channels)], period, place)
     if recorded.rate_hz != "unknown":
         doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
         for doubt in (doubt for doubt in doubts if not rates or doubt.channel is not None):
@@ -278,24 +267,16 @@ def _check_content(
 
 
 def _check_period(
-    recorded: RecordedSpec,
-    file: FileSpec,
-    path: KeyPath,
-    channels: Sequence[ChannelSpec],
-    values: FloatArray,
-    period: float,
-    place: Path,
+    recorded: RecordedSpec, file: FileSpec, path: KeyPath, drivers: FloatArray, period: float, place: Path
 ) -> Iterator[Problem]:
     """Check whole periods as the stage measure does; it resamples other periods before the check."""
-    drivers = [k for role in ("r", "u") for k, channel in enumerate(channels) if channel.role == role]
-    drivers = [k for k in drivers if channels[k].role == channels[drivers[0]].role]
-    if period != round(period) or not drivers:
+    if period != round(period) or not drivers.size:
         return
     known_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
     try:
         N = grid_samples(period, recorded.half_wave)
-        check_complete(values[:, drivers], place)
-        check_repeat(values[:, drivers], N, recorded.half_wave, Log(str(place), (), known_hz))
+        check_complete(drivers, place)
+        check_repeat(drivers, N, recorded.half_wave, Log(str(place), (), known_hz))
     except ElastidError as error:
         keys = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
         key = "period" if recorded.period is not None else "period_samples"

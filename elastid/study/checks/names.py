@@ -1,12 +1,21 @@
 """Names that several sections refer to: configurations, places on the robot, inputs and outputs."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from elastid.base.errors import did_you_mean
+from elastid.base.errors import ElastidError, did_you_mean
 from elastid.robot import Robot
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
+
+
+def refusal_of(check: Callable[..., object], *arguments: object) -> str:
+    """Return the message of the error that a check raises; empty without one."""
+    try:
+        check(*arguments)
+    except ElastidError as error:
+        return str(error)
+    return ""
 
 
 def unknown(path: KeyPath, noun: str, name: str, valid: Iterable[str]) -> Problem:
@@ -25,11 +34,11 @@ def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem
     """Check that a number for all motors, or one for each, has the unit of its joint's motion."""
     entries = values if isinstance(values, tuple) else (values,) * len(robot.driven)
     for i, (value, joint) in enumerate(zip(entries, robot.driven, strict=False)):
-        refused = joint.refusal_of(value) if isinstance(value, float) else ""
-        if refused and isinstance(values, tuple):
-            yield Problem((*path, i), refused)
-        elif refused:
-            yield Problem(path, f"{refused}, or one number for each motor")
+        refusal = joint.refusal_of(value) if isinstance(value, float) else ""
+        if refusal and isinstance(values, tuple):
+            yield Problem((*path, i), refusal)
+        elif refusal:
+            yield Problem(path, f"{refusal}, or one number for each motor")
             return
 
 

@@ -11,7 +11,8 @@ from plants.refusals import refused
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.formats import contents, read_channels
-from elastid.logs.files.text import guess_format, opened
+from elastid.logs.files.text import opened
+from elastid.logs.files.text_format import guess_format
 
 
 @pytest.mark.parametrize(

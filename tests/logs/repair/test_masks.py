@@ -16,7 +16,7 @@ from elastid.logs.repair.masks import CLIPPED, MASKED, report_clipping, report_s
 from elastid.logs.repair.missing import FILLED, filled, repair
 from elastid.logs.repair.outliers import without_spikes
 from elastid.logs.repair.periodicity import repetition
-from elastid.logs.repair.time_stamps import RESAMPLED
+from elastid.logs.repair.resampling import RESAMPLED
 
 
 @settings(max_examples=15, deadline=None)
@@ -85,26 +85,16 @@ def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length:
     assert not outcome(without_standstill, CLEAN, N)[1]
 
 
-M = 400
-
-
-def sines(seed: int = 0) -> FloatArray:
-    """Two periodic signals with noise of a thousandth."""
-    rng = np.random.default_rng(seed)
-    t = 2 * np.pi * np.arange(4 * M) / M
-    parts = [np.cos(k * t[:, None] + rng.uniform(0, 6, 2)) for k in range(2, 30)]
-    return sum(parts) + 1e-3 * rng.normal(size=(4 * M, 2))
-
-
 def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
     """An excitation with a pause, a joint that rests, a coarse encoder, a short hold and a limit."""
-    signals = sines()
-    signals[np.arange(4 * M) % M > 300] = 0.0
+    signals = CLEAN + NOISE
+    signals[np.arange(P * N) % N > 375] = 0.0
     signals[100:115, 0] = signals[100, 0]
-    assert not outcome(without_standstill, signals, M)[1]
+    assert not outcome(without_standstill, signals, N)[1]
     for seed in range(20):
-        coarse = np.stack([np.round(sines(seed)[:, 0] / 4) * 4, np.clip(sines(seed)[:, 1], -3, 3)], axis=1)
-        assert not outcome(without_standstill, coarse, M)[1]
+        torque, angle = ((wave(np.arange(P * N), seed) + NOISE) / CLEAN.std(axis=0)).T
+        coarse = np.stack([np.round(torque), np.clip(angle, -0.8, 0.8)], axis=1)
+        assert not outcome(without_standstill, coarse, N)[1]
 
 
 def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:

@@ -4,20 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import N, record_of
+from plants.lab_logs import N, multisines, record_of
 from plants.notes import noted, said
 from plants.waves import outcome
 
-from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.logs.repair.masks import without_stops
 
 
 def _log(periods: int) -> dict[str, np.ndarray]:
-    lines = np.arange(2, 60)
-    spectra = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(0))[0]
-    x = np.tile(synthesise(lines, spectra, N), (periods, 1))
-    x += 1e-3 * x.std() * np.random.default_rng(1).normal(size=x.shape)
-    return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
+    rng = np.random.default_rng(1)
+    signals = multisines(np.arange(2, 60), N, periods * N)
+    return {name: x + 1e-3 * x.std() * rng.normal(size=len(x)) for name, x in signals.items()}
 
 
 def _stopped(log: dict[str, np.ndarray], first: int, last: int) -> dict[str, np.ndarray]:

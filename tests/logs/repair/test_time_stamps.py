@@ -13,16 +13,8 @@ from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.logs.repair import Findings
-from elastid.logs.repair.time_stamps import (
-    GAPS,
-    JITTER,
-    SET_BACK,
-    delay,
-    describe_steps,
-    even_grid,
-    on_grid,
-    resampled,
-)
+from elastid.logs.repair.clock_drift import delay, resampled
+from elastid.logs.repair.time_stamps import GAPS, JITTER, SET_BACK, describe_steps, even_grid, on_grid
 
 RNG = np.random.default_rng(5)
 
@@ -143,23 +135,18 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
             on_grid(wrong, t[:, None], 100.0, LOG)
 
 
-def test_rows_that_change_places_are_sorted_by_time() -> None:
-    """Messages of a bus that overtake each other."""
-    t = np.arange(2000) / 100
-    rows = np.arange(2000)
-    rows[[700, 701, 1500, 1501]] = rows[[701, 700, 1501, 1500]]
-    sorted_again, findings = outcome(on_grid, t[rows], np.sin(t[rows])[:, None], 100.0)
-    np.testing.assert_array_equal(sorted_again[:, 0], np.sin(t))
-    assert findings["rows sorted by time"] == 2
-
-
-def test_clock_that_is_set_back_leaves_a_gap_of_unknown_length() -> None:
-    t = np.arange(2000) / 100
-    gridded, findings = outcome(on_grid, np.where(np.arange(2000) < 700, t, t - 3), np.sin(t)[:, None], 100.0)
+@pytest.mark.parametrize("is_set_back", [False, True])
+def test_messages_that_overtake_are_sorted_and_a_clock_set_back_leaves_a_gap(is_set_back: bool) -> None:
+    """Of unknown length, where the clock falls by 3 s."""
+    t, rows = np.arange(2000) / 100, np.arange(2000)
+    if not is_set_back:
+        rows[[700, 701, 1500, 1501]] = rows[[701, 700, 1501, 1500]]
+    stamps = np.where(is_set_back & (rows >= 700), t - 3, t[rows])
+    gridded, findings = outcome(on_grid, stamps, np.sin(t[rows])[:, None], 100.0)
     missing = np.flatnonzero(np.isnan(gridded[:, 0]))
-    assert missing.tolist() == [700, 701, 702]
+    assert missing.tolist() == [700, 701, 702] * is_set_back
     np.testing.assert_array_equal(np.delete(gridded[:, 0], missing), np.sin(t))
-    assert findings[SET_BACK] == 1
+    assert findings == ({SET_BACK: 1, GAPS: 3} if is_set_back else {"rows sorted by time": 2})
 
 
 @settings(max_examples=20, deadline=None)

@@ -1,0 +1,140 @@
+"""The varying signals of a log, each with the guess of its channel by name, unit and values."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
+from elastid.logs.channel_names import DRIVES, STANDARD_GRAVITY, ChannelGuess, guess_by_name
+from elastid.logs.clocks import channel_rates, slowest_ms
+from elastid.logs.files.log import ArrayLog, Log
+from elastid.logs.files.text import TextLog
+from elastid.logs.repair import Log as RepairLog
+from elastid.logs.repair import bridged
+from elastid.logs.repair.masks import MAX_MISSING_FRACTION
+from elastid.logs.repair.outliers import without_lone
+from elastid.logs.units_and_sides import MAX_COMPUTABLE
+
+MIN_SAMPLES = 100  # of a log
+_MAX_GRAVITY_ERROR = 0.1  # of an accelerometer, relative
+_MIN_COUNTS = 50  # minimum range of whole numbers that may be counts
+
+
+def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Return varying signals (n,) of the most frequent length, matrices by column, each with the guess by its name.
+
+    with_constant: include constant signals.
+    """
+    if channels_ms := channel_rates(log):
+        return _resample_to_slowest(log, channels_ms, most)
+    shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
+    frequent = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
+    units = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
+    result = []
+    for name, shape in shapes.items():
+        count = min(shape) if len(shape) > 1 else 1
+        columns = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
+        for column in columns if frequent and max(shape) == frequent[0][0] else ():
+            number = column if len(columns) > 1 else None
+            try:
+                x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
+            except DataError:  # words
+                continue
+            x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
+            heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, units.get(name, ""))
+            guess = guess_by_name(heading, number, unit)
+            if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
+                is_position = [True] if guess.quantity == "position" else []
+                x = without_lone(x[:, None], RepairLog("", ("",)), is_position)[:, 0]
+            is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)
+            if is_measured and (np.ptp(whole := bridged(x)) > 0 or with_constant):
+                result.append((replace(_with_counts(guess, whole), name=name), whole))
+    return _with_gravity(_with_commands(result))
+
+
+def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
+    """Return the guess with a question if it has no unit and its values (n,) are whole numbers, as counts are."""
+    is_whole = bool(np.all(x == np.round(x))) and float(np.ptp(x)) > _MIN_COUNTS
+    if guess.unit or guess.quantity not in (*MOTIONS, *DRIVES) or not is_whole or guess.why.startswith("?"):
+        return guess
+    remedy = "scale = 360 / counts per turn, with unit: deg" if guess.quantity == "position" else "give unit and scale"
+    return replace(guess, why=f"? whole numbers without a unit: {remedy}")
+
+
+def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
+    """Return message on the first cell of a text without a number: first among the signals, then in other columns."""
+    if not isinstance(log, TextLog) or log.sample_ms:
+        return []
+    columns = enumerate(name for name, _ in log.named_columns())
+    groups = [[i for i, name in columns if name in names]]
+    groups += [[*range(log.n_columns)]] if not groups[0] else []
+    return [cell for cell in [log.wrong_cell(groups[-1], slice(0, most))] if cell]
+
+
+def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Set the unit, g or mm/s^2, of three axes of an accelerometer without one, whose mean is gravity."""
+    axes = [
+        (g, float(np.mean(x)))
+        for g, x in signals
+        if g.quantity == "acceleration" and not (g.unit or g.why.startswith("?"))
+    ]
+    gravity = float(np.linalg.norm([mean for _, mean in axes]))
+    is_one = len(axes) == 3 and len({g.parts[0] for g, _ in axes}) == 1
+    units = {"g": ("m/s^2", STANDARD_GRAVITY, 1.0), "mm/s^2": ("mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)}
+    unit = next((name for name, row in units.items() if is_one and abs(gravity / row[2] - 1) < _MAX_GRAVITY_ERROR), "")
+    if not unit:
+        return signals
+    members, (si, scale, _) = {g.key for g, _ in axes}, units[unit]
+    why = f"unit {unit}: the mean acceleration is {gravity:.4g}"
+    return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
+
+
+def _resample_to_slowest(
+    log: Log, channels: Sequence[tuple[str, str, float]], most: int
+) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Interpolate the signals that have a quantity at the times of the slowest one; DataError if these begin later."""
+    slowest, result = slowest_ms(channels), []
+    for name, unit, ms in channels:
+        guess = guess_by_name(name, None, unit)
+        if guess.quantity and ms <= slowest:
+            x = log.values([ChannelSpec("y", "any", name, quantity="position")], slice(0, int(most * slowest / ms)))
+            whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
+            at = np.arange(int(len(whole) * ms / slowest)) * slowest / ms
+            rate_hz = None if ms == slowest else float(f"{1e3 / ms:.6g}")
+            result.append((replace(guess, rate_hz=rate_hz), np.interp(at, np.arange(len(whole)), whole)))
+    n = min((len(x) for _, x in result), default=0)
+    return _with_commands([(guess, x[:n]) for guess, x in result if np.ptp(x[:n]) > 0])
+
+
+def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
+    """Name and unit of a column by its array, or by the cells InputName{1} and InputUnit{1} of an iddata struct."""
+    side = re.fullmatch(r"(.*(?:Input|Output))Data", name)
+    keys = [f"{side[1]}{key}{{{column}}}" if side else "" for key in ("Name", "Unit")]
+    heading, unit = (log.arrays[key].text if key in log.arrays else "" for key in keys)
+    return heading or name, unit or log.arrays[name].units
+
+
+def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
+    """Interpret signals named as commands, without a quantity, as positions if their joint's position follows them."""
+    positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
+
+    def interpret(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
+        name, y = positions.get(guess.parts[1], ("", x))
+        lag = _lag(x, y)
+        is_near = 0 < np.std(x[: len(x) - lag] - y[lag:]) < np.std(y) / 2
+        if guess.quantity or guess.rank >= 0 or not is_near:
+            return guess
+        return replace(guess, quantity="position", why=f"by its name, and since {name} follows it")
+
+    return [(interpret(guess, x), x) for guess, x in signals]
+
+
+def _lag(x: FloatArray, y: FloatArray) -> int:
+    """Return the delay of y behind x in samples, at most a twentieth of the signal."""
+    X, Y = (np.fft.rfft(signal - signal.mean(), 2 * len(signal)) for signal in (x, y))
+    return int(np.argmax(np.fft.irfft(X.conj() * Y)[: max(1, len(x) // 20)]))

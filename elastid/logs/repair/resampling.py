@@ -1,0 +1,62 @@
+r"""Resampling of signals by a sinc in a Kaiser window of half width W samples.
+
+.. math:: x(t) = \sum_n x(n)\, b\, \mathrm{sinc}(b (t - n))\, I_0(\beta \sqrt{1 - (b (t - n) / W)^2}) / I_0(\beta)
+
+with b = 1, or the ratio of the rates where the new one is lower (Kaiser and Schafer, IEEE Trans. ASSP 28, 1980).
+"""
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+
+RESAMPLED = "samples resampled"
+# Half width W in samples and shape beta of the Kaiser window; it passes frequencies up to this part of the rate.
+HALF_WIDTH, _BETA, PASSBAND = 32, 9.0, 0.45
+# The kernels of so many times are in memory together.
+_TIMES_AT_ONCE = 4096
+
+
+def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
+    """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate."""
+    reach = int(np.ceil(HALF_WIDTH / band))
+    before = reach + max(0, int(np.ceil(-times.min())))
+    after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
+    padded = _continued(signals, period, before, after)
+    result = np.empty((len(times), signals.shape[1]))
+    offsets = np.arange(-reach, reach + 1)
+    for first in range(0, len(times), _TIMES_AT_ONCE):
+        t = times[first : first + _TIMES_AT_ONCE]
+        nearest, weights = kernel(t, band)
+        result[first : first + _TIMES_AT_ONCE] = np.einsum(
+            "tk,tkc->tc", weights, padded[nearest[:, None] + before + offsets]
+        )
+    return result
+
+
+def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
+    """Compute the samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
+    reach = int(np.ceil(HALF_WIDTH / band))
+    nearest = np.round(t).astype(np.int64)
+    apart = band * ((t - nearest)[:, None] - np.arange(-reach, reach + 1))
+    inside = np.clip(1 - (apart / HALF_WIDTH) ** 2, 0.0, None)
+    weights = band * np.sinc(apart) * np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)
+    # A constant stays a constant.
+    return nearest, weights / weights.sum(axis=1, keepdims=True)
+
+
+def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
+    n = len(x)
+    # Each end and its continuation, taken one period further inside.
+    first = _values_at(x, np.arange(-before, 1.0) + period, period)
+    last = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
+    return np.concatenate([first[:-1] + x[0] - first[-1], x, last[1:] + x[-1] - last[0]])
+
+
+def _values_at(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
+    N = round(period)
+    if period != N and len(x) > period + 2 * HALF_WIDTH:
+        return at_times(x, times, N)
+    nearest = np.round(times).astype(np.int64)
+    return x[
+        np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, len(x) - N + (nearest - len(x)) % N))
+    ]

@@ -1,0 +1,132 @@
+r"""Logs of a warm-up as heat: power and temperature in steps of seconds, and the test passes that the motion contains.
+
+.. math:: P_k = \frac{1}{\Delta t} \int_k^{k+1} u\, dq
+
+The work of the torque over a step is kept whatever its length: inertia and gravity store energy and give it back, so
+that over a motion to and fro friction alone is left, and of hours a few hundred steps say all that a joint feels.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.experiment.specs.logs import FileSpec
+from elastid.friction_record import FrictionRecord, WarmUpLog
+from elastid.friction_study.motion_signals import alike_speeds, detect_passes
+from elastid.logs.repair.masks import step
+
+STEP_S = 10.0  # of constant power, at least: several cycles of a motion
+MAX_STEPS = 500  # of one log
+MIN_STEPS = 30  # of all logs together; five minutes warm no gear
+GROUPS = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
+MIN_GROUPS = 6  # in which a speed must occur: a level's course has three numbers
+MAX_RETURN = 0.99  # share of the travel from the first to the last position: above, no way back
+PER_COUNT = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
+MIN_READINGS = 10
+START_STD = 1.0  # K, of the temperature at the start, before readings are fitted
+
+
+@frozen_value
+class Heat:
+    """Heat in one log: power (n,), W, between time_s (n + 1,), readings (n + 1,), degC, of a step of `count`."""
+
+    time_s: FloatArray
+    power: FloatArray
+    readings: FloatArray
+    count: float
+
+
+def heat_of(record: FrictionRecord) -> Heat:
+    """Compute the heat of a log in steps; DataError where the joint never returns, or its torque does no work on it."""
+    q, u, rate_hz = record.position, record.torque, record.rate_hz
+    where = f"{record.place}: warm-up of joint {record.joint}"
+    n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
+    edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
+    # A held torque acts until the next sample, a band-limited one changes on the way.
+    acting = u[:-1] if record.hold == "zero-order" else (u[:-1] + u[1:]) / 2
+    work, text = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges], ""
+    if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
+        text = (
+            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and "
+            "the heat are confounded. Log a motion to and fro"
+        )
+    elif work[-1] <= 0:
+        text = (
+            f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint. "
+            "Correct the sign of torque or position"
+        )
+    if text:
+        raise DataError("friction/warm-up", text, where)
+    T = record.temperature
+    readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
+    power = np.diff(work) / (np.diff(edges) / rate_hz)
+    return Heat(record.start_s + edges / rate_hz, power, readings, 0.0 if T is None else step(T))
+
+
+def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
+    """Compute means (n + 1,) of the samples within half a step of each edge."""
+    sums, middles = np.append(0.0, np.cumsum(x - x[0])), (edges[:-1] + edges[1:]) // 2 + 1
+    low, high = np.append(0, middles), np.append(middles, len(x))
+    return np.asarray(x[0] + (sums[high] - sums[low]) / (high - low))
+
+
+def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
+    """Find constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
+    least = 1 if record.speed is not None else MIN_GROUPS
+    passes = detect_passes(record, has_gravity)
+    speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
+    length = max(record.duration_s / GROUPS, 1e-9)
+    firsts: dict[float, dict[int, FrictionRecord]] = {}
+    for speed, test in zip(speeds, passes, strict=True):
+        firsts.setdefault(speed, {}).setdefault(int((test.start_s - record.start_s) / length), test)
+    usable = [p for groups in firsts.values() if len(groups) >= least for p in groups.values()]
+    return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
+
+
+def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
+    """Join all logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
+
+    DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
+    """
+    joint, place = records[0].joint, f"{records[0].place}: warm-up of joint {records[0].joint}"
+    heats, start = [heat_of(record) for record in records], files[0].temperature
+    room = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
+    time_s, power, readings = heats[0].time_s, heats[0].power, heats[0].readings
+    for record, heat in zip(records[1:], heats[1:], strict=True):
+        pause = float(heat.time_s[0] - time_s[-1])
+        if pause < -1.5 / record.rate_hz:
+            raise DataError(
+                "friction/warm-up",
+                f"it starts at {heat.time_s[0]:.4g} s, before the end of the previous log at {time_s[-1]:.4g} s. "
+                "Correct start, or the order of the files",
+                record.place,
+            )
+        first = 0 if pause > 1.5 / record.rate_hz else 1
+        power = np.concatenate([power, np.zeros(1 - first), heat.power])
+        time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
+    span = float(time_s[-1] - time_s[0])
+    least = MIN_STEPS * STEP_S
+    valid, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
+    if span < least:
+        text = (
+            f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s, better "
+            "two hours, or set purpose: motion"
+        )
+    elif valid.any() and np.ptp(readings[valid]) < max(count, 1e-9):
+        text = (
+            f"the thermometer reads {readings[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint."
+            " Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
+        )
+    if text:
+        raise DataError("friction/warm-up", text, place)
+    if not valid.any():
+        return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
+    noise = float(np.std(np.diff(readings[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
+    std, at_start = max(noise, count / np.sqrt(12)), float(readings[valid][0])
+    if noise < count / np.sqrt(12):  # readings of one count have one error
+        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[valid]) / count))
+        readings = np.where(np.cumsum(valid) % max(1, valid.sum() // most) == 0, readings, np.nan)
+    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(START_STD, 3 * std))
