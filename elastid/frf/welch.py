@@ -51,6 +51,7 @@ from elastid.frf.quality import (
     coherences,
     local_modes,
     measured_response,
+    quality_of,
     relative_singular_values,
     segment_notes,
     together_notes,
@@ -256,13 +257,15 @@ def _by_leverage(
     for group in _repeats(records):
         most = 4_000_000 // (n_u * len(group))
         for parts in zip_longest(*(_spectra([record], segments, lines[used], most) for record in group)):
-            E, h = _shares([part * scale[used][:, :, None] for part in parts if part is not None], G, inverse)
+            E, h = _leverages([part * scale[used][:, :, None] for part in parts if part is not None], G, inverse)
             squares += np.sum(h**2, axis=1)
             C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
     return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])
 
 
-def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+def _leverages(
+    parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray
+) -> tuple[ComplexArray, FloatArray]:
     """Return V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), with repeated records summed."""
     n_y, K = G.shape[1], max(part.shape[2] for part in parts)
     E, h = np.zeros((*G.shape, K), dtype=np.complex128), np.zeros((len(G), K))
@@ -382,20 +385,12 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
         return np.zeros_like(G)
     lines = np.pad(G, ((m, m), (0, 0), (0, 0)), "reflect", reflect_type="odd")
     beta = np.sum([weight * lines[i : i + F] for i, weight in enumerate(weights)], axis=0)
-    share = 1 - noise * variance / np.maximum(np.abs(beta) ** 2, 1e-300)
-    return np.asarray(beta * np.sqrt(np.maximum(share, 0.0)))
+    fraction = 1 - noise * variance / np.maximum(np.abs(beta) ** 2, 1e-300)
+    return np.asarray(beta * np.sqrt(np.maximum(fraction, 0.0)))
 
 
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
     """Return coherences and levels; the noise in the inputs is unknown and counts as none."""
-    noise, relative = power(C_V), relative_singular_values(data.uu / data.K)
-    ordinary, multiple = coherences(power(data.yy), data.yu, data.uu)
-    return Quality(
-        coherence=ordinary,
-        multiple_coherence=multiple,
-        singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
-        input_singular_values=relative,
-        input_noise=np.zeros((len(G), G.shape[2])),
-        output_noise=noise,
-        excited=Levels(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e)),
-    )
+    noise, both = power(C_V), coherences(power(data.yy), data.yu, data.uu)
+    excited = Levels(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e))
+    return quality_of(G, data.uu / data.K, both, (np.zeros((len(G), G.shape[2])), noise), excited)

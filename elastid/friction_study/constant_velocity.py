@@ -17,15 +17,14 @@ for friction: such passes do not count.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, folded, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_record import FrictionRecord
-from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms
+from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, terms_p_value
 from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
 
 MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
@@ -65,14 +64,14 @@ class Pass:
 
 @dataclass(frozen=True)
 class PassRegression:
-    """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
+    """Columns A (n, n_x) and torque y (n,), pass of each row pass_index (n,); shared: names of the columns behind g, o.
 
     waves (n, N_WAVES): of `turn_waves`; (n, 0) where no pass covers a turn.
     """
 
     A: FloatArray
     y: FloatArray
-    of_pass: IntArray
+    pass_index: IntArray
     waves: ComplexArray
     shared: tuple[str, ...]
 
@@ -98,14 +97,14 @@ class PassRegression:
             places = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
             if not loads:
                 places, columns = places[:4], columns[:4]
-            torques.append(_means(part.torque, step))
+            torques.append(folded(part.torque, step).mean(axis=1))
             X = np.zeros((len(torques[-1]), 2 * n_k + 2 + 2 * len(loads)))
-            X[:, places] = _means(np.stack(columns, axis=1), step)
+            X[:, places] = folded(np.stack(columns, axis=1), step).mean(axis=1)
             rows.append(X)
-            waves.append(_means(turn_waves(q, s, turn, searched), step))
+            waves.append(folded(turn_waves(q, s, turn, searched), step).mean(axis=1))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
-        y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
-        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), ("inertia", "slope", *gravity))
+        y, pass_index = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
+        regression = cls(np.vstack(rows), y, pass_index, np.vstack(waves), ("inertia", "slope", *gravity))
         if not has_ripple:
             return regression
         first, others = regression._with_waves(np.arange(2)), np.arange(2, N_WAVES)
@@ -134,8 +133,8 @@ class PassRegression:
         """Return autocovariance of all passes' residuals, by lag in rows, up to the first not above chance."""
         values = [float(residual @ residual / len(residual))]
         for lag in range(1, min(201, len(residual))):
-            together = self.of_pass[lag:] == self.of_pass[:-lag]
-            count, total = int(together.sum()), float(residual[lag:] @ (residual[:-lag] * together))
+            same_pass = self.pass_index[lag:] == self.pass_index[:-lag]
+            count, total = int(same_pass.sum()), float(residual[lag:] @ (residual[:-lag] * same_pass))
             if not count or total / count < 2 * values[0] / np.sqrt(count):
                 break
             values.append(total / count)
@@ -164,12 +163,6 @@ def wave_names(wave: int) -> tuple[str, str]:
     """Return names of the cosine and sine of a wave of the motor's turns."""
     name = f"{'ripple' if wave < MAX_HARMONIC else 'angle.turn'}.{wave % MAX_HARMONIC + 1}"
     return f"{name}c", f"{name}s"
-
-
-def _means(x: Any, step: int) -> Any:
-    """Return means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
-    n = len(x) // step
-    return x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1)
 
 
 def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
@@ -305,6 +298,6 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
     fit, slope = fitted(np.ones_like(v)), 0.0
     if len(o) >= 4 and np.ptp(v) > 0:
         line = fitted(np.ones_like(v), v)
-        if chance_of_terms(fit.cost, line.cost, 1, line.dof) <= FALSE_ALARM:
+        if terms_p_value(fit.cost, line.cost, 1, line.dof) <= FALSE_ALARM:
             fit, slope = line, float(line.x[1])
     return slope * v, (float(fit.x[0]), float(np.sqrt(fit.covariance[0, 0])))

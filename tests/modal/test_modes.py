@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies
 from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
+from plants.two_mass import circular
 
 from elastid.modal.estimate import by_differences, line_variance, modal_data, smoothed
 from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import LIMITS, drops, levels, separate_determinations
+from elastid.modal.poles import LIMITS, drops, noise_levels, separate_determinations
 from elastid.record import MOTION_ORDER
 from elastid.response import Covariance
 
@@ -40,7 +41,7 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
     np.testing.assert_allclose(
         exact.residues.T * data.basis.scale, expected, rtol=1e-6, atol=1e-8 * abs(expected).max()
     )
-    level, lines = levels(exact)
+    level, lines = noise_levels(exact)
     assert np.all((level >= data.variance.min(axis=0)) & (level <= data.variance.max(axis=0)))
     about = 2 * np.maximum(LIMITS.lines, LIMITS.half_widths * zeta * natural / 0.5)
     assert np.all((lines <= about + 1) & (lines >= 2 * LIMITS.lines - n - 2.5))
@@ -60,7 +61,7 @@ def test_variances_are_those_of_neighbours_or_of_outputs_and_inputs(seed: int) -
     """White noise on a cubic along uneven lines, as it scatters; a + b |G|^2 of a few degrees of freedom, as stated."""
     rng = np.random.default_rng(seed)
     freq_hz, std = np.cumsum(rng.uniform(0.5, 1.5, 4000)), np.array([[1e-3, 5.0]])
-    noise = std * (rng.normal(size=(4000, 1, 2)) + 1j * rng.normal(size=(4000, 1, 2))) / np.sqrt(2)
+    noise = std * circular(rng, (4000, 1, 2))
     G = 100 * std * np.polyval(rng.normal(size=4), freq_hz / 4000)[:, None, None] + noise
     assert np.median(by_differences(freq_hz, G), axis=0) == pytest.approx(std**2, rel=0.15)
     power = np.exp(rng.normal(size=(400, 2, 1)))
