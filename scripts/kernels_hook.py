@@ -52,14 +52,10 @@ class KernelsHook(BuildHookInterface):  # type: ignore[misc]
 def compiler(target: str) -> list[str]:
     """The command of the C compiler; OSError without one."""
     try:
-        command = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+        cc = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
     except ValueError as error:
         raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
-    names = (
-        [command]
-        if command
-        else [[name] for name in (("clang",) if target.startswith("win") else ("cc", "gcc", "clang"))]
-    )
+    names = [cc] if cc else [[name] for name in (("clang",) if target.startswith("win") else ("cc", "gcc", "clang"))]
     for name, *words in names:
         path = shutil.which(name)
         if path:

@@ -132,23 +132,20 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="for the file (default: a temporary one)")
     parser.add_argument("--write", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--fit", type=Path, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    Q, F = (3, 30) if arguments.quick else (arguments.configurations, 200)
-    if arguments.write:
-        write(arguments.write, Q, F)
-    elif arguments.fit:
-        fit(arguments.fit, arguments.jobs)
+    args = parser.parse_args()
+    Q, F = (3, 30) if args.quick else (args.configurations, 200)
+    if args.write:
+        write(args.write, Q, F)
+    elif args.fit:
+        fit(args.fit, args.jobs)
     else:
         print(machine(), flush=True)
-        with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
-            path, size = (
-                Path(folder) / "frf.h5",
-                ["--configurations", str(Q), *(["--quick"] if arguments.quick else [])],
-            )
+        with tempfile.TemporaryDirectory(dir=args.folder) as folder:
+            path, size = Path(folder) / "frf.h5", ["--configurations", str(Q), *(["--quick"] if args.quick else [])]
             subprocess.run([sys.executable, __file__, "--write", path, *size], check=True)
             results = run(path, 1)
-            if arguments.jobs > 1:
-                results |= of_workers(results, run(path, arguments.jobs), arguments.jobs)
+            if args.jobs > 1:
+                results |= of_workers(results, run(path, args.jobs), args.jobs)
             results["file_gb"] = path.stat().st_size / 1e9
         print(json.dumps({name: round(v, 3) if isinstance(v, float) else v for name, v in results.items()}))
 

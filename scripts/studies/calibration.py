@@ -145,16 +145,16 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=NOISE, help="relative, of every element")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
-    arguments = parser.parse_args()
-    n_sets, jobs = (40, 1) if arguments.quick else (arguments.sets, arguments.jobs)
-    names = ["three-mass"] if arguments.quick else arguments.robot
-    plants = [replace(ROBOTS[name](), noise=arguments.noise) for name in names]
-    results = {plant.name: calibrated(DataSets(plant, arguments.seed), n_sets, jobs) for plant in plants}
+    options = parser.parse_args()
+    n_sets, jobs = (40, 1) if options.quick else (options.sets, options.jobs)
+    names = ["three-mass"] if options.quick else options.robot
+    plants = [replace(ROBOTS[name](), noise=options.noise) for name in names]
+    results = {plant.name: calibrated(DataSets(plant, options.seed), n_sets, jobs) for plant in plants}
     wrong: dict[str, dict[str, Any]] = {}
     for plant in plants:
-        for what in WRONG[:1] if arguments.quick else WRONG:
+        for what in WRONG[:1] if options.quick else WRONG:
             for floor in (0.0, 0.01):
-                sets = DataSets(plant, arguments.seed + 1, what, floor)
+                sets = DataSets(plant, options.seed + 1, what, floor)
                 row = calibrated(sets, max(20, n_sets // 10), jobs)
                 wrong[f"{plant.name}: {what}, floor {floor:g}"] = row
     print(json.dumps({"calibration": results, "wrong_model": wrong}))

@@ -149,26 +149,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--transmission", type=float, help="largest transmission error, over the ratio")
     parser.add_argument("--postures", type=int, nargs="+", default=[2, 3, 5], help="of such gears")
-    arguments = parser.parse_args()
-    if arguments.transmission is not None:
-        groups = {
-            n: with_transmission_errors(arguments.transmission, n, arguments.draws, arguments.seed)
-            for n in arguments.postures
-        }
+    args = parser.parse_args()
+    if args.transmission is not None:
+        groups = {n: with_transmission_errors(args.transmission, n, args.draws, args.seed) for n in args.postures}
         print(json.dumps(groups))
         return
-    names, draws = (["two-axis"], 1) if arguments.quick else (arguments.plants, arguments.draws)
+    names, draws = (["two-axis"], 1) if args.quick else (args.plants, args.draws)
     rows = {}
     for name in names:
-        rows[name] = judged(PLANTS[name](), draws, arguments.seed)
+        rows[name] = judged(PLANTS[name](), draws, args.seed)
         print(name, json.dumps(rows[name]), flush=True)
-    if not arguments.quick:
+    if not args.quick:
         count = sum(each["of"] for each in rows.values())
-        fraction = sum(each["inside"] * each["of"] for each in rows.values()) / count
+        rate = sum(each["inside"] * each["of"] for each in rows.values()) / count
         misfits = sum(n for each in rows.values() for status, n in each["status"].items() if status != "converged")
-        assert abs(fraction - 0.95) <= max(0.01, 3 * math.sqrt(0.95 * 0.05 / count)), (
-            fraction
-        )  # of few draws their scatter
+        assert abs(rate - 0.95) <= max(0.01, 3 * math.sqrt(0.95 * 0.05 / count)), rate  # of few draws their scatter
         assert misfits <= 0.01 * draws * len(rows), misfits
     print(json.dumps(rows))
 

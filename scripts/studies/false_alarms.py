@@ -318,10 +318,10 @@ def main() -> None:
     parser.add_argument("--logs", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
-    arguments = parser.parse_args()
-    sets = 2 if arguments.quick else arguments.logs
+    options = parser.parse_args()
+    sets = 2 if options.quick else options.logs
     totals: Counter[str] = Counter()
-    for _, (kind, codes) in Execution(arguments.jobs).unordered(partial(judged, seed=arguments.seed), range(sets)):
+    for _, (kind, codes) in Execution(options.jobs).unordered(partial(judged, seed=options.seed), range(sets)):
         totals.update([*codes])
         for code, text in codes.items():
             print(f"{code}: {kind}: {text[:160]}", flush=True)

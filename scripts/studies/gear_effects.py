@@ -107,12 +107,12 @@ def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
     spec = FitSpec(parameters=wanted, weights=WeightSpec(model_error=0.0), starts=1)
     linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
     began = time.process_time()
-    effects = find_gear_effects([measured], [response], linear, robot(gear))
-    numbers = linear.parameters.as_dict(effects.x)
+    result = find_gear_effects([measured], [response], linear, robot(gear))
+    numbers = linear.parameters.as_dict(result.x)
     names = linear.parameters.free_names
-    std = np.sqrt(np.diag(effects.covariance))
+    std = np.sqrt(np.diag(result.covariance))
     values = zip(
-        effects.effects, effects.magnitudes.tolist(), effects.std.tolist(), effects.scale_std.tolist(), strict=True
+        result.effects, result.magnitudes.tolist(), result.std.tolist(), result.scale_std.tolist(), strict=True
     )
     return {
         "linear": [linear.values["k_1"] / gear.k - 1, linear.values["d_1"] / gear.d - 1],
@@ -159,10 +159,10 @@ def deviations(expected: tuple[Known, ...], one: dict[str, Any]) -> list[float]:
 def coverage(name: str, z: FloatArray, results: list[dict[str, Any]]) -> dict[str, Any]:
     """Of z (draws, 2 + n_f): the intervals that hold, and the mean of each column, whose std is 1 / sqrt(draws)."""
     holds = np.abs(z) < QUANTILE_95
-    fraction, means = float(holds.mean()), z.mean(axis=0).round(2).tolist()
+    rate, means = float(holds.mean()), z.mean(axis=0).round(2).tolist()
     worst = [100 * float(np.abs([one["found"][i] for one in results]).max()) for i in (0, 1)]
     print(
-        f"{name}: {holds.sum()} of {holds.size} intervals hold the truth ({100 * fraction:.1f} %); errors over std of "
+        f"{name}: {holds.sum()} of {holds.size} intervals hold the truth ({100 * rate:.1f} %); errors over std of "
         f"k, d and levels {means} in the mean; k {worst[0]:.4f}, d {worst[1]:.3f} % at most",
         flush=True,
     )
@@ -175,16 +175,16 @@ def main() -> None:
     parser.add_argument("--case", nargs="+", choices=CASES)
     parser.add_argument("--draws", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    names = QUICK if arguments.quick else tuple(CASES) if arguments.case is None else tuple(arguments.case)
-    draws = 1 if arguments.quick else arguments.draws
+    options = parser.parse_args()
+    names = QUICK if options.quick else tuple(CASES) if options.case is None else tuple(options.case)
+    draws = 1 if options.quick else options.draws
     print(f"{'case':<26}{'linear fit: k, d %':>22}{'status':>12}{'with the effects %':>22}{'level %':>9}{'CPU s':>7}")
     results: dict[str, list[dict[str, Any]]] = {}
     covered: dict[str, dict[str, Any]] = {}
     for name in names:
         gear, expected = CASES[name]
         z: list[list[float]] = []
-        for measured in sets_of(gear, draws, arguments.seed):
+        for measured in sets_of(gear, draws, options.seed):
             one = run(gear, measured)
             results.setdefault(name, []).append(one)
             (k_0, d_0), (k, d) = one["linear"], one["found"]

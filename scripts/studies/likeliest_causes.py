@@ -153,13 +153,13 @@ def main() -> None:
     parser.add_argument("--clean", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
-    arguments = parser.parse_args()
+    options = parser.parse_args()
     named = [(n, f"{i.name} {i.plant}") for n, i in enumerate(EVERY)]
-    chosen = [n for n, words in named if arguments.only in words and (words in QUICK or not arguments.quick)]
+    chosen = [n for n, words in named if options.only in words and (words in QUICK or not options.quick)]
     print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}"
           f"{'off':>6}  first (or)")  # fmt: skip
     rows = []
-    for _, row in Execution(arguments.jobs).unordered(partial(judged, seed=arguments.seed), chosen):
+    for _, row in Execution(options.jobs).unordered(partial(judged, seed=options.seed), chosen):
         rows.append(row)
         certain = "certain" if row.is_certain else "doubted" if row.first else ""
         numbers = f"{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}"
@@ -168,14 +168,14 @@ def main() -> None:
     counts = Counter(row.verdict for row in rows)
     wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
     silent = [row.cause for row in rows if row.verdict == "none" and row.status == "converged"]
-    clean = 1 if arguments.quick else 0 if arguments.only else arguments.clean
-    alarms = sum(Execution(arguments.jobs).ordered(partial(names_a_cause, seed=arguments.seed), range(clean)))
+    clean = 1 if options.quick else 0 if options.only else options.clean
+    alarms = sum(Execution(options.jobs).ordered(partial(names_a_cause, seed=options.seed), range(clean)))
     total = counts["right"] + counts["apart"] + counts["doubt"] + counts["within"] + counts["stated"]
     print(f"\n{total} of {len(rows)}: {counts['right']} first, {counts['apart']} not to be told apart, "
           f"{counts['doubt']} without a hypothesis and doubted, {counts['within']} within the intervals, "
           f"{counts['stated']} as far as stated; "
           f"{len(wrong)} wrong and certain; {alarms} of {clean} clean data sets with a cause")  # fmt: skip
-    assert arguments.only or total >= MIN_NAMED * len(rows), counts
+    assert options.only or total >= MIN_NAMED * len(rows), counts
     assert not wrong, wrong
     assert not silent, silent
     assert alarms <= 0.01 * clean, alarms

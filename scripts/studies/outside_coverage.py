@@ -213,16 +213,14 @@ def main() -> None:
     parser.add_argument("--rest", action="store_true", help="without a carrier: the motors rest between reversals")
     parser.add_argument("--rigs", type=Path, default=RIGS)
     parser.add_argument("--jobs", type=int, default=1)
-    arguments = parser.parse_args()
-    if not (arguments.rigs / "two_axis_arm.py").is_file():
+    args = parser.parse_args()
+    if not (args.rigs / "two_axis_arm.py").is_file():
         print(json.dumps({"skipped": "the rig two_axis_arm.py is in ../shared/rigs, which is not here"}))
         return
-    sets, levels, counts = (
-        (2, [0.3], [2]) if arguments.quick else (arguments.sets, arguments.coulomb, arguments.realisations)
-    )
+    sets, levels, counts = (2, [0.3], [2]) if args.quick else (args.sets, args.coulomb, args.realisations)
     rows = []
-    for case in (Case(level, M, arguments.rigs.resolve(), arguments.rest) for level in levels for M in counts):
-        found = Execution(arguments.jobs).ordered(case, range(sets))
+    for case in (Case(level, M, args.rigs.resolve(), args.rest) for level in levels for M in counts):
+        found = Execution(args.jobs).ordered(case, range(sets))
         for fit in FITS:
             rows.append(figures(case, found, fit))
             print(line(rows[-1]), flush=True)

@@ -59,12 +59,12 @@ def enter(name: str, identify: Callable[[Task], dict[str, Any] | None]) -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robots", nargs="+")
-    arguments = parser.parse_args()
-    path = arguments.folder / "results" / f"{name}-{arguments.seed}.json"
+    options = parser.parse_args()
+    path = options.folder / "results" / f"{name}-{options.seed}.json"
     path.parent.mkdir(exist_ok=True)
-    result = json.loads(path.read_text()) if path.exists() else {"entry": name, "seed": arguments.seed, "robots": {}}
-    for folder in sorted((arguments.folder / f"seed-{arguments.seed}").iterdir()):
-        if arguments.robots and folder.name not in arguments.robots:
+    result = json.loads(path.read_text()) if path.exists() else {"entry": name, "seed": options.seed, "robots": {}}
+    for folder in sorted((options.folder / f"seed-{options.seed}").iterdir()):
+        if options.robots and folder.name not in options.robots:
             continue
         task = Task(folder, *(json.loads((folder / file).read_text()) for file in ("robot.json", "experiment.json")))
         begin = time.process_time()

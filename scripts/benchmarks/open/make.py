@@ -105,10 +105,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--secret", default="")
     parser.add_argument("--robots", nargs="+", choices=[row.name for row in ROWS], default=[row.name for row in ROWS])
-    arguments = parser.parse_args()
+    options = parser.parse_args()
     for row in ROWS:
-        if row.name in arguments.robots:
-            write(arguments.folder, row, arguments.seed, arguments.secret)
+        if row.name in options.robots:
+            write(options.folder, row, options.seed, options.secret)
             print(row.name, flush=True)
 
 

@@ -103,23 +103,21 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("results", nargs="*", type=Path)
     parser.add_argument("--save", type=Path)
-    arguments = parser.parse_args()
-    results = [
-        json.loads(p.read_text()) for p in arguments.results or sorted((arguments.folder / "results").glob("*.json"))
-    ]
-    if not arguments.results:
-        results += [guesses(arguments.folder, seed) for seed in sorted({r["seed"] for r in results})]
+    args = parser.parse_args()
+    results = [json.loads(p.read_text()) for p in args.results or sorted((args.folder / "results").glob("*.json"))]
+    if not args.results:
+        results += [guesses(args.folder, seed) for seed in sorted({r["seed"] for r in results})]
     rows = []
     for result in results:
         entry, seed = result["entry"], result["seed"]
         for name, estimates in result["robots"].items():
-            truth = json.loads((arguments.folder / "truth" / f"seed-{seed}" / f"{name}.json").read_text())
+            truth = json.loads((args.folder / "truth" / f"seed-{seed}" / f"{name}.json").read_text())
             row = {"entry": entry, "seed": seed, "robot": name, **score(truth, estimates, seed)}
             cells = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
             print(f"{entry:8s} {seed} {name:18s} {row['inside']} of {row['of']} inside, {', '.join(cells)}", flush=True)
             rows.append(row)
-    if arguments.save:
-        arguments.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
+    if args.save:
+        args.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
     print(json.dumps({"open": rows}))
 
 
