@@ -118,11 +118,9 @@ class Session:
     @cached_property
     def stamp(self) -> Stamp:
         """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
-        stamp_of_design = self.run.stamps["design"]
+        design = self.run.stamps["design"]
         return replace(
-            stamp_of_design,
-            study="",
-            inputs=hash_of([stamp_of_design.inputs, "simulated"]) if self.simulate else stamp_of_design.inputs,
+            design, study="", inputs=hash_of([design.inputs, "simulated"]) if self.simulate else design.inputs
         )
 
     def work(self) -> tuple[list[Plan], bool, str]:
@@ -172,10 +170,8 @@ class Session:
         if not plans:
             return design
         measured = read_responses(self.plan(len(plans)).with_suffix("") / "frf.h5")
-        amplitudes = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
-        ratios = [
-            np.median((by_distortion / size) ** 2) for by_distortion, size in amplitudes if by_distortion is not None
-        ]
+        pairs = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
+        ratios = [np.median((by_distortion / size) ** 2) for by_distortion, size in pairs if by_distortion is not None]
         distortion = math.sqrt(np.mean(ratios)) if ratios else design.distortion
         return replace(design, distortion=distortion)
 
@@ -356,10 +352,8 @@ class Session:
         recorded = RecordedSpec(first.rate_hz, self.channels, files, period_samples=period, hold="zero-order")
         configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
         experiment = ExperimentSpec(configurations, recorded=recorded)
-        sections = {key: data[key] for key in KEPT if data.get(key) is not None}
-        text = yaml_text(
-            {**sections, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",)
-        )
+        rows = {key: data[key] for key in KEPT if data.get(key) is not None}
+        text = yaml_text({**rows, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
         write_text(self.path / ROBOT, yaml_text(self.problem.robot))
         write_text(self.path / STUDY, text)
         return self.path / STUDY

@@ -127,23 +127,19 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
     """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
     (starts, n_converged), quiet = ends, evidence.execution
     try:
-        if (with_springs := find_presliding(evidence)) is None:
+        if (springs := find_presliding(evidence)) is None:
             return evidence
-        assembly, begin = with_springs[0], (replace(starts[0], x=with_springs[1]), *starts[1:])
+        assembly, begin = springs[0], (replace(starts[0], x=springs[1]), *starts[1:])
         near = evidence.optimum if evidence.optimum.end.converged else None
         assembly, optimum, uncertainty, result = _with_model_error(assembly, spec, (begin, n_converged), quiet, near)
         if not are_identified(result, assembly.linearisation.presliding):
             return evidence
-        evidence_with = rank_causes(result, assembly, optimum, uncertainty, quiet, hypotheses)
+        trial = rank_causes(result, assembly, optimum, uncertainty, quiet, hypotheses)
     except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
         return evidence
     # A spring that drives another parameter to its bound takes the place of it.
-    is_new_bound = evidence_with.result.status == "at_bound" != evidence.result.status
-    return (
-        evidence_with
-        if evidence_with.result.status in ("converged", "at_bound", "misfit") and not is_new_bound
-        else evidence
-    )
+    is_new_bound = trial.result.status == "at_bound" != evidence.result.status
+    return trial if trial.result.status in ("converged", "at_bound", "misfit") and not is_new_bound else evidence
 
 
 def fit_parameters(
@@ -192,9 +188,8 @@ def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tu
     unknown = [p.name for p in fit.parameters.free if p.name.startswith(DELAY) and p.value == 0]
     if not unknown or not (T := common_delay(fit, fit.parameters.x)):
         return assembly, fit
-    of_torques = [
-        name for name in unknown if name.startswith(channel_name(DELAY, "u"))
-    ]  # torques logged T late: motions seem T early
+    of_torques = [name for name in unknown if name.startswith(channel_name(DELAY, "u"))]
+    # Torques logged T late: motions seem T early.
     delays = dict.fromkeys(of_torques, -T) or dict.fromkeys(unknown, T)
     of_all = (replace(p, value=float(np.clip(delays.get(p.name, p.value), p.lower, p.upper))) for p in fit.parameters)
     assembly = replace(assembly, parameters=Parameters(tuple(of_all)))
@@ -323,20 +318,20 @@ def free_nuisance_parameters(
         return wide
 
     ends = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
-    released = Assembly.of(
+    nuisance = Assembly.of(
         assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
     )
     begins = [ends[0], replace(ends[0], x=parameters.x, x_start=parameters.x, iterations=0), *ends[1:]]
     best: LocalOptimum | None = None
     for begin in begins[:ATTEMPTS]:
         try:
-            end, dof = _released(released, begin)
+            end, dof = _released(nuisance, begin)
         except (StudyError, FitError):  # no robot stands on the way
             continue
         best = end if best is None or end.cost < best.cost else best
         if best.cost <= COST_RATIO * dof:
             break
-    return (assembly, starts) if best is None else (released, (best, *ends[1:]))
+    return (assembly, starts) if best is None else (nuisance, (best, *ends[1:]))
 
 
 def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:

@@ -314,11 +314,9 @@ class FittedModel:
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
-        dependent = self.estimated.dependent
-        kernel = Kernel(
-            self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in dependent)
-        )
-        return np.tensordot(self.estimated.slopes[dependent].T, Columns(kernel).evaluate(self.theta)[1], axes=1)
+        rows = self.estimated.dependent
+        kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in rows))
+        return np.tensordot(self.estimated.slopes[rows].T, Columns(kernel).evaluate(self.theta)[1], axes=1)
 
     def modes(self) -> UncertainModes:
         """Return natural frequencies, damping ratios and mode shapes, without the integral states of a controller.

@@ -11,7 +11,8 @@ import elastid as ei
 from elastid.record import JointLoop
 from elastid.robot import Placement
 from elastid.use.closed_loops import PostureFamily
-from elastid.use.loops import assess, robust
+from elastid.use.gain_design import robust
+from elastid.use.loops import assess
 
 rate_hz, delay = 500.0, 1
 motor = ei.Motor(inertia=2e-3, ratio=100, viscous=1e-3)

@@ -103,17 +103,15 @@ def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:
 def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
     """Errors of k and d without and with the effects, their std, and the effects: kind, level, std, scale, its std."""
     response = estimate(measured, SPEC, LINES)
-    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(model_error=0.0), starts=1)
+    parameters = dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec())
+    spec = FitSpec(parameters=parameters, weights=WeightSpec(model_error=0.0), starts=1)
     linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
     began = time.process_time()
     result = find_gear_effects([measured], [response], linear, robot(gear))
     numbers = linear.parameters.as_dict(result.x)
     names = linear.parameters.free_names
     std = np.sqrt(np.diag(result.covariance))
-    values = zip(
-        result.effects, result.magnitudes.tolist(), result.std.tolist(), result.scale_std.tolist(), strict=True
-    )
+    values = zip(result.effects, *np.array([result.magnitudes, result.std, result.scale_std]).tolist(), strict=True)
     return {
         "linear": [linear.values["k_1"] / gear.k - 1, linear.values["d_1"] / gear.d - 1],
         "status": linear.status,

@@ -108,14 +108,8 @@ def with_gear_section(
     parameters = dict(content["parameters"])
     for row in rows if not gears.refused else ():
         entries = {name: x for name, x in parameters[row.name].items() if name not in ("profile95", "bootstrap95")}
-        fit_of_gears = {
-            "value": result.values[row.name],
-            "std": result.std[row.name],
-            "interval95": result.interval(row.name),
-        }
-        parameters[row.name] = (
-            entries | section(row, "value=estimate std interval95=interval") | {"linear": fit_of_gears}
-        )
+        fit = {"value": result.values[row.name], "std": result.std[row.name], "interval95": result.interval(row.name)}
+        parameters[row.name] = entries | section(row, "value=estimate std interval95=interval") | {"linear": fit}
     numbers = {
         "refused": gears.refused,
         "numbers": {number.name: _number(sheet.joint, number) for sheet in gears.sheets for number in sheet.numbers},

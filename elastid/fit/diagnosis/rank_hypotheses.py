@@ -70,11 +70,8 @@ def score(evidence: Evidence) -> Scores:
     extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
     few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
-    names_of, columns = (
-        {part.configuration for part in few.parts},
-        [h.columns for h in evidence.hypotheses if h.columns],
-    )
-    sums = partial(_sums, extended, fit.parameters, x, columns, names_of, thinning(few, RESIDUALS))
+    names_q, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
+    sums = partial(_sums, extended, fit.parameters, x, columns, names_q, thinning(few, RESIDUALS))
     every_sum = each_at_home(sums, fit.parts, evidence.execution)
     A, b, V, n_residuals, names = _add_sums((sums for sums in every_sum if sums is not None), len(x))
     numbers, scale = _fixed_numbers(names, evidence, extended, x)
@@ -82,11 +79,11 @@ def score(evidence: Evidence) -> Scores:
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
-    every_candidate = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
+    options = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
     noise, V = evidence.noise_cost * lines, V + pull - free_drop(A, b, ~evidence.result.at_bound)
     variance = (noise or V) / max(n_residuals - len(x), 1)
     excess = (V - noise) / (max(1.0, 1 - evidence.explained) if evidence.is_unexplained else 1.0)
-    return Scores(extended, test, every_candidate, excess, V - noise - excess, variance, lines, evidence.noise_cost)
+    return Scores(extended, test, options, excess, V - noise - excess, variance, lines, evidence.noise_cost)
 
 
 def _with_priors(

@@ -14,8 +14,10 @@ from elastid.base.arrays import FloatArray
 from elastid.record import Configuration, JointLoop
 from elastid.simulation.controller import Filters
 from elastid.simulation.spec import ControllerSpec, GainsSpec
+from elastid.use.cascade import Cascade
 from elastid.use.closed_loops import LIMIT_DB, Plants, PostureFamily, Scene
-from elastid.use.loops import Cascade, design, design_loops, robust, sensitivity_margin, todays_loops
+from elastid.use.gain_design import design, robust, sensitivity_margin
+from elastid.use.loops import design_loops, todays_loops
 
 RATE_HZ = 250.0
 
@@ -56,7 +58,7 @@ def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
 @pytest.mark.slow
 def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkeypatch: pytest.MonkeyPatch) -> None:
     """As fast as the fastest of 1271 about it; of 21 inertias one may pass the limit, 5 % faster two do."""
-    monkeypatch.setattr("elastid.use.loops.MAX_NOTCHES", 0)
+    monkeypatch.setattr("elastid.use.gain_design.MAX_NOTCHES", 0)
     one, draws = motors(3.0), motors(3.0 * np.exp(0.2 * np.random.default_rng(0).standard_normal(21)))
     alone, doubted = (robust(one, drawn, 40.0, 1) for drawn in (None, draws))
     gain, ratio = np.meshgrid(np.linspace(0.5, 1.5, 41), np.linspace(0.7, 1.3, 31))

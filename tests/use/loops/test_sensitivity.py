@@ -9,8 +9,10 @@ from plants.arm import RATIO, closed_form, result
 
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
+from elastid.use.cascade import Cascade
 from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, bandwidths, closed_loop_poles, scaled
-from elastid.use.loops import Cascade, assess, design
+from elastid.use.gain_design import design
+from elastid.use.loops import assess
 from elastid.use.map import largest_gain
 
 RATE_HZ = 400.0

@@ -1,0 +1,186 @@
+r"""Gains and notches of a cascade with the largest position gains at a limited sensitivity.
+
+.. math:: \max_{K_v, K_p, \ldots} \; \frac{1}{n_u} \sum_i \ln K_{p,i} \quad \text{so that} \quad
+          M_{S,q} \le 6\, \mathrm{dB}
+
+in all postures q, since the bandwidth of an axis is nearly K_p / 2 pi, and for 95 % of the robots drawn from a fit in
+all of them (M_S: Skogestad and Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, section 2.4.3). From the
+fastest of a few rules (velocity loops at a part of the first mode, position loops slower by a factor of 4 to 32) that
+keeps the limit, by sequential quadratic programming over the logarithms (SLSQP, Kraft 1988), with exact slopes of M_S
+in parts of the band of each posture; a notch is added where the sensitivity of an axis is at its limit and the
+bandwidth gains by it. Each result is slowed down, the position loops or all loops together, until these are stable and
+keep the limit; of several the one with the largest bandwidths is kept. Slower is not always safer: gravity makes a
+posture fall over that slow loops do not hold.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import minimize
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError
+from elastid.use.cascade import HIGHEST, Cascade
+from elastid.use.closed_loops import LIMIT_DB, Plants, Scene, scaled
+
+MAX_NOTCHES = 2  # of an axis
+_BANDS = 10  # parts of the grid whose peaks are limited each by itself
+_ROUNDS, _STEPS, _REACH = 8, 12, 0.5  # of the search: each within e^0.5 of where it starts
+_SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of slowing down
+
+
+def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
+    loops = cascade.on(scene)
+    return bool(20 * np.log10(loops.size.max()) <= limit_db and loops.stable.all())
+
+
+def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
+    """First slower copy of a controller that satisfies its limit, within a quarter of a step; None if no copy does."""
+    for step in range(slowest):
+        for factor in (0.0, 1.0):  # of the slowing that the velocity loops take part in
+
+            def at(steps: float, factor: float = factor) -> Cascade:
+                return cascade.slower(_SLOWER**steps, _SLOWER ** (factor * steps))
+
+            if is_accepted(at(step)):
+                finer = (at(step - part) for part in (0.75, 0.5, 0.25) if step)
+                return next(filter(is_accepted, finer), at(step))
+    return None
+
+
+def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
+    """Velocity bandwidths from 2 to 1/30 of the first mode, or of the limit by delay and sampling; gains by inertia."""
+    top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
+    inertia = np.exp(np.log(plants.inertia).mean(axis=0))
+    corner = np.full(len(inertia), 0.3 * plants.rate_hz)
+    for omega in top * np.geomspace(2.0, 1 / 30, 13):
+        for ratio in (4.0, 8.0, 16.0, 32.0):
+            gain = np.full(len(inertia), omega / ratio)
+            yield Cascade(gain, inertia * omega, corner, delay, np.zeros((0, 3)))
+
+
+def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
+    """Better and better controllers that keep the limit on all plants; FitError where no gain does."""
+    feasible = [cascade for cascade in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, cascade, limit_db)]
+    best = max(feasible, key=lambda cascade: cascade.reached(scene), default=None)
+    if best is None:
+        raise FitError(
+            "use/gains",
+            f"no gains keep the sensitivity below {limit_db:.3g} dB in all postures with a delay of {delay} samples at "
+            f"{scene.plants.rate_hz:g} Hz: raise the rate, or leave out the posture that falls over fastest",
+        )
+    yield best
+    best = searched(scene, best, limit_db) or best
+    yield best
+    for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
+        candidates = [searched(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
+        start = max(filter(None, candidates), key=lambda cascade: cascade.reached(scene), default=best)
+        gained = searched(scene, start, limit_db) or best
+        if gained.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
+            return
+        best = gained
+        yield best
+
+
+def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
+    """Cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
+    left, size, right = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
+    parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
+    for axis in range(len(best.velocity_gain)):
+        if best.axes.count(axis) >= MAX_NOTCHES:
+            continue
+        freq_hz = scene.freq_hz[np.unravel_index(int(parts[..., axis].argmax()), parts.shape[:2])]
+        for ratio in (0.8, 1.25):
+            row = np.array([[min(freq_hz * ratio, HIGHEST * scene.plants.rate_hz), 0.7, 0.7]])
+            yield replace(best, notches=np.vstack([best.notches, row]), axes=(*best.axes, axis))
+
+
+def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
+    """The best that rounds of sequential quadratic programming find; None for a start that no slowing helps."""
+
+    def is_accepted(cascade: Cascade) -> bool:
+        return _keeps(scene, cascade, limit_db)
+
+    @lru_cache(maxsize=2)
+    def known(x: bytes) -> tuple[FloatArray, FloatArray]:
+        return sensitivity_margin(scene, start.at(np.frombuffer(x)), limit_db)
+
+    n = len(start.velocity_gain)
+    uphill = np.eye(n, len(start.vector)).sum(axis=0) / n  # the mean of ln K_p over the axes
+    best, reach = slowed(start, is_accepted), _REACH
+    if best is None:
+        return None
+    for _ in range(rounds):
+        low, high = best.bounds(reach, scene.plants.rate_hz)
+        optimum = minimize(
+            lambda x: (-uphill @ x, -uphill), best.vector, jac=True, method="SLSQP",
+            bounds=list(zip(low, high, strict=True)), options={"maxiter": _STEPS, "ftol": 1e-5},
+            constraints={
+                "type": "ineq", "fun": lambda x: known(x.tobytes())[0], "jac": lambda x: known(x.tobytes())[1],
+            },
+        )  # fmt: skip
+        trial = (
+            slowed(best.at(np.clip(optimum.x, low, high)), is_accepted, 20) if np.isfinite(optimum.x).all() else None
+        )
+        gained = (trial or best).reached(scene) - best.reached(scene)
+        best = trial if trial and gained > 0 else best
+        reach /= 3 if gained < 0.005 else 1
+        if reach < 0.05:
+            break
+    return best
+
+
+def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
+    """Limit less M_S in dB, of each part of the band of each plant, and its slopes to the logarithms x."""
+    freq_hz, rate_hz, root = scene.freq_hz, scene.plants.rate_hz, np.sqrt(scene.plants.inertia)
+    closed = form.on(scene)
+    S, sizes = closed.S, closed.size
+    parts = np.array_split(np.arange(sizes.shape[1]), _BANDS)
+    lines = np.array([part[size[part].argmax()] for size in sizes for part in parts])
+    rows = np.repeat(np.arange(len(sizes)), _BANDS)
+    left_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
+    # d sigma = -Re u^H S dF P S v in scaled coordinates.
+    at, scale, owners = S[rows, lines], root[rows], form.owners
+    left, sigma, right = np.linalg.svd(at / scale[:, :, None] * scale[:, None, :])
+    before = np.einsum("ki,kij->kj", left[:, :, 0].conj() / scale, at)
+    after = np.einsum("kij,kjl,kl->ki", scene.P[rows, lines], at, right[:, 0].conj() * scale)
+    through = before * form.response(freq_hz[rows, lines], rate_hz) * after
+    slopes = -(through[:, owners] * form.log_slopes(freq_hz[rows, lines], rate_hz)).real / sigma[:, :1]
+    if not closed.stable.all():  # a step too far counts as farther than any limit
+        left_db = left_db - 60
+    return left_db, np.asarray(-20 / np.log(10) * slopes)
+
+
+def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
+    """The design that keeps the limit on the estimate and on 95 % of D draws.
+
+    draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
+    """
+    limit_db, Q, scene = LIMIT_DB, len(estimate), Scene.of(estimate)
+    fine = Scene.of(estimate, lines=600, per_mode=41)
+    scene_of_draws = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
+
+    def excess(cascade: Cascade) -> float:
+        """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
+        peaks = [float(cascade.on(fine).peaks_db.max())]
+        if scene_of_draws is not None:
+            of_draws = cascade.on(scene_of_draws).peaks_db.reshape(-1, Q).max(axis=1)
+            peaks.append(float(np.quantile(of_draws, 0.95, method="higher")))
+        return max(peaks) - LIMIT_DB
+
+    candidates: list[Cascade] = []
+    for turn in range(3):  # designs with limits that are lowered by what the draws exceed
+        better = [searched(scene, candidates[-1], limit_db)] if turn else design(scene, first_mode_hz, delay, limit_db)
+        candidates += filter(None, better)
+        if (above := excess(candidates[-1])) <= 0:
+            break
+        limit_db -= min(above + 0.01, 1.5)
+    # Slowing may cost one of them half its bandwidth, and another nothing.
+    safe = [
+        result for start in candidates if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None
+    ]
+    if not safe:
+        raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")
+    return max(safe, key=lambda cascade: cascade.reached(scene))
