@@ -7,8 +7,9 @@ import hashlib
 import json
 import math
 from collections import UserDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from pkgutil import resolve_name
 from types import MappingProxyType
@@ -60,7 +61,7 @@ read_loops: "Callable[[Path | str], Loops]" = reader("loops", "loops", "elastid.
 
 
 def read_gears(path: Path | str | None) -> GearResult | None:
-    """Read effects in gears.h5; None without such a file."""
+    """Effects in gears.h5; None without such a file."""
     return None if path is None else read_part(path, GEARS, "gears", GearResult)
 
 
@@ -80,15 +81,15 @@ class Numbers:
 
     @classmethod
     def of(cls, result: Result) -> "Numbers":
-        """Return numbers that were asked for."""
-        parameters = result.parameters.of_interest
-        stds = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
+        """Numbers that were asked for."""
+        asked = result.parameters.of_interest
+        parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
-            (result.values[p.name], result.std[p.name], *(std[p.name] for std in stds), *result.interval(p.name))
-            for p in parameters
+            (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
+            for p in asked
         ]  # fmt: skip
         columns = np.array(rows).reshape(-1, 7).T
-        return cls(tuple(p.name for p in parameters), tuple(p.unit for p in parameters), *columns)
+        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
 
 
 def write_fit(
@@ -98,7 +99,7 @@ def write_fit(
     modelled: tuple[Response, ...] | None = None,
     figures: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
 ) -> None:
-    """Write fit.h5: parameters, estimate, covariance, all starts, modification indices, linear models; a table.
+    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
 
     modelled: responses of the fitted model at the lines of each measured one.  figures: values and types of the page.
     """
@@ -110,12 +111,17 @@ def write_fit(
 
 def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
     """Write map.csv: a row for each posture with all quantities, SI, their standard deviations and intervals."""
-    blocks = [(q.name, (q.value, q.std, *q.interval)) for q in workspace.quantities]
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
-    heads += [f"{name}{end}" for name, _ in blocks for end in ("", " std", " low", " high")]
-    numbers = [column for _, columns in blocks for column in columns]
-    columns = [workspace.asked + 1, *workspace.angles.T, *workspace.position.T, workspace.limiting_springs, *numbers]
-    write_rows(path, [heads, *zip(*(np.asarray(column).tolist() for column in columns), strict=True)])
+    heads += [f"{q.name}{end}" for q in workspace.quantities for end in ("", " std", " low", " high")]
+    every, step = len(workspace), 5000
+    pieces = (workspace.part(np.arange(first, min(every, first + step))) for first in range(0, every, step))
+
+    def rows(m: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
+        numbers = [column for q in m.quantities for column in (q.value, q.std, *q.interval)]
+        columns = [m.asked + 1, *m.angles.T, *m.position.T, m.limiting_springs, *numbers]
+        return zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+
+    write_rows(path, chain([heads], chain.from_iterable(map(rows, pieces))))
 
 
 def write_comparison(path: Path, comparison: "Comparison", stamp: Stamp) -> None:
@@ -127,14 +133,14 @@ def write_comparison(path: Path, comparison: "Comparison", stamp: Stamp) -> None
 
 
 def read_comparison(path: Path, stamp: Stamp) -> "Comparison | None":
-    """Read the comparison in compare.json; None without one, or for other frequency responses."""
+    """Comparison in compare.json; None without one, or for other frequency responses."""
     try:
         content = json.loads(path.read_bytes())
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):
             return None
         names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
-        entries = {name: content[key] for name, key in names.items()}
-        comparison: Comparison = from_json(entries, resolve_name("elastid.validation.comparison:Comparison"))
+        of_file = {name: content[key] for name, key in names.items()}
+        comparison: Comparison = from_json(of_file, resolve_name("elastid.validation.comparison:Comparison"))
     except (OSError, ValueError, TypeError, KeyError, AttributeError):  # missing or damaged
         return None
     return comparison
@@ -178,5 +184,5 @@ class Checkpoint(UserDict[str, Any]):
 
 
 def _digest(value: Any) -> str:
-    """Return SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
+    """SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
     return hashlib.sha256(json.dumps(value).encode()).hexdigest()

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, empty_in_file, release
 from elastid.base.errors import DataError, StudyError
 from elastid.base.files import name_and_unit, read_table
 from elastid.model.closed_posture import are_closed, followed, rates
@@ -37,17 +37,22 @@ def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
 
 
 def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
-    """Angles (count, n_u), uniform within the limits, of postures in which the loops close."""
-    low, high = limits_of(robot).T
-    rng = np.random.default_rng(seed)
-    angles = low + rng.random((count * (5 if robot.loops else 1), len(low))) * (high - low)
-    if robot.loops:
-        angles = angles[are_closed(robot, followed(robot, angles))]
-    if not len(angles):
+    """Angles (count, n_u), uniform within the limits, of postures in which the loops close; many are in a file."""
+    (low, high), rng, n = limits_of(robot).T, np.random.default_rng(seed), 0
+    tries, piece = count * (5 if robot.loops else 1), 10_000
+    angles = (np.empty if count <= piece else empty_in_file)((count, len(low)))
+    for first in range(0, tries, piece):
+        drawn = low + rng.random((min(piece, tries - first), len(low))) * (high - low)
+        drawn = drawn[are_closed(robot, followed(robot, drawn))][: count - n]
+        angles[n : (n := n + len(drawn))] = drawn
+        release(angles)
+        if n == count:
+            break
+    if not n:
         raise StudyError(
             "robot/loops", "its loops close in no posture within the limits of its joints", f"robot {robot.name}"
         )
-    return np.asarray(angles[:count])
+    return angles[:n]
 
 
 def _seeds(robot: Robot, seed: int) -> FloatArray:
@@ -58,8 +63,8 @@ def _seeds(robot: Robot, seed: int) -> FloatArray:
 def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> FloatArray:
     """Angles (Q, n_u) that bring a frame onto a cubic grid over its workspace, `points` along the longest side."""
     seeds = _seeds(robot, seed)
-    positions = frame_poses(robot, followed(robot, seeds), frame).position
-    low, high = positions.min(axis=0), positions.max(axis=0)
+    reached = frame_poses(robot, followed(robot, seeds), frame).position
+    low, high = reached.min(axis=0), reached.max(axis=0)
     spacing = max(float((high - low).max()) / max(points - 1, 1), _REACHED)
     sides = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
     targets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -85,10 +90,8 @@ def inverse_kinematics(
     best, error = np.zeros((len(position), seeds.shape[1])), np.full(len(position), np.inf)
     away = np.linalg.norm(position[:, None] - there.position[None], axis=2)
     if rotation is not None:
-        rotations = np.einsum("qij,sij->qs", rotation, there.rotation)
-        away = (
-            away + np.arccos(np.clip((rotations - 1) / 2, -1, 1)) * float(np.ptp(there.position, axis=0).max()) / np.pi
-        )
+        turned = np.einsum("qij,sij->qs", rotation, there.rotation)
+        away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * float(np.ptp(there.position, axis=0).max()) / np.pi
     for rank in range(3):
         q = seeds[np.argsort(away, axis=1)[:, rank]]
         q, distance = _descend(robot, frame, position, rotation, q)
@@ -101,15 +104,15 @@ def follow_path(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
     """Postures along a path; each inverse-kinematics search starts at the previous pose if possible."""
-    angles, is_reached = inverse_kinematics(robot, frame, position, rotation, seed)
+    angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
     for i in range(1, len(position)):
-        if not is_reached[i - 1]:
+        if not reached[i - 1]:
             continue
         turn = rotation if rotation is None else rotation[i : i + 1]
         q, distance = _descend(robot, frame, position[i : i + 1], turn, angles[i - 1 : i])
         if distance[0] < _REACHED:
-            angles[i], is_reached[i] = q[0], True
-    return angles, is_reached
+            angles[i], reached[i] = q[0], True
+    return angles, reached
 
 
 def _descend(
@@ -196,8 +199,8 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
     if angles is not None:
         beyond = np.asarray(beyond_limits(robot, angles).any(axis=1))
         return angles, _remark(beyond, "are beyond the limits of the joints, and kept")
-    angles, is_reached = follow_path(robot, frame, *table.poses(robot))
-    if not is_reached.any():
+    angles, reached = follow_path(robot, frame, *table.poses(robot))
+    if not reached.any():
         raise DataError(
             "use/unreachable",
             f"no pose is within reach of frame {frame} and the limits of the joints; x, y, z are in m from the "
@@ -205,7 +208,7 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
             path,
         )
     words = "are out of reach of the frame within the limits of the joints, and left out"
-    return angles[is_reached], _remark(~is_reached, words)
+    return angles[reached], _remark(~reached, words)
 
 
 def _remark(where: BoolArray, words: str) -> tuple[str, ...]:
