@@ -113,7 +113,7 @@ def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
     """Write map.csv: a row for each posture with all quantities, SI, their standard deviations and intervals."""
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
     heads += [f"{q.name}{end}" for q in workspace.quantities for end in ("", " std", " low", " high")]
-    every, step = len(workspace), 5000
+    every, step = len(workspace), 1000
     pieces = (workspace.part(np.arange(first, min(every, first + step))) for first in range(0, every, step))
 
     def rows(m: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:

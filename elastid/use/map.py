@@ -40,7 +40,7 @@ from elastid.linear.response.kernel import Elimination, solved_products
 from elastid.use.locked_postures import LockedEquations, LockedPostures
 
 LINES, CURVE_LINES = 300, 120
-SAMPLE, LISTED = 2000, 10  # postures with a curve, on the page: spread evenly over the map, and the softest
+SAMPLE, LISTED = 2000, 10  # postures on a page: spread evenly over the map, and the softest
 
 
 @dataclass(frozen=True)

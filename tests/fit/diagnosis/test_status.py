@@ -152,7 +152,7 @@ def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes() -> None
     names = ("k_1", "d_1", "Jm_1", "I_load", "fm_1")
     result = identify(responses, robot, FitSpec(parameters={name: ParameterSpec() for name in names}, starts=1))
     action = next_steps(result, parameter_rows(result, None))[0]
-    assert "gain_u_motor_1" in action.what
+    assert "gain_u_motor_1" in action.sentence
     ((name, before, after),) = re.findall(r"of (\w+)\..* ±(\S+) % .*±(\S+) %", action.gain)
     assert float(before) > 9.0
     assert float(after) == pytest.approx(196 * result.std_noise[name] / result.values[name], rel=0.1)
