@@ -89,6 +89,18 @@ def test_a_log_that_was_split_is_the_log(periods: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(parts.noise.variance, long.noise.variance, rtol=1e-6)
 
 
+def test_channels_at_two_rates_need_them_stated(tmp_path: Path) -> None:
+    """As topics of a bag, or arrays of one file: brought to the lower rate once a channel states its own."""
+    signals, files = run(8 * N, 1), (FileSpec("log.npz", "bench"),)
+    np.savez(tmp_path / "log.npz", force=signals[:, 0], acceleration=signals[::2, 1])
+    with refused("records/channels", holds=("force 1920, acceleration 960", "rate_hz")):
+        record_of(tmp_path, [], files=files)
+    slow = record_of(tmp_path, [], files=files, channels=(CHANNELS[0], replace(CHANNELS[1], rate_hz=RATE / 2)))
+    assert (slow.rate_hz, slow.n_periods) == (RATE / 2, 8)
+    spectra = (np.fft.rfft(x)[8 * LINES[LINES < N / 5]] / len(x) for x in (slow.u[:, 0], signals[:, 0]))
+    np.testing.assert_allclose(*spectra, rtol=1e-3)
+
+
 def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path: Path) -> None:
     """Each loses the part before its first whole period; a lone period is turned."""
     logs = [run(3 * N, 1), run(3 * N + 50, 2, first=77), run(N, 3, first=191)]
