@@ -19,7 +19,7 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec, TextFormatSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.files.formats import contents
-from elastid.logs.repeated_logs import joined_periods
+from elastid.logs.repeated_logs import join_periods
 from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.response import Response
@@ -158,7 +158,7 @@ def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:
             u = np.roll(np.tile(multisine(), periods), int(rng.integers(N)))
             noise = rng.uniform(0, 0.6) * rng.standard_normal(len(u))
             pair.append(replace(template, u=(u + noise)[:, None], y=u[:, None]))
-        assert joined_periods(pair, ["a.csv", "b.csv"]).n_periods >= 2
+        assert join_periods(pair, ["a.csv", "b.csv"]).n_periods >= 2
 
 
 @pytest.mark.parametrize("gain", [0.5, 0.88, 0.92, 1.08, 1.12, 2.0])
@@ -168,7 +168,7 @@ def test_an_excitation_of_another_size_is_refused_from_a_tenth_on(gain: float, u
     template = record_of(tmp_path, [run(4 * N, 1)])
     first, second = (replace(template, u=size * unit * template.u) for size in (1.0, gain))
     with refused("records/inconsistent") if abs(gain - 1) > 0.1 else nullcontext():
-        joined_periods([first, second], ["a.csv", "b.csv"])
+        join_periods([first, second], ["a.csv", "b.csv"])
 
 
 def test_periods_that_a_log_lacks_are_left_out_of_all(tmp_path: Path) -> None:
