@@ -100,7 +100,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     has_motors = any(g.quantity in DRIVES and g.rank >= 0 for g in on_motors)
     drives, motions = _best_family(on_motors if has_motors else guesses, DRIVES), _best_family(guesses, MOTIONS)
     if bool(drives) != bool(motions):
-        drives, motions = _completed(drives, motions, [g for g, x in signals if not is_clock(x)])
+        drives, motions = _complete(drives, motions, [g for g, x in signals if not is_clock(x)])
     if not drives:
         return None
     quantity, slides = motions[0].quantity, all(g.quantity == "force" for g in drives)
@@ -110,7 +110,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     motion_at = {m.parts[1]: m for m in motions}
     paired = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
-    joints = _sorted(joints, [drive.parts[1] for drive in drives])
+    joints = _sort(joints, [drive.parts[1] for drive in drives])
     joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
     motor_motions = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
@@ -155,7 +155,7 @@ def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
     return size * (unwrapped(x, 2 * np.pi / size)[0] if turns else x)
 
 
-def _sorted(items: Sequence[T], labels: Sequence[str]) -> list[T]:
+def _sort(items: Sequence[T], labels: Sequence[str]) -> list[T]:
     """Sort joints by the numbers in their labels, if these differ; else in the order of the log."""
     numbers = [tuple(map(int, re.findall(r"\d+", label))) for label in labels]
     is_numbered = all(numbers) and len(set(numbers)) == len(numbers)
@@ -172,7 +172,7 @@ def guess_commands(
     positions = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in positions])
     commanded = _commanded_positions(guesses)
     pairs = [(g, commanded[g.parts[1]]) for g in positions if g.parts[1] in commanded]
-    pairs = _sorted(pairs, [g.parts[1] for g, _ in pairs])
+    pairs = _sort(pairs, [g.parts[1] for g, _ in pairs])
     return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(positions) else ()
 
 
@@ -195,7 +195,7 @@ def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -
     return tuple(replace(g, unit=g.unit or joint.motion.unit) for g, joint in zip(members, joints, strict=True) if g)
 
 
-def _completed(
+def _complete(
     drives: list[ChannelGuess], motions: list[ChannelGuess], guesses: Sequence[ChannelGuess]
 ) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
     """Complete drives or motions, if either is missing, by signals without a quantity at the same joints.

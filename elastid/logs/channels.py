@@ -16,7 +16,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.logs.clocks import corrected_stamps, stamp_size
+from elastid.logs.clocks import correct_stamps, stamp_size
 from elastid.logs.files.formats import contents, read_channels
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.clock_drift import (
@@ -29,8 +29,8 @@ from elastid.logs.repair.clock_drift import (
     delay_by_torque,
 )
 from elastid.logs.repair.masks import samples_before_motion
-from elastid.logs.repair.missing import bridged_gaps, filled
-from elastid.logs.repair.periodicity import check_complete, period_samples, rounded_samples
+from elastid.logs.repair.missing import bridge_gaps, filled
+from elastid.logs.repair.periodicity import check_complete, period_samples, round_samples
 from elastid.logs.repair.resampling import PASSBAND, at_times
 from elastid.logs.repair.time_stamps import on_grid, rising
 from elastid.logs.units_and_sides import check_values, link_side, without_placeholders
@@ -117,7 +117,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
         seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
         text = f"the torques repeat every {period:.8g} samples{seconds}, which is used as the period"
         experiment.log(1).report("periods found", 1, text)
-    aligned = _aligned(at_rate, period, experiment)
+    aligned = _align(at_rate, period, experiment)
     n = min(len(group.signals) for group in aligned)
     columns = {i: x[:n] for group in aligned for i, x in zip(group.members, group.signals.T, strict=True)}
     firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
@@ -162,7 +162,7 @@ def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
 
 def period_samples_of_channel(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
     """Return samples of a period at a channel's rate; StudyError if only the study's rate gives a whole number."""
-    samples, nominal = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
+    samples, nominal = (round_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and nominal.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
             "study/recorded",
@@ -222,7 +222,7 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Group:
 
 def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:
     """Return stamps (n,) in s, wrong ones interpolated."""
-    stamps, wrong = corrected_stamps(t) if len(t) > 2 else (t, np.zeros(0, np.int64))
+    stamps, wrong = correct_stamps(t) if len(t) > 2 else (t, np.zeros(0, np.int64))
     if len(wrong):
         text = f"wrong values of {name}: {len(wrong)}, the first at {log.time_of(wrong[0])}; interpolated"
         log.report("time stamps corrected", len(wrong), text)
@@ -240,7 +240,7 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
     if period_s is not None:
         period = period_samples_of_channel(period_s, group.rate_hz, experiment.recorded, experiment.file)
     if not np.isfinite(signals).all():
-        signals = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
+        signals = bridge_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
     text = (
         f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
@@ -250,7 +250,7 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
     return replace(group, rate_hz=rate_hz, signals=at_rate, rows=None)
 
 
-def _aligned(groups: Sequence[_Group], period: float | None, experiment: _Experiment) -> list[_Group]:
+def _align(groups: Sequence[_Group], period: float | None, experiment: _Experiment) -> list[_Group]:
     """Align all parts with the first file, which is cut to the latest start of all logs."""
     paths, channels = experiment.paths, experiment.recorded.channels
     base = [group for group in groups if group.file == 1]
@@ -307,11 +307,11 @@ def _periodic(signals: Signals, N: int) -> FloatArray | None:
     """Return whole periods (n, c) of the least noisy role that has two; None without."""
     for role in ("r", "reference", "u", "y"):
         if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
-            return _stacked(x)[: min(map(len, x)) // N * N]
+            return _stack(x)[: min(map(len, x)) // N * N]
     return None
 
 
-def _stacked(signals: Sequence[FloatArray]) -> FloatArray:
+def _stack(signals: Sequence[FloatArray]) -> FloatArray:
     """Return signals (n, c) of one file, some of which may be a sample longer."""
     return np.stack([x[: min(map(len, signals))] for x in signals], axis=1)
 
@@ -339,7 +339,7 @@ def _file_delay(
     shift = None if sent else _clock_shift(first, second, has_excitation)
     motions = {place: x for place, x in x_2.items() if place[0] == "y" and ("u", place[1], "") in x_1}
     if motions and not sent:
-        u, y = _stacked([x_1["u", at, ""] for _, at, _ in motions]), _stacked([*motions.values()])
+        u, y = _stack([x_1["u", at, ""] for _, at, _ in motions]), _stack([*motions.values()])
         orders = np.array([2 - MOTION_ORDER[cast(Motion, quantity)] for *_, quantity in motions])
         lag, agreement, match = delay_by_torque(u, y, orders, N, shift or 0.0)
         if agreement > max(MIN_DELAY_CORRELATION, 0.0 if shift is None else 2 * abs(match)):

@@ -68,10 +68,10 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
         t = log.values([ChannelSpec("y", "time", name, column, quantity="position")], slice(0, MAX_SAMPLES))[:, 0]
     except ElastidError:
         return none
-    return corrected_stamps(t) if len(t) > 2 else none
+    return correct_stamps(t) if len(t) > 2 else none
 
 
-def corrected_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
+def correct_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
     """Interpolate wrong stamps (n,), and return their numbers, too; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 

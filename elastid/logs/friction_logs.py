@@ -26,9 +26,9 @@ from elastid.logs.files.formats import read_channels
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.interpolation import MAX_BRIDGED
 from elastid.logs.repair.masks import MAX_MISSING_FRACTION, step, without_dropouts, without_zero_rows
-from elastid.logs.repair.missing import bridged_gaps
+from elastid.logs.repair.missing import bridge_gaps
 from elastid.logs.repair.outliers import without_lone
-from elastid.logs.rig import repaired_signals
+from elastid.logs.rig import repair_signals
 from elastid.logs.units_and_sides import check_values, link_side, on_one_side, to_shafts
 from elastid.logs.warm_ups import tests_in, warm_up_log
 from elastid.model.formulation import formulate
@@ -131,7 +131,7 @@ class _LogReader:
         )
 
     def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
-        repaired, N, rate_hz = self._repaired(gathered)
+        repaired, N, rate_hz = self._repair(gathered)
         values, tau_d = on_one_side(gathered.channels, repaired, to_shafts(gathered.channels, self.robot))
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
@@ -147,17 +147,17 @@ class _LogReader:
                 signals["t", channel.at, ""] = self._thermometer(channel, time_s)
         return self._of_joints(signals, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
 
-    def _repaired(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
+    def _repair(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
         """Repair gaps and spikes; return signals, samples of their period (None without one), and their rate."""
         if self.file.purpose == "presliding_test":
-            return repaired_signals(gathered, self.recorded)
+            return repair_signals(gathered, self.recorded)
         log = gathered.log
-        signals = bridged_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
+        signals = bridge_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
         judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
         part_log = replace(log, names=tuple(log.names[i] for i in judged))
         are_motions = [gathered.channels[i].role != "u" for i in judged]
         clean = without_lone(signals[:, judged], part_log, are_motions)
-        signals[:, judged] = bridged_gaps(clean, replace(part_log, findings=Findings()), MAX_MISSING_FRACTION)
+        signals[:, judged] = bridge_gaps(clean, replace(part_log, findings=Findings()), MAX_MISSING_FRACTION)
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
@@ -183,7 +183,7 @@ class _LogReader:
             for joint in self.robot.driven
             if (position := _signal(signals, "y", joint.name, "position")) is not None
         }
-        moving = self._moving(positions, signals)
+        moving = self._moving_joints(positions, signals)
         if not moving:
             return ()
         E = self.robot.mixing
@@ -221,7 +221,7 @@ class _LogReader:
                 torque_delay_s=0.5 / rate_hz if holds.get(joint.name) == "zero-order" else 0.0,
                 period_samples=period,
                 hold=holds.get(joint.name, command_hold),
-                **self._commanded(joint, signals, rate_hz),
+                **self._command(joint, signals, rate_hz),
                 # Of loops that end by sliding values hardly repeat; three times the log they do.
                 resolution=step(np.tile(positions[joint.name], 3 if self.file.purpose == "presliding_loops" else 1)),
                 start_s=self.start_s,
@@ -233,7 +233,7 @@ class _LogReader:
             for joint in moving
         )
 
-    def _moving(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
+    def _moving_joints(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
         driving = "u" if self.recorded.controller is None or any(role == "u" for role, *_ in signals) else "reference"
         joints = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
         is_any = self.file.purpose in STILL
@@ -247,7 +247,7 @@ class _LogReader:
             )
         return moving
 
-    def _commanded(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
+    def _command(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
         """Return command and gains of a joint without a torque, by fields of the record; empty with a torque."""
         controller, reference = self.recorded.controller, _signal(signals, "reference", joint.name)
         if controller is None or reference is None or ("u", f"motor {joint.name}", "") in signals:

@@ -127,13 +127,13 @@ def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, ra
         torque, s = (derivative(x, 0, rate_hz, width) for x in (u, sensor))
         v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
         A = np.stack([s, a, v, np.sign(v), np.ones_like(a)], axis=1)[:: int(width / 2)]
-        theta, _, alone, std = _fitted(A, torque[:: int(width / 2)], 0)
+        theta, _, alone, std = _fit(A, torque[:: int(width / 2)], 0)
         is_rich = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
         gains += [(float(theta[0]), std)] if is_rich else []
     return min(gains, key=lambda pair: pair[1] / max(abs(pair[0]), 1e-300))
 
 
-def _fitted(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+def _fit(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Fit x (n,) by columns of A (n, c): coefficients, residual, a column without the others, its coefficient's std.
 
     The sandwich estimate has a window of ten samples, since neighbouring residuals are correlated (Newey and West,
@@ -162,7 +162,7 @@ def _relation_at(
     accelerations = [derivative(x, 2 - k, rate_hz, width) for x, k in others]
     moving = [x for x in accelerations if np.std(x) > MIN_MOVING * np.std(a)]
     A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
-    theta, residual, alone, std = _fitted(A, torque, 0)
+    theta, residual, alone, std = _fit(A, torque, 0)
     explained = 1 - float(np.var(residual) / np.var(torque))
     by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
     friction = slice(2 if moving and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)

@@ -26,7 +26,7 @@ MAX_LAG = 0.05  # samples: logs that are closer to step are left as they are
 _ADVICE = "Give each log its own experiment (same phases) or realisation (other phases)"
 
 
-def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
+def join_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     """Join all periods of some records, each of one log, in step with the first.
 
     Raises DataError that names two logs where they do not hold the same excitation at the same rate.

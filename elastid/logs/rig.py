@@ -32,7 +32,7 @@ from elastid.logs.repair.missing import repair, repair_without_period
 from elastid.logs.repair.periodicity import check_repeat, grid_samples, report_unstated_period
 from elastid.logs.repair.resampling import RESAMPLED
 from elastid.logs.repair.time_stamps import SET_BACK
-from elastid.logs.repeated_logs import MAX_LAG, joined_periods
+from elastid.logs.repeated_logs import MAX_LAG, join_periods
 from elastid.logs.step_images import without_step_images
 from elastid.logs.units_and_sides import UNWRAPPED, hold_samples, on_one_side, report_drives, to_joints
 from elastid.record import REFERENCE, Motion, Record, motion_unit
@@ -79,7 +79,7 @@ class RecordedRig:
             with naming(path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
                 records.append(record or self._whole_record(experiment, file, len(files) > 1))
-        return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
+        return records[0] if len(records) == 1 else join_periods(records, [file.path for file in files])
 
     def is_large(self, experiment: Experiment) -> bool:
         """Return True if the log of an experiment is read in pieces, with the required channels remaining in it."""
@@ -131,7 +131,7 @@ class RecordedRig:
         channels, where = gathered.channels, f"record {experiment.name}"
         where += f", {file.path}" if is_one_of_several else ""
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
-        signals, N, rate_hz = repaired_signals(gathered, recorded, is_one_of_several)
+        signals, N, rate_hz = repair_signals(gathered, recorded, is_one_of_several)
         log, repairs = gathered.log, gathered.log.findings.repairs
         report_unused_references(channels, log, roles["r"] or roles["u"])
         report_drives(channels, signals, N, log)
@@ -193,7 +193,7 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
     return roles
 
 
-def repaired_signals(
+def repair_signals(
     gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
 ) -> tuple[FloatArray, int | None, float]:
     """Return the repaired signals, the samples of their period (None without one), and their rate."""

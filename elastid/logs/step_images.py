@@ -70,10 +70,10 @@ def without_step_images(
     text = _size(drives, freq_hz, U)
     if abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR:
         if not roles["r"] and Q is not None and drives.is_subtracted:
-            return _subtracted(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
+            return _subtract(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
         if match is not None and match.explained > _MIN_EXPLAINED:
             images, _ = match.drives.per_reference(freq_hz, match.delay_s)
-            return _subtracted(signals, u, np.asarray(images * R * match.scale), text, log)
+            return _subtract(signals, u, np.asarray(images * R * match.scale), text, log)
         if match is not None:
             fraction = f"{100 * match.explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
             text = f"{text}. They are not subtracted: the logged references and the controller explain {fraction}"
@@ -122,7 +122,7 @@ def _without_jump(x: FloatArray) -> ComplexArray:
     return np.asarray(np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0))
 
 
-def _subtracted(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: Log) -> FloatArray:
+def _subtract(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: Log) -> FloatArray:
     log.note(STEP_IMAGES, f"{text}; subtracted", "information")
     signals, images = signals.copy(), np.concatenate([0 * images[:1], images[1:]])
     signals[:, u] -= np.fft.irfft(images, len(signals), axis=0)

@@ -27,10 +27,10 @@ def before_channels(signals: FloatArray, rate_hz: float, channels: Sequence[Sequ
 def _through(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]], power: int) -> FloatArray:
     if not any(channels):
         return signals
-    return np.stack([_filtered(x, rate_hz, chain, power) for x, chain in zip(signals.T, channels, strict=True)], axis=1)
+    return np.stack([_filter(x, rate_hz, chain, power) for x, chain in zip(signals.T, channels, strict=True)], axis=1)
 
 
-def _filtered(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power: int) -> FloatArray:
+def _filter(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power: int) -> FloatArray:
     gain = float(np.prod([channel.gain**power for channel in channels]))
     delays = [channel for channel in channels if channel.delay or channel.low_pass]
     if not delays or len(x) < 2:

@@ -113,8 +113,8 @@ class DenavitHartenberg:
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))
         standard = self.convention == "standard"
-        placement = before if standard else _chained(before, across)
-        mounting = _chained(turn, along, across) if standard else _chained(turn, along)
+        placement = before if standard else _chain(before, across)
+        mounting = _chain(turn, along, across) if standard else _chain(turn, along)
         contents = (link.joint, *link.elastic), link.mass, link.center_of_mass, self._inertia(link)
         return Body(link.body_name, parent, placement, *contents, mounting)
 
@@ -126,7 +126,7 @@ class DenavitHartenberg:
         return six_numbers(about_origin - link.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
-def _chained(*placements: Placement) -> Placement:
+def _chain(*placements: Placement) -> Placement:
     R, p = np.eye(3), np.zeros(3)
     for placement in placements:
         R, p = R @ placement.rotation, p + R @ np.array(placement.xyz)

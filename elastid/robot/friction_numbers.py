@@ -85,7 +85,7 @@ def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
     law: Friction = replaced(friction, values)
     slip, measured = friction.maxwell_slip, friction.measured
     if measured is not None:
-        speed, load = _scaled(measured.speed, 1 / scale), _scaled(measured.load, scale)
+        speed, load = _scale(measured.speed, 1 / scale), _scale(measured.load, scale)
         law = replace(law, measured=replace(measured, speed=speed, load=load))
     if slip is None:
         return law
@@ -154,5 +154,5 @@ def _present(friction: Friction, keys: Path) -> bool:
     return section is not None
 
 
-def _scaled(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:
+def _scale(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:
     return None if ends is None else (ends[0] * factor, ends[1] * factor)

@@ -268,7 +268,7 @@ class Joint:
         hint = "" if self.slides else " (motion: translation makes it slide)"
         return (
             f"is given in units of {number.dimension}, but joint {self.name} is a {self.motion}{hint}; "
-            f"give it in {_converted_dimension(number.dimension)}"
+            f"give it in {_convert_dimension(number.dimension)}"
         )
 
     def position_refusal(self, at: float, swing: float = 0.0) -> str:
@@ -299,7 +299,7 @@ class Joint:
             if isinstance(number, Measured) and not _turns(number.dimension):
                 raise ValueError(
                     f"motor: {name} of joint {self.name} is given in units of {number.dimension}, but a motor turns, "
-                    f"its ratio leads to the joint; give it in {_converted_dimension(number.dimension)}"
+                    f"its ratio leads to the joint; give it in {_convert_dimension(number.dimension)}"
                 )
 
 
@@ -317,7 +317,7 @@ def _turns(dimension: str) -> bool:
     return "rad" in dimension or "N*m" in dimension
 
 
-def _converted_dimension(dimension: str) -> str:
+def _convert_dimension(dimension: str) -> str:
     if _turns(dimension):
         return of_translation(dimension)
     return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)

@@ -57,7 +57,7 @@ def compiled(function: ca.Function, calls: int) -> ca.Function:
     if calls < MIN_CALLS:
         return function
     try:
-        return _loaded(function)
+        return _load(function)
     except (OSError, RuntimeError, subprocess.SubprocessError) as error:
         _log.warning(
             "%s is interpreted, with the same results in more than ten times the time, because it cannot be compiled: "
@@ -81,7 +81,7 @@ def compiler() -> list[str]:
     raise OSError(f"there is no C compiler ({command[0] if command else 'cc, gcc, clang'})")
 
 
-def _loaded(function: ca.Function) -> ca.Function:
+def _load(function: ca.Function) -> ca.Function:
     """Load the function from a library, then remove it; OSError, RuntimeError or SubprocessError where that fails."""
     generator = ca.CodeGenerator(f"{function.name()}.c")
     generator.add(function)

@@ -170,16 +170,16 @@ def _inverse_dynamics(model: ElasticModel) -> ca.Function:
 def notch(freq_hz: float, width: float, depth: float, rate_hz: float) -> FloatArray:
     """Design section (6,) of a notch N."""
     omega = 2 * np.pi * freq_hz
-    return _sampled((1.0, depth * width * omega, omega**2), (1.0, width * omega, omega**2), omega, rate_hz)
+    return _discretise((1.0, depth * width * omega, omega**2), (1.0, width * omega, omega**2), omega, rate_hz)
 
 
 def low_pass(freq_hz: float, rate_hz: float) -> FloatArray:
     """Design section (6,) of a Butterworth filter L of second order."""
     omega = 2 * np.pi * freq_hz
-    return _sampled((0.0, 0.0, omega**2), (1.0, math.sqrt(2) * omega, omega**2), omega, rate_hz)
+    return _discretise((0.0, 0.0, omega**2), (1.0, math.sqrt(2) * omega, omega**2), omega, rate_hz)
 
 
-def _sampled(b: Sequence[float], a: Sequence[float], omega: float, rate_hz: float) -> FloatArray:
+def _discretise(b: Sequence[float], a: Sequence[float], omega: float, rate_hz: float) -> FloatArray:
     """Design section (6,) of (b_0 s^2 + b_1 s + b_2) / (a_0 s^2 + a_1 s + a_2), exact at omega."""
     K = omega / math.tan(omega / (2 * rate_hz))
     section = [(p * K**2 + q * K + r, 2 * (r - p * K**2), p * K**2 - q * K + r) for p, q, r in (b, a)]

@@ -146,7 +146,7 @@ def free_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Fun
     M, load = ca.sparsify(model.mass(q, numbers)), torque - model.force(q, v, numbers)
     if model.n_c:
         Phi = model.constraint_jacobian(q, numbers)
-        Z, a0 = _solved(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
+        Z, a0 = _solve(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
         M, load = ca.sparsify(Z.T @ M @ Z), Z.T @ (load - M @ a0)
     D, LT, order = ca.ldl(M)
     a = ca.ldl_solve(load, D, LT, order)
@@ -174,16 +174,16 @@ def runge_kutta_step(
     """
     velocities, accelerations, states = [v], [acceleration(q, v, z, u[0])], z
     for row, node, torque in zip(method.rows[1:], method.nodes[1:], u[1:], strict=True):
-        mean = _weighted(row, velocities) / node
+        mean = _weighted_sum(row, velocities) / node
         states = advanced(z, mean, node * step)
-        v_i = v + step * _weighted(row, accelerations)
+        v_i = v + step * _weighted_sum(row, accelerations)
         accelerations.append(acceleration(q + node * step * mean, v_i, states, torque))
         velocities.append(v_i)
-    mean = _weighted(method.weights, velocities)
-    return q + step * mean, v + step * _weighted(method.weights, accelerations), advanced(z, mean, step)
+    mean = _weighted_sum(method.weights, velocities)
+    return q + step * mean, v + step * _weighted_sum(method.weights, accelerations), advanced(z, mean, step)
 
 
-def _weighted(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
+def _weighted_sum(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
     return reduce(add, (weight * value for weight, value in zip(weights, values, strict=True) if weight))
 
 
@@ -222,9 +222,9 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     q, v = model.symbols("q", "v")
     numbers = model.theta if theta is None else theta
     division = pivots(model)
-    _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), division)
+    _, step = _solve(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), division)
     closed = q + step
-    Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), division)
+    Z, _ = _solve(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), division)
     arguments = [q, v, *([] if theta is None else [theta])]
     return ca.Function("projection", arguments, [closed, Z @ v[division.independent.tolist()]], {"cse": True})
 
@@ -237,7 +237,7 @@ def pivots(model: ElasticModel) -> Partition:
     return partition(model, model.constraint_jacobian(q, model.theta).full())
 
 
-def _solved(Phi: ca.SX, right: ca.SX, division: Partition) -> tuple[ca.SX, ca.SX]:
+def _solve(Phi: ca.SX, right: ca.SX, division: Partition) -> tuple[ca.SX, ca.SX]:
     """Return Z (n_q, n) with Phi Z = 0, and a (n_q,) with Phi a = right that is zero in the independent coordinates.
 
     Gauss and Jordan with the pivots given; zeros stay zeros.

@@ -69,11 +69,11 @@ class CommandedJoints:
         x, v = (np.array(np.broadcast_to(start, (K, S))) for start in (self.position, self.velocity))
         means, total = np.empty((n // window, K, S)), np.zeros((K, S))
         integral, growth = self._integral
-        before = self._acted(integral, growth, -delay_s)
+        before = self._integrate(integral, growth, -delay_s)
         for k in range(n // window * window):
             total += x
             for i in range(steps):
-                after = self._acted(integral, growth, k * T + (i + 1) * h - delay_s)
+                after = self._integrate(integral, growth, k * T + (i + 1) * h - delay_s)
                 torque = (after - before) / h - o - self.load[k] - (i + 0.5) / steps * slope[k]
                 before = after
                 if has_gravity:
@@ -94,7 +94,7 @@ class CommandedJoints:
         growth = np.zeros_like(c) if self.is_zoh else np.vstack([np.diff(c, axis=0), start]) * T / 2
         return np.vstack([start, np.cumsum(c * T + growth, axis=0)]), growth
 
-    def _acted(self, integral: FloatArray, growth: FloatArray, time_s: FloatArray) -> FloatArray:
+    def _integrate(self, integral: FloatArray, growth: FloatArray, time_s: FloatArray) -> FloatArray:
         """Integrate the command (K, S) up to times (K,) from the first sample on; before it the first holds."""
         sample = time_s * self.rate_hz
         k = np.clip(np.floor(sample).astype(int), 0, len(growth) - 1)

@@ -273,7 +273,7 @@ def _write_array(group: Any, name: str, value: Any, kind: Kind, label: Label, ab
             last = min(len(value), first + rows)
             dataset[first:last] = value.rows(first, last) if isinstance(value, LargeArray) else value[first:last]
             release(value)
-    return _described(dataset, name, label, above)
+    return _describe(dataset, name, label, above)
 
 
 def _write_sequence(group: Any, name: str, value: Iterable[Any], kind: Kind, label: Label, above: Any) -> Any:
@@ -293,7 +293,7 @@ def _write_sequence(group: Any, name: str, value: Iterable[Any], kind: Kind, lab
 
 def _write_record(group: Any, name: str, value: tuple[Any, ...], kind: Kind, label: Label, above: Any) -> Any:
     if _are_numbers(kind.parts):
-        return _described(group.create_dataset(name, data=np.array(value, kind.parts[0])), name, label, above)
+        return _describe(group.create_dataset(name, data=np.array(value, kind.parts[0])), name, label, above)
     inner = group.create_group(name)
     for i, (entry, annotation) in enumerate(zip(value, kind.parts, strict=True)):
         write_value(inner, str(i), entry, annotation)
@@ -318,14 +318,14 @@ def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any,
     """Write values of one type as a column; return the dataset that may be an axis."""
     kind = kind_of_annotation(annotation)
     if kind.form == "scalar" and kind.type is str:
-        return _described(group.create_dataset(name, data=list(values), dtype=TEXT), name, label, above)
+        return _describe(group.create_dataset(name, data=list(values), dtype=TEXT), name, label, above)
     if kind.form == "scalar" or (kind.form == "record" and _are_numbers(kind.parts)):
         number, shape = (kind.type, (-1,)) if kind.form == "scalar" else (kind.parts[0], (-1, len(kind.parts)))
         data = np.array(values, number).reshape(shape if values else (0, *shape[1:]))
-        return _described(group.create_dataset(name, data=data), name, label, above)
+        return _describe(group.create_dataset(name, data=data), name, label, above)
     if kind.form == "array" and len({array.shape for array in values}) < 2:
         data = np.stack(values) if values else np.zeros(0, kind.type)
-        return _described(group.create_dataset(name, data=data), name, label, above)
+        return _describe(group.create_dataset(name, data=data), name, label, above)
     if kind.form == "fields":
         inner = group.create_group(name)
         inner.attrs["length"] = len(values)
@@ -340,7 +340,7 @@ def _are_numbers(parts: Sequence[Any]) -> bool:
     return len(set(parts)) == 1 and parts[0] in (bool, int, float)
 
 
-def _described(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]) -> Any:
+def _describe(dataset: Any, name: str, label: Label, scopes: tuple[_Scope, ...]) -> Any:
     if label.text:
         dataset.attrs["long_name"] = label.text
     if unit := _unit(label.unit or unit_of_name(name), scopes):

@@ -29,7 +29,7 @@ def load_robot(path: Path | str) -> Robot:
     path = Path(path)
     source = with_robot(read_robot(path), path.parent)
     robot = source.data["robot"]
-    return robot if isinstance(robot, Robot) else _validated(source, Robot)
+    return robot if isinstance(robot, Robot) else _validate(source, Robot)
 
 
 def read_robot(path: Path) -> YamlSource:
@@ -53,9 +53,9 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
     if not isinstance(data, dict) or "bodies" in data:
         return source
     if "links" in data:
-        make = _validated(source, DenavitHartenberg).robot
+        make = _validate(source, DenavitHartenberg).robot
     elif "urdf" in data:
-        rigid = _validated(source, UrdfRobot)
+        rigid = _validate(source, UrdfRobot)
         file = folder / rigid.urdf
         lines = file.read_text("utf-8", "replace").splitlines() if os.path.isfile(file) else []
         source = replace(source, text=source.text + "".join(comment_lines(line) for line in lines))
@@ -68,7 +68,7 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
         raise make_error(source, [Problem(("robot",), str(error))]) from None
 
 
-def _validated(source: YamlSource, kind: type) -> Any:
+def _validate(source: YamlSource, kind: type) -> Any:
     value, problems = validate(source.data["robot"], kind)
     if problems:
         raise make_error(source, [replace(problem, path=("robot", *problem.path)) for problem in problems])

@@ -19,7 +19,7 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec, TextFormatSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.files.formats import contents
-from elastid.logs.repeated_logs import joined_periods
+from elastid.logs.repeated_logs import join_periods
 from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.response import Response
@@ -89,6 +89,18 @@ def test_a_log_that_was_split_is_the_log(periods: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(parts.noise.variance, long.noise.variance, rtol=1e-6)
 
 
+def test_channels_at_two_rates_need_them_stated(tmp_path: Path) -> None:
+    """As topics of a bag, or arrays of one file: brought to the lower rate once a channel states its own."""
+    signals, files = run(8 * N, 1), (FileSpec("log.npz", "bench"),)
+    np.savez(tmp_path / "log.npz", force=signals[:, 0], acceleration=signals[::2, 1])
+    with refused("records/channels", holds=("force 1920, acceleration 960", "rate_hz")):
+        record_of(tmp_path, [], files=files)
+    slow = record_of(tmp_path, [], files=files, channels=(CHANNELS[0], replace(CHANNELS[1], rate_hz=RATE / 2)))
+    assert (slow.rate_hz, slow.n_periods) == (RATE / 2, 8)
+    spectra = (np.fft.rfft(x)[8 * LINES[LINES < N / 5]] / len(x) for x in (slow.u[:, 0], signals[:, 0]))
+    np.testing.assert_allclose(*spectra, rtol=1e-3)
+
+
 def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path: Path) -> None:
     """Each loses the part before its first whole period; a lone period is turned."""
     logs = [run(3 * N, 1), run(3 * N + 50, 2, first=77), run(N, 3, first=191)]
@@ -146,7 +158,7 @@ def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:
             u = np.roll(np.tile(multisine(), periods), int(rng.integers(N)))
             noise = rng.uniform(0, 0.6) * rng.standard_normal(len(u))
             pair.append(replace(template, u=(u + noise)[:, None], y=u[:, None]))
-        assert joined_periods(pair, ["a.csv", "b.csv"]).n_periods >= 2
+        assert join_periods(pair, ["a.csv", "b.csv"]).n_periods >= 2
 
 
 @pytest.mark.parametrize("gain", [0.5, 0.88, 0.92, 1.08, 1.12, 2.0])
@@ -156,7 +168,7 @@ def test_an_excitation_of_another_size_is_refused_from_a_tenth_on(gain: float, u
     template = record_of(tmp_path, [run(4 * N, 1)])
     first, second = (replace(template, u=size * unit * template.u) for size in (1.0, gain))
     with refused("records/inconsistent") if abs(gain - 1) > 0.1 else nullcontext():
-        joined_periods([first, second], ["a.csv", "b.csv"])
+        join_periods([first, second], ["a.csv", "b.csv"])
 
 
 def test_periods_that_a_log_lacks_are_left_out_of_all(tmp_path: Path) -> None:

@@ -163,10 +163,10 @@ class Reference:
 
     def injected(self, period: FloatArray) -> FloatArray:
         """Return r (n, n_u) of a whole run from one period (N, n_u) of torque."""
-        return _repeated(period, self.scale, self.first_sample)
+        return _repeat(period, self.scale, self.first_sample)
 
 
-def _repeated(period: FloatArray, scale: FloatArray, first_sample: int) -> FloatArray:
+def _repeat(period: FloatArray, scale: FloatArray, first_sample: int) -> FloatArray:
     sample = np.arange(-first_sample, len(scale) - first_sample)
     return scale[:, None] * period[sample % len(period)]
 
@@ -181,7 +181,7 @@ def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, 
     path = movement(carrier, plan)
     signal = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
     period = factor * plan.reference(experiment)
-    return (signal + _repeated(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
+    return (signal + _repeat(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
 
 
 def reference(

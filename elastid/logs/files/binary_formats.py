@@ -16,7 +16,7 @@ from elastid.logs.files.log import ArrayLog, StoredArray, seconds
 
 
 @contextmanager
-def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def open_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open MATLAB up to version 7 by SciPy: variables, members of structs behind a dot, cells in braces.
 
     Objects of classes are left out.
@@ -34,7 +34,7 @@ def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:
 
 
 @contextmanager
-def opened_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def open_numpy(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open NumPy's .npz, all arrays, and .npy, one of the name of the file; fields of records behind a dot.
 
     Pickled objects are left out; dates and times are s from the first.
@@ -68,7 +68,7 @@ def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]
 
 
 @contextmanager
-def opened_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def open_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
 
     A column of lists of one length is a matrix.  Missing values are NaN, time stamps s from the first.
@@ -123,7 +123,7 @@ def _values(table: Any, name: str) -> NDArray[Any]:
 
 
 @contextmanager
-def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def open_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
 
     Waveforms whose start times differ are cut to the time that all of them have.
@@ -185,7 +185,7 @@ def _read_channel(channel: Any, whole: slice, span: slice = slice(None)) -> NDAr
 
 
 @contextmanager
-def opened_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> Iterator[ArrayLog]:
+def open_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> Iterator[ArrayLog]:
     """Open all datasets of another program's file, read when they are used; it holds its own data.
 
     MATLAB stores column-major, so that axes arrive reversed; members of structs are behind a dot.

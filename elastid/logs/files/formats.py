@@ -70,17 +70,17 @@ def is_numpy(path: Path, head: bytes) -> bool:
 # The first that recognises a file reads it: HDF5 with MATLAB's header in front of it, text what is of no other format.
 FORMATS = (
     Format("ROS bag", is_ros_bag, guarded(ros_bag.opened), "copy it again with all files of its folder"),
-    Format("NumPy", is_numpy, guarded(binary_formats.opened_numpy), "copy it or save it again"),
-    Format("TDMS", starts_with(b"TDSm"), guarded(binary_formats.opened_tdms), "copy it or export it again"),
-    Format("Parquet", starts_with(b"PAR1"), guarded(binary_formats.opened_parquet), "copy it or export it again"),
+    Format("NumPy", is_numpy, guarded(binary_formats.open_numpy), "copy it or save it again"),
+    Format("TDMS", starts_with(b"TDSm"), guarded(binary_formats.open_tdms), "copy it or export it again"),
+    Format("Parquet", starts_with(b"PAR1"), guarded(binary_formats.open_parquet), "copy it or export it again"),
     Format(
         "MATLAB 7.3",
         lambda path, head: head.startswith(b"MATLAB") and is_hdf5(path, head),
-        partial(binary_formats.opened_hdf5, is_matlab=True),
+        partial(binary_formats.open_hdf5, is_matlab=True),
         "copy it or save it again",
     ),
-    Format("HDF5", is_hdf5, binary_formats.opened_hdf5, "copy it or export it again"),
-    Format("MATLAB", is_matlab, guarded(binary_formats.opened_matlab), "copy it or save it again with -v7"),
+    Format("HDF5", is_hdf5, binary_formats.open_hdf5, "copy it or export it again"),
+    Format("MATLAB", is_matlab, guarded(binary_formats.open_matlab), "copy it or save it again with -v7"),
     Format("universal", universal.is_universal_file, guarded(universal.opened), "copy it or export it again"),
     Format("text", lambda path, head: True, text.opened, "copy it or export it again"),
 )
@@ -141,7 +141,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
             head = file.read(4104)  # HDF5 after a user block of 4096 bytes is recognised
     log_format = next(row for row in all_formats() if row.recognises(path, head))
     damage = f"damaged, truncated or not a {log_format.name} file"
-    guard = partial(_refused, lambda error: f"{path}: {damage} ({error}); {log_format.advice}")
+    guard = partial(_refuse_errors, lambda error: f"{path}: {damage} ({error}); {log_format.advice}")
     with ExitStack() as stack:
         with guard():
             log = stack.enter_context(log_format.opened(path, text))
@@ -149,7 +149,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
 
 
 @contextmanager
-def _refused(message: Callable[[Exception], str]) -> Iterator[None]:
+def _refuse_errors(message: Callable[[Exception], str]) -> Iterator[None]:
     """Convert exceptions of libraries and of the data, such as from damaged files, to DataError."""
     try:
         yield
@@ -163,4 +163,4 @@ def _refused(message: Callable[[Exception], str]) -> Iterator[None]:
 
 def naming(path: Path, advice: str) -> AbstractContextManager[None]:
     """Raise DataError with the file and the next step instead of any exception that is no message for the user yet."""
-    return _refused(lambda e: f"{path}: {advice} ({type(e).__name__}{f': {e}' if str(e) else ''})")
+    return _refuse_errors(lambda e: f"{path}: {advice} ({type(e).__name__}{f': {e}' if str(e) else ''})")

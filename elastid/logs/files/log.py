@@ -122,7 +122,8 @@ class ArrayLog:
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             raise self._refusal(
-                f"the channels have different lengths: {table} samples. Choose channels of one recording"
+                f"the channels have different lengths: {table} samples. Choose channels of one recording, or state "
+                "rate_hz of those at another rate"
             )
         return np.stack(signals).T  # each signal in one piece, as all that follows takes them
 

@@ -70,7 +70,7 @@ def _peak(C: ComplexArray, N: int) -> float:
     """Find the shift with the largest correlation of a cross-spectrum (N // 2 + 1,), whose mean is removed."""
     C[0] = 0.0
     peak = int(np.argmax(np.fft.irfft(C, N)))
-    return refined_shift(C, N, float(peak - N if peak > N // 2 else peak))
+    return refine_shift(C, N, float(peak - N if peak > N // 2 else peak))
 
 
 def correlation(C: ComplexArray, N: int, shift: float) -> float:
@@ -78,7 +78,7 @@ def correlation(C: ComplexArray, N: int, shift: float) -> float:
     return float(np.sum((C * np.exp(_turns(C, N) * shift)).real))
 
 
-def refined_shift(C: ComplexArray, N: int, shift: float) -> float:
+def refine_shift(C: ComplexArray, N: int, shift: float) -> float:
     """Find the maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
     turns = _turns(C, N)
     for _ in range(5):
@@ -113,8 +113,8 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     C_far, power_far = _cross(Z, far)
     # In eighths of a sample, from which the maximum is found.
     shifts = np.arange(-(limit := 8 * int(MAX_CLOCK_ERROR * N + 2)), limit + 1)
-    excess = refined_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
-    excess = refined_shift(C_far, N, far * excess) / far
+    excess = refine_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
+    excess = refine_shift(C_far, N, far * excess) / far
     before, after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far * excess))
     return ClockDrift(excess, before, after)
 

@@ -51,10 +51,10 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         return periodic
     result, noisy = np.copy(periodic), set[int]()
     for c in np.flatnonzero(~good.all(axis=0)):
-        count, text = _missing(good[:, c], log, int(c))
+        count, text = _missing_samples(good[:, c], log, int(c))
         if count > MAX_MISSING_FRACTION * len(good):
             raise log.error("records/missing-samples", f"{text}. {CHECK_CELLS}, or exclude them with samples")
-        result[:, c], noisy_gaps = _interpolated(periodic[:, c], L, sign, log, text)
+        result[:, c], noisy_gaps = _interpolate(periodic[:, c], L, sign, log, text)
         noisy |= noisy_gaps
         outliers = outliers_of(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
@@ -73,7 +73,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     return result
 
 
-def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
+def _interpolate(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
     """Interpolate a signal (P L,); return also repetitions with a long gap that is not predictable within noise."""
     result, noisy = np.copy(x), set[int]()
     limit = MAX_ERROR_OVER_NOISE * np.hypot(period_noise(x, L, sign), step(x) / np.sqrt(12))
@@ -88,7 +88,7 @@ def _interpolated(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tupl
     return result, noisy
 
 
-def _missing(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
+def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
     """Return the number of missing samples of a channel, and a sentence on them."""
     gaps = np.flatnonzero(~good)
     verb = "is" if gaps.size == 1 else "are"
@@ -96,7 +96,7 @@ def _missing(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
     return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
-def bridged_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
+def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
     """Interpolate short gaps (NaN) of signals (n, c) without a period.
 
     Raises DataError for long gaps, or too many, with the longest range of the log that is complete.
@@ -106,7 +106,7 @@ def bridged_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_
         good = np.isfinite(signals[:, c])
         if good.all():
             continue
-        count, text = _missing(good, log, c)
+        count, text = _missing_samples(good, log, c)
         is_inside = good[[0, 1, -2, -1]].all()
         is_short = np.ptp(runs(~good), axis=1).max() <= MAX_BRIDGED
         if not (is_inside and is_short and count <= max_fraction * len(good)):
@@ -117,7 +117,7 @@ def bridged_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_
                 f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
                 f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
             )
-        result[:, c], _ = _interpolated(signals[:, c], len(signals), 1, log, text)
+        result[:, c], _ = _interpolate(signals[:, c], len(signals), 1, log, text)
         log.report(INTERPOLATED, count, f"{text}: interpolated between their neighbours")
     return result
 
@@ -145,7 +145,7 @@ def repair(
     check(on_clock[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
     full = filled(without_spikes(on_clock, L, sign, repeating), L, sign, log)
-    as_logged = full if clock is stack else _bridged(whole)
+    as_logged = full if clock is stack else _bridge(whole)
     report_clipping(as_logged, L, repeating)
     report_steps(as_logged, L, sign, repeating)
     return full
@@ -153,7 +153,7 @@ def repair(
 
 def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
     """Interpolate single gaps of signals (n, c), some samples NaN; DataError where gaps are longer."""
-    full, n = bridged_gaps(signals, log), len(signals)
+    full, n = bridge_gaps(signals, log), len(signals)
     report_clipping(full, n, log)
     report_steps(full, n, 1, log)
     return full
@@ -183,7 +183,7 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
 def _with_flags(signals: FloatArray) -> FloatArray:
     """Bridge missing samples of signals (n, c), and append flags (n, c) of them; whole signals remain alone."""
     valid = np.isfinite(signals)
-    return signals if valid.all() else np.concatenate([_bridged(signals), ~valid], axis=1)
+    return signals if valid.all() else np.concatenate([_bridge(signals), ~valid], axis=1)
 
 
 def _with_missing(stack: FloatArray, c: int) -> FloatArray:
@@ -191,5 +191,5 @@ def _with_missing(stack: FloatArray, c: int) -> FloatArray:
     return stack if stack.shape[1] == c else np.where(np.abs(stack[:, c:]) > 0.02, np.nan, stack[:, :c])
 
 
-def _bridged(signals: FloatArray) -> FloatArray:
+def _bridge(signals: FloatArray) -> FloatArray:
     return np.stack([bridged(x) for x in signals.T], axis=1)

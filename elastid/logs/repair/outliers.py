@@ -70,7 +70,7 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArr
     outvoted = [0] * len(spikes)
     if P == MIN_PERIODS:
         outvoted = [int(np.sum(~_is_rough(bridged(x))[at])) for x, at in zip(channels, spikes, strict=True)]
-    return _masked(signals, spikes, "the other periods", log, outvoted)
+    return _mask(signals, spikes, "the other periods", log, outvoted)
 
 
 def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> FloatArray:
@@ -87,7 +87,7 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
         # Without a period, a step that swings is no spike: all neighbours are quieter.
         lone = _spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0)
         at.append(np.flatnonzero(lone | far))
-    return _masked(signals, at, "their neighbours", log)
+    return _mask(signals, at, "their neighbours", log)
 
 
 def _is_outlier(x: FloatArray) -> BoolArray:
@@ -104,7 +104,7 @@ def outliers_of(name: str, count: int, n: int) -> str:
     return f"{name}: {count} of {n} samples are outliers"
 
 
-def _masked(
+def _mask(
     signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
 ) -> FloatArray:
     """Mask and report spikes. outvoted (c,): number of spikes that only two periods against one show."""
@@ -130,12 +130,12 @@ def _masked(
 
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Find samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
-    judged, full, q = np.isfinite(x), _interpolated(x, L, sign), step(x)
+    judged, full, q = np.isfinite(x), _interpolate(x, L, sign), step(x)
     repeats, may_repeat = _lost_messages(x, q)
     is_spike = np.zeros(len(x), dtype=np.bool_)
     if repeats.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
-        full, is_spike = _replaced(full, repeats, L, sign, to_nearest, are_lost=True)
+        full, is_spike = _replace(full, repeats, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         judged = _with_second_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
@@ -152,13 +152,13 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         chosen[:L] &= _lone_distance(full[:L]) >= _transient_pulse(full, L, sign, q)
         if not chosen.any():
             break
-        full, is_new = _replaced(full, chosen, L, sign, np.full(len(full), np.inf))
+        full, is_new = _replace(full, chosen, L, sign, np.full(len(full), np.inf))
         judged &= ~chosen
         is_spike |= is_new
     return np.flatnonzero(is_spike)
 
 
-def _replaced(
+def _replace(
     x: FloatArray, suspects: BoolArray, L: int, sign: int, to_nearest: FloatArray, are_lost: bool = False
 ) -> tuple[FloatArray, BoolArray]:
     """Interpolate suspects (P L,) of a signal (P L,) that are far from their interpolation; return their flags, too.
@@ -262,7 +262,7 @@ def _lone_distance(e: FloatArray) -> FloatArray:
     return np.asarray(np.abs(e - median_filter(e, MEDIAN_WINDOW, mode="mirror")))
 
 
-def _interpolated(x: FloatArray, L: int, sign: int) -> FloatArray:
+def _interpolate(x: FloatArray, L: int, sign: int) -> FloatArray:
     """Interpolate a signal (P L,), on straight lines where no period has a sample."""
     result = np.copy(x)
     for at, gap in interpolations(x, L, sign):

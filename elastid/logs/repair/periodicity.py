@@ -92,7 +92,7 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
     n = len(x)
     if n < MIN_PERIODS * lag or lag < 1 or finite.size == 0:
         return _NONE
-    residual = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
+    residual = flat(x, lag).ravel() if n >= 2 * lag else _detrend(x, lag)
     rho = autocorrelation(residual)
     P = len(residual) // lag
     result = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
@@ -118,10 +118,10 @@ def _best(x: FloatArray) -> Repetition:
     """Find the lag at which a signal (n,) repeats, with or without a drift."""
     levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
     best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
-    return _anywhere(_levelled(x, round(best.best_samples))) if best.best_samples else best
+    return _anywhere(_detrend(x, round(best.best_samples))) if best.best_samples else best
 
 
-def _levelled(x: FloatArray, lag: int) -> FloatArray:
+def _detrend(x: FloatArray, lag: int) -> FloatArray:
     """Remove the mean and the drift of a signal (n,), the mean difference of its repetitions."""
     change = x[lag:] - x[:-lag]
     drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
@@ -168,9 +168,9 @@ def _anywhere(x: FloatArray) -> Repetition:
     peaks = peaks[rho[peaks] > max(MIN_FRACTION_OF_BEST * highest, MIN_DELAY_CORRELATION)]
     if peaks.size == 0:
         return Repetition(0.0, 0.0, highest)
-    best = max(highest, _refined(all_lags, int(peaks[np.argmax(rho[peaks])]))[1])
+    best = max(highest, _refine(all_lags, int(peaks[np.argmax(rho[peaks])]))[1])
     for peak in peaks:
-        period, correlation = _refined(all_lags, int(peak))
+        period, correlation = _refine(all_lags, int(peak))
         if not _is_as_good(correlation, best):
             continue
         if correlation >= MIN_CORRELATION or _remainder_is_noise(all_lags, period):
@@ -178,7 +178,7 @@ def _anywhere(x: FloatArray) -> Repetition:
     return Repetition(0.0, 0.0, best)
 
 
-def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
+def _refine(rho: FloatArray, peak: int) -> tuple[float, float]:
     """Interpolate place and height of a peak of rho between samples, on a grid of 0.02 samples and a parabola."""
     step = 0.02
     first, last = max(0, peak - 64), min(len(rho), peak + 65)
@@ -196,7 +196,7 @@ def _from_later(rho: FloatArray, period: float) -> float:
         around: IntArray = np.arange(-3, 4) + round(repeats * period)
         if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond what is known
             break
-        period = _refined(rho, int(around[np.argmax(rho[around])]))[0] / repeats
+        period = _refine(rho, int(around[np.argmax(rho[around])]))[0] / repeats
     return period
 
 
@@ -243,7 +243,7 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
     if period is None:
         return None
     if period != "find":
-        return rounded_samples(period * rate_hz / recorded.known_rate_hz)
+        return round_samples(period * rate_hz / recorded.known_rate_hz)
     best = find_period(drivers)
     if not best.best_samples:
         raise DataError(
@@ -255,7 +255,7 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
     N = round(best.best_samples)
     # The generator's clock is right where its periods are whole: the log is then resampled to it.
     is_whole = len(drivers) >= 2 * N and abs(best.best_samples - N) <= MAX_CLOCK_ERROR * N
-    return float(N) if is_whole else rounded_samples(best.best_samples)
+    return float(N) if is_whole else round_samples(best.best_samples)
 
 
 def report_unstated_period(drivers: FloatArray, log: Log) -> None:
@@ -275,7 +275,7 @@ def grid_samples(period: float, half_wave: bool) -> int:
     return 2 * round(period / 2) if half_wave and period != round(period) else round(period)
 
 
-def rounded_samples(samples: float) -> float:
+def round_samples(samples: float) -> float:
     """Return samples of a period, whole where they are within one millionth of it."""
     N = round(samples)
     return float(N) if abs(samples - N) <= 1e-6 * samples else samples

@@ -21,7 +21,7 @@ def at_times(signals: FloatArray, times: FloatArray, period: float, band: float 
     reach = int(np.ceil(HALF_WIDTH / band))
     before = reach + max(0, int(np.ceil(-times.min())))
     after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
-    padded = _continued(signals, period, before, after)
+    padded = _extend(signals, period, before, after)
     result = np.empty((len(times), signals.shape[1]))
     offsets = np.arange(-reach, reach + 1)
     for first in range(0, len(times), _TIMES_AT_ONCE):
@@ -44,7 +44,7 @@ def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
     return nearest, weights / weights.sum(axis=1, keepdims=True)
 
 
-def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
+def _extend(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
     n = len(x)
     # Each end and its continuation, taken one period further inside.
     first = _values_at(x, np.arange(-before, 1.0) + period, period)

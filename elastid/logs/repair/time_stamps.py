@@ -171,7 +171,7 @@ def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, floa
         return None
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
     knot_hz = JUDGED_FRACTION / step
-    at_stamps, on_rows = (_fitted(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
+    at_stamps, on_rows = (_fit(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
     # By all channels: a torque with more than the band in it is as rough at both.
     ratio = np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12))))
     return (jitter_s, 1 / float(step)) if ratio > SMOOTHER else None
@@ -200,7 +200,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
         )
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
-    result, ratio = _fitted(time_s, signals, grid_s, knot_hz)
+    result, ratio = _fit(time_s, signals, grid_s, knot_hz)
     in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[in_gaps] = np.nan
     text = (
@@ -212,9 +212,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     return result
 
 
-def _fitted(
-    time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float
-) -> tuple[FloatArray, FloatArray]:
+def _fit(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, FloatArray]:
     """Interpolate signals (m, c) at grid_s; return the ratio (c,) of rms residual to rms signal with them, 0 without.
 
     NaN in blocks of knots without samples, as in a long pause.

@@ -218,10 +218,10 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(
 @pytest.mark.parametrize(
     ("write", "opened"),
     [
-        (write_matlab, binary_formats.opened_matlab),
-        (write_npz, binary_formats.opened_numpy),
-        (write_tdms, binary_formats.opened_tdms),
-        (write_parquet, binary_formats.opened_parquet),
+        (write_matlab, binary_formats.open_matlab),
+        (write_npz, binary_formats.open_numpy),
+        (write_tdms, binary_formats.open_tdms),
+        (write_parquet, binary_formats.open_parquet),
         (write_bag_folder, ros_bag.opened),
     ],
 )
@@ -348,7 +348,7 @@ def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
             for name, values, begin in channels
         ]
         writer.write_segment(objects)
-    with binary_formats.opened_tdms(tmp_path / "log.tdms", TextFormatSpec()) as log:
+    with binary_formats.open_tdms(tmp_path / "log.tdms", TextFormatSpec()) as log:
         names = [ChannelSpec("y", "any", f"g/{name}", quantity="position") for name in "ab"]
         values = log.values(names, slice(None))
     assert np.array_equal(values[:, 0], x[20:200])

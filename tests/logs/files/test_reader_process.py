@@ -34,7 +34,7 @@ def test_a_fault_of_the_program_is_no_damaged_file(tmp_path: Path, monkeypatch: 
     (tmp_path / "scipy" / "io.py").write_text("def loadmat(path):\n    return None\n")
     with pytest.raises(ProgramError) as fault:
         contents(tmp_path / "log.mat", TextFormatSpec())
-    assert "opened_matlab" in str(fault.value)
+    assert "open_matlab" in str(fault.value)
     (tmp_path / "scipy" / "io.py").write_text("def loadmat(path):\n    raise TypeError\n")
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path, "another reader"])
     with refused("files/damaged", holds="log.mat"):
