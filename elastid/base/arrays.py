@@ -66,9 +66,13 @@ def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> Fl
     return np.asarray(np.divide(a, b, out=out, where=b > 0))
 
 
-def folded(x: FloatArray, N: int) -> FloatArray:
-    """X (P, N, ...): whole pieces of N rows each of x (n, ...), without the rest at the end."""
-    return x[: len(x) // N * N].reshape(-1, N, *x.shape[1:])
+Signals = TypeVar("Signals", FloatArray, ComplexArray)
+
+
+def folded(x: Signals, N: int) -> Signals:
+    """Return X (P, N, ...): whole pieces of N rows each of x (n, ...), without the rest at the end."""
+    P = len(x) // N
+    return x[: P * N].reshape(P, N, *x.shape[1:])
 
 
 def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:

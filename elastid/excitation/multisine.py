@@ -42,14 +42,11 @@ def sweep_spectrum(kind: Sweep, lines: IntArray) -> ComplexArray:
 
 
 def _sweep(kind: Sweep, n: int, lines: IntArray, odd: bool) -> FloatArray:
-    t = np.arange(n) / n
+    from scipy.signal import chirp  # slow to load, and seldom needed
+
     first, last = lines[[0, -1]] / (2 if odd else 1)  # cycles in the sweep's length
-    if kind == "linear-sweep":
-        cycles = first * t + (last - first) * t**2 / 2
-    else:
-        rate = np.log(last / first)
-        cycles = first * np.expm1(rate * t) / rate
-    return np.asarray(np.sin(2 * np.pi * cycles))
+    method = "linear" if kind == "linear-sweep" else "logarithmic"
+    return np.asarray(chirp(np.arange(n) / n, first, 1.0, last, method, phi=-90))
 
 
 def _binary(n: int, last: int) -> FloatArray:

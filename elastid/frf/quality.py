@@ -53,21 +53,28 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
     S_Z, n_y = data.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.dof
-    coherence, multiple = coherences(
+    both = coherences(
         power(data.of_periods(data.Y, data.Y)) + spread[:, :n_y],
         data.of_periods(data.Y, data.U) + S_Z[:, :n_y, n_y:],
         data.of_periods(data.U, data.U) + S_Z[:, n_y:, n_y:],
     )
-    amplitude = np.sqrt(power(data.YY) / len(data.periods))
-    return Quality(
-        coherence=coherence,
-        multiple_coherence=multiple,
-        singular_values=singular_values(G),
-        input_singular_values=relative_singular_values(data.UU / len(data.periods)),
-        input_noise=noise[:, n_y:],
-        output_noise=noise[:, :n_y],
-        excited=Levels(freq_hz, amplitude, np.sqrt(noise[:, :n_y] * np.mean(1 / data.periods))),
-    )
+    amplitude, noise_of_mean = np.sqrt(power(data.YY) / len(data.periods)), noise[:, :n_y] * np.mean(1 / data.periods)
+    excited = Levels(freq_hz, amplitude, np.sqrt(noise_of_mean))
+    return quality_of(G, data.UU / len(data.periods), both, (noise[:, n_y:], noise[:, :n_y]), excited)
+
+
+def quality_of(
+    G: ComplexArray,
+    S_uu: ComplexArray,
+    both: tuple[FloatArray, FloatArray],
+    noise: tuple[FloatArray, FloatArray],
+    excited: Levels,
+) -> Quality:
+    """Return the quality of G (F, n_y, n_u) under inputs of spectra S_uu (F, n_u, n_u).
+
+    both: ordinary and multiple coherence.  noise: variance of inputs (F, n_u) and outputs (F, n_y) in one period.
+    """
+    return Quality(*both, singular_values(G), relative_singular_values(S_uu), *noise, excited)
 
 
 def relative_singular_values(S_U: ComplexArray) -> FloatArray:

@@ -51,6 +51,7 @@ from elastid.frf.quality import (
     coherences,
     local_modes,
     measured_response,
+    quality_of,
     relative_singular_values,
     segment_notes,
     together_notes,
@@ -388,14 +389,6 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
 
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
     """Return coherences and levels; the noise in the inputs is unknown and counts as none."""
-    noise, relative = power(C_V), relative_singular_values(data.uu / data.K)
-    ordinary, multiple = coherences(power(data.yy), data.yu, data.uu)
-    return Quality(
-        coherence=ordinary,
-        multiple_coherence=multiple,
-        singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
-        input_singular_values=relative,
-        input_noise=np.zeros((len(G), G.shape[2])),
-        output_noise=noise,
-        excited=Levels(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e)),
-    )
+    noise, both = power(C_V), coherences(power(data.yy), data.yu, data.uu)
+    excited = Levels(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e))
+    return quality_of(G, data.uu / data.K, both, (np.zeros((len(G), G.shape[2])), noise), excited)

@@ -17,11 +17,10 @@ for friction: such passes do not count.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, folded, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_record import FrictionRecord
@@ -98,11 +97,11 @@ class PassRegression:
             places = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
             if not loads:
                 places, columns = places[:4], columns[:4]
-            torques.append(_means(part.torque, step))
+            torques.append(folded(part.torque, step).mean(axis=1))
             X = np.zeros((len(torques[-1]), 2 * n_k + 2 + 2 * len(loads)))
-            X[:, places] = _means(np.stack(columns, axis=1), step)
+            X[:, places] = folded(np.stack(columns, axis=1), step).mean(axis=1)
             rows.append(X)
-            waves.append(_means(turn_waves(q, s, turn, searched), step))
+            waves.append(folded(turn_waves(q, s, turn, searched), step).mean(axis=1))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
         y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
         regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), ("inertia", "slope", *gravity))
@@ -164,12 +163,6 @@ def wave_names(wave: int) -> tuple[str, str]:
     """Return names of the cosine and sine of a wave of the motor's turns."""
     name = f"{'ripple' if wave < MAX_HARMONIC else 'angle.turn'}.{wave % MAX_HARMONIC + 1}"
     return f"{name}c", f"{name}s"
-
-
-def _means(x: Any, step: int) -> Any:
-    """Return means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
-    n = len(x) // step
-    return x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1)
 
 
 def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:

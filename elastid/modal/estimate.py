@@ -301,7 +301,7 @@ def _fitted(
 
 
 def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
-    """Return candidates nearest to natural frequencies, each once; a pole of 1 % damping if no candidate is within 2 %."""
+    """Return candidates nearest to natural frequencies, each once; a pole of 1 % damping without any within 2 %."""
     chosen = []
     for f in poles_hz:
         size = 2 * np.pi * f / data.basis.scale

@@ -12,7 +12,8 @@ Guidance, Control and Dynamics 16, 1993; Shih, Tsuei, Allemang and Brown, Mech. 
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import Any, TypeAlias
+from functools import reduce
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -203,11 +204,8 @@ class Modes:
 
 
 def _product(factors: Sequence[FloatArray]) -> FloatArray:
-    """Return coefficients of a product of polynomials, the highest power first."""
-    product = np.ones(1)
-    for factor in factors:
-        product = np.asarray(np.polymul(product, factor))
-    return product
+    """Return the coefficients of a product of polynomials, the highest power first."""
+    return np.asarray(reduce(cast(Any, np.polymul), factors, np.ones(1)))
 
 
 # Frequencies of the poles outside the band over the lowest line, and over the highest; their damping ratio.

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.two_mass import circular
 from scipy.optimize import approx_fprime
 
 from elastid.excitation.grids import grid_lines, with_detection
@@ -67,19 +68,11 @@ def test_known_crest_factors_of_random_schroeder_and_newman_phases() -> None:
     assert crest_factors(lines, np.exp(1j * newman(31))) < 1.9
 
 
-def test_schroeder_phases_are_a_sweep_in_proportion_to_power() -> None:
-    """Phi_k = -2 pi sum_i<k (k - i) p_i, term by term, of a spectrum that falls."""
-    amplitude = 1 / np.arange(1, 20)
-    p = amplitude**2 / np.sum(amplitude**2)
-    expected = [-2 * np.pi * sum((k - i) * p[i] for i in range(k)) for k in range(19)]
-    np.testing.assert_allclose(schroeder(amplitude), expected, atol=1e-12)
-
-
 @pytest.mark.parametrize("p", [4, 64])
 def test_gradient_of_the_norm_is_its_derivative(p: int) -> None:
     """Against finite differences, for a set of two inputs seen through a response to three outputs."""
     rng, lines = np.random.default_rng(3), np.array([1, 2, 4, 7, 8])
-    response = rng.normal(size=(5, 3, 2)) + 1j * rng.normal(size=(5, 3, 2))
+    response = circular(rng, (5, 3, 2))
     signals = Signals(lines, orthogonal_basis("dft", 5, 2), response, np.array([1.0, 2.0, 0.5]))
     phases = rng.uniform(0, 6, 20)
     _, gradient = _norm(phases, signals, p, 64)

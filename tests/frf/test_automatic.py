@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.measured import ARM, measured
-from plants.noise_record import H1, RATE, Resonances, noise_record, truth
+from plants.noise_record import RATE, Resonances, noise_record, truth
 from plants.notes import said
 from plants.refusals import refused
 from scipy.signal import butter, lfilter
@@ -116,12 +116,6 @@ def test_periods_from_rest_go_to_the_local_method_and_those_of_a_plan_or_at_rest
         assert not any("frf/method" in note for note in said(planned.notes))
 
 
-def test_one_period_is_left_to_the_local_method() -> None:
-    """There is no scatter of periods; a mean refuses it."""
-    method, reason = _choice(estimate([_multisine(1, 0)], AUTO))
-    assert (method, "c-r0-e0" in reason) == ("local_rational", True)
-
-
 @pytest.mark.parametrize("band_hz", [None, (0.3, 15.2)])
 def test_a_swept_arm_keeps_its_antiresonance_at_2_45_hz(band_hz: tuple[float, float] | None) -> None:
     """0.0322 of the sampling rate, 2.45 Hz at 76 Hz; segments of h1 put it at 2.375 Hz, one of two lines below 5 Hz."""
@@ -185,39 +179,3 @@ def test_a_missing_sample_is_refused_by_every_method_that_reads_it(method: Metho
             with refused("records/values", place="record c-r1-e0") as caught:
                 estimate(records, spec)
             assert f"sample {missing} " in str(caught.value)
-
-
-def _refusals() -> list[tuple[EstimatorSpec, str, EstimatorSpec]]:
-    """What is refused, its code, and the remedy."""
-    return [
-        (replace(H1, method="arithmetic"), "study/invalid", replace(H1, method="auto")),
-        (replace(H1, lines="odd"), "study/invalid", replace(H1, lines="full")),
-        (replace(H1, transient_periods=1), "study/invalid", H1),
-        (replace(H1, segment=15.0), "frf/segment", replace(H1, segment=2.5)),
-        (replace(H1, segment=0.01), "frf/segment", replace(H1, segment=0.02)),
-    ]
-
-
-@pytest.mark.parametrize(("wrong", "code", "remedy"), _refusals(), ids=lambda x: x if isinstance(x, str) else "")
-def test_every_refusal_names_a_remedy_that_works(wrong: EstimatorSpec, code: str, remedy: EstimatorSpec) -> None:
-    """A record of 15 s."""
-    record = noise_record(3000, 0, noise=0.1)
-    with refused(code):
-        estimate([record], wrong)
-    assert isinstance(estimate([record], remedy), Response)
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"band_hz": (20.0, 10.0)}, "^band_hz: "),
-        ({"local_order": 7}, "^local_order: .*6"),
-        ({"transient_periods": -1}, "^transient_periods: "),
-        ({"resolution_hz": 0.0}, "^resolution_hz: "),
-        ({"segment": -1.0}, "^segment: "),
-        ({"outlier_sigma": 0.0}, "^outlier_sigma: "),
-    ],
-)
-def test_values_without_a_meaning_are_refused(changes: dict[str, object], says: str) -> None:
-    with pytest.raises(ValueError, match=says):
-        EstimatorSpec(**changes)  # type: ignore[arg-type]

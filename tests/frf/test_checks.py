@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.two_mass import circular
 
 from elastid.base.arrays import ComplexArray
 from elastid.covariance import Covariance
@@ -24,8 +25,8 @@ def test_each_input_is_held_against_its_own_noise() -> None:
     second = np.tile([0.01, 0.001, 0.0], F // 3)
     size = np.stack([np.full(F, 6.0), second], axis=1)[:, :, None] * np.array([[1.0, 1.0], [1.0, -1.0]])
     U = np.exp(2j * np.pi * rng.random((F, 2, 1))) * size
-    error = rng.normal(size=(F, P, 2, 2)) + 1j * rng.normal(size=(F, P, 2, 2))
-    X = U[:, None] + error * noise[:, None] / np.sqrt(2)
+    error = circular(rng, (F, P, 2, 2))
+    X = U[:, None] + error * noise[:, None]
     mean, variance = X.mean(axis=1), X.var(axis=1, ddof=1).mean(axis=-1)
     block = Block(mean, mean, None, np.full(2, float(P)), variance, 2 * (P - 1))
     for method in ("arithmetic", "h1"):
@@ -37,9 +38,9 @@ def test_each_input_is_held_against_its_own_noise() -> None:
 def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
     """A torque that is 5 % off in one of six experiments; nothing without it, or where periods differ by as much."""
     rng, F, M = np.random.default_rng(2), 40, 3
-    G = rng.normal(size=(F, 2, 2)) + 1j * rng.normal(size=(F, 2, 2))
-    U = rng.normal(size=(M, F, 2, 2)) + 1j * rng.normal(size=(M, F, 2, 2))
-    Y = G @ U + 0.01 * (rng.normal(size=U.shape) + 1j * rng.normal(size=U.shape))
+    G = circular(rng, (F, 2, 2))
+    U = circular(rng, (M, F, 2, 2))
+    Y = G @ U + 0.01 * circular(rng, U.shape)
     record = Record("", Configuration("b", np.zeros(2)), 0, 0, 1.0, 4, *2 * (MOTORS[:2],), ("position",) * 2,
                     np.zeros((4, 2)), np.zeros((4, 2)))  # fmt: skip
     groups = [[replace(record, name=f"{m}-{e}", realisation=m, experiment=e) for e in range(2)] for m in range(M)]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from plants.marks import slow
 from plants.random_plants import ALL_PERIODS, experiments_of, periods_of, record_of
 from plants.refusals import refused
+from plants.two_mass import circular
 
 from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.frf.estimate import LOCAL, estimate, motor_motion
@@ -35,7 +36,7 @@ def _record(
 
 def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return rng.normal(size=(F, n_y, n_u)) + 1j * rng.normal(size=(F, n_y, n_u))
+    return circular(rng, (F, n_y, n_u))
 
 
 def _experiments(G: np.ndarray, lines: np.ndarray, M: int, rng: np.random.Generator, **how: object) -> list[Record]:
@@ -76,7 +77,7 @@ def test_closed_loop_error_obeys_its_identity(injection: str) -> None:
     """One block in closed loop: G^ - G = V (R - V)^-1 (F^-1 + G), or V (R - F V)^-1 (I + F G), to 1e-12."""
     rng, lines, n = np.random.default_rng(3), np.arange(2, 30), 3
     shape = (len(lines), n, n)
-    G, R, V, C = (rng.normal(size=shape) + 1j * rng.normal(size=shape) for _ in range(4))
+    G, R, V, C = (circular(rng, shape) for _ in range(4))
     eye, V = np.eye(n), 0.05 * V
     R, C = R + 3 * eye, C + 2 * eye
     if injection == "reference":  # U = C (R - Y)
@@ -100,7 +101,7 @@ def _monte_carlo(
     """
     rng, lines = np.random.default_rng(7), np.arange(5, 105)
     plant = np.random.default_rng(1)
-    G = np.repeat(plant.normal(size=(1, n_y, n_u)) + 1j * plant.normal(size=(1, n_y, n_u)), len(lines), axis=0)
+    G = np.repeat(circular(plant, (1, n_y, n_u)), len(lines), axis=0)
     mix_u = 0.05 * (np.eye(n_u) + 0.5 * np.tri(n_u))
     mix_y = 0.2 * (np.eye(n_y) + 0.5 * np.tri(n_y))
     true, noise, total = [], [], []
@@ -254,7 +255,7 @@ def records(velocities: bool = False) -> tuple[tuple[Record, ...], np.ndarray]:
     for e in range(2):
         q = np.zeros((N // 2, 2), complex)
         for lines, size in ((EXCITED, 1e-3), ([CARRIER], 1e-2), (DISTORTED, 2e-5)):
-            q[lines] = size * (rng.standard_normal((len(lines), 2)) + 1j * rng.standard_normal((len(lines), 2)))
+            q[lines] = size * circular(rng, (len(lines), 2))
         power += np.real(q[EXCITED].T @ q[EXCITED].conj()) / 4
         r = np.zeros_like(q)
         r[EXCITED] = 50.0 * rng.standard_normal((len(EXCITED), 2))

@@ -10,10 +10,10 @@ from plants import random_plants
 from plants.random_plants import ALL_PERIODS, experiments_of
 from plants.refusals import refused
 from plants.two_axes import study as study
+from plants.two_mass import circular
 from scipy.signal import csd
 
 from elastid.app.console import Console
-from elastid.app.overview import overview
 from elastid.app.run import Run, run_all
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.estimate import estimate
@@ -40,11 +40,6 @@ def spectra_from(
     return MeanSpectra(tuple(blocks), np.zeros((U.shape[1], n, n)) if C_Z is None else C_Z, 1)
 
 
-def complex_normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
-    """Circular, of variance 1."""
-    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
-
-
 def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R: np.ndarray | None = None) -> Record:
     u, y, r = random_plants.periods_of(lines, N, 2, U, Y, R)
     return random_plants.record_of(u, y, m, e, r, N, RATE)
@@ -55,11 +50,11 @@ def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R
 def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) -> None:
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     F = len(lines)
-    G = complex_normal(rng, F, n_y, n_u) + 2
+    G = circular(rng, (F, n_y, n_u)) + 2
     records = []
     for m in range(3):
         for e, R in enumerate(orthogonal_set(np.ones((F, n_u)), rng)):
-            U = R + 0.2 * complex_normal(rng, F, n_u)
+            U = R + 0.2 * circular(rng, (F, n_u))
             records.append(record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, e, R))
     spec = replace(ALL_PERIODS, method=method)
     response = estimate(records, spec, lines)
@@ -72,9 +67,9 @@ def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) ->
 def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection: str) -> None:
     """Output noise fed back into the inputs: what many blocks leave of the error is the bias of H1."""
     rng, M, F, n = np.random.default_rng(1), 400, 30, 2
-    G, C = complex_normal(rng, F, n, n) + 2 * np.eye(n), complex_normal(rng, F, n, n) + 2 * np.eye(n)
+    G, C = circular(rng, (F, n, n)) + 2 * np.eye(n), circular(rng, (F, n, n)) + 2 * np.eye(n)
     R = np.array([np.moveaxis(orthogonal_set(np.ones((F, n)), rng), 0, 2) for _ in range(M)])
-    V, eye = 0.15 * complex_normal(rng, M, F, n, n), np.eye(n)
+    V, eye = 0.15 * circular(rng, (M, F, n, n)), np.eye(n)
     U = np.linalg.solve(eye + C @ G, C @ (R - V) if injection == "reference" else R - C @ V)
     data = spectra_from(U, G @ U + V, R)
     error = {m.__name__: np.sqrt(np.mean(np.abs(m(data).G - G) ** 2)) for m in (h1, joint, arithmetic)}
@@ -85,10 +80,10 @@ def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(
 def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() -> None:
     """Correlated noise on inputs and outputs, known from the periods: its error, scatter alone, is far below its."""
     rng, M, F, n = np.random.default_rng(1), 1500, 12, 2
-    G = complex_normal(rng, F, n, n) + 2 * np.eye(n)
+    G = circular(rng, (F, n, n)) + 2 * np.eye(n)
     mix = 0.25 * (np.eye(2 * n) + 0.5 * np.tri(2 * n))
     U = np.array([np.moveaxis(orthogonal_set(np.ones((F, n)), rng), 0, 2) for _ in range(M)])
-    Z = np.concatenate([G @ U, U], axis=2) + mix @ complex_normal(rng, M, F, 2 * n, n)
+    Z = np.concatenate([G @ U, U], axis=2) + mix @ circular(rng, (M, F, 2 * n, n))
     C_Z = np.broadcast_to(mix @ mix.T, (F, 2 * n, 2 * n)).astype(complex)
     data = spectra_from(Z[:, :, n:], Z[:, :, :n], P=1, C_Z=C_Z)
     error = {m.__name__: np.abs(m(data).G - G).mean() for m in (h1, errors_in_variables)}
@@ -98,7 +93,7 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() 
 def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
     """The maximum likelihood estimate of both, and the variance of h1 of one input by the noise of each experiment."""
     rng, F, P = np.random.default_rng(4), 8, np.array([3, 4, 3, 4, 4])
-    U, Y, Z = (complex_normal(rng, F, n, k) for n, k in ((2, 5), (2, 5), (4, 9)))
+    U, Y, Z = (circular(rng, (F, n, k)) for n, k in ((2, 5), (2, 5), (4, 9)))
     data = spectra_from(U[None], Y[None], C_Z=Z @ Z.mT.conj())
     once = replace(data, blocks=tuple(replace(block, periods=P.astype(float)) for block in data.blocks))
     U_all, Y_all = (np.repeat(X, P, axis=2)[None] for X in (U, Y))
@@ -111,20 +106,13 @@ def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
     np.testing.assert_allclose(variance, np.sum(power / P, axis=1) / np.sum(power, axis=1) ** 2, rtol=1e-12)
 
 
-def test_joint_needs_the_injected_torque() -> None:
-    lines = np.arange(4, 20)
-    U = orthogonal_set(np.ones((16, 1)), np.random.default_rng(0))[0]
-    with refused("frf/method"):
-        estimate([record_of(U, U, lines, 0, 0)], replace(ALL_PERIODS, method="joint"), lines)
-
-
 def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
     """Two realisations of one experiment each move two inputs in two ways: H1 has an answer, a mean has none."""
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
-    G = complex_normal(rng, 36, 2, 2)
+    G = circular(rng, (36, 2, 2))
     records = []
     for m in range(2):
-        U = complex_normal(rng, 36, 2)
+        U = circular(rng, (36, 2))
         records.append(record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, 0))
     np.testing.assert_allclose(estimate(records, replace(ALL_PERIODS, method="h1"), lines).G, G, atol=1e-8)
     auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
@@ -133,6 +121,8 @@ def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
     assert "joint" in estimate(injected, replace(ALL_PERIODS, method="auto"), lines).notes[0].text
     with refused("frf/inputs-not-separable", place="configuration c, realisation 0"):
         estimate(records, replace(ALL_PERIODS, method="arithmetic"), lines)
+    with refused("frf/method"):
+        estimate(records, replace(ALL_PERIODS, method="joint"), lines)
 
 
 def _mean_periods(records: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +135,7 @@ def _mean_periods(records: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:
 def _noisy_records(n: int) -> list[Record]:
     """Four realisations of n orthogonal experiments, 0.3 of noise on every input and output."""
     rng = np.random.default_rng(3)
-    return experiments_of(complex_normal(rng, 96, n, n), np.arange(4, 100), 4, rng, N, noise=(0.3, 0.3), rate_hz=RATE)
+    return experiments_of(circular(rng, (96, n, n)), np.arange(4, 100), 4, rng, N, noise=(0.3, 0.3), rate_hz=RATE)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -168,7 +158,7 @@ def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     from best_linear_approximation import robust
 
     rng, lines, n, M = np.random.default_rng(4), np.arange(4, 40), 2, 12
-    G = complex_normal(rng, 36, n, n) + 2
+    G = circular(rng, (36, n, n)) + 2
     records = experiments_of(G, lines, M, rng, N, noise=(0.05, 0.05), rate_hz=RATE)
     records = [replace(record, r=None) for record in records]
     u, y = (
@@ -208,23 +198,3 @@ def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: 
     run_all(whole, ["design"])
     two = read_forecast(whole.path("design"))
     np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)
-
-
-def test_a_design_fits_more_configurations_into_the_time_where_each_has_fewer_experiments(
-    study: Path, tmp_path: Path
-) -> None:
-    """A run takes 13 s: 39 s hold two more configurations than the one given, and `check` counts experiments."""
-    assert "1 experiment: 1 configuration (bent) x 1 realisation x 1 experiment" in overview(load(study, ONE).study)
-    run = Run(
-        load(study, [*ONE, "design={robot_time: 39, candidates: {random: 20}}"]), tmp_path / "run", 1, Console(-1)
-    )
-    run_all(run, ["design"])
-    plan = read_plan(run.path("design"))
-    assert len(plan.experiments) == 3
-    assert plan.robot_time_s == 39
-
-
-@pytest.mark.parametrize("overrides", [["estimator.method=auto"], ["estimator.method=h1", "experiment.realisations=2"]])
-def test_enough_experiments_for_the_method_are_not_refused(study: Path, overrides: list[str]) -> None:
-    """auto takes a local method; one that pools has two experiments from two realisations."""
-    assert load(study, [*ONE, *overrides]).study.experiment.runs(2) == 1

@@ -41,13 +41,6 @@ def motion(seed: int, top: float = 0.2) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: top / largest * v(t)
 
 
-def minor_loop(law: Law, curve: Curve) -> tuple[float, float]:
-    """Torque where a small excursion back begins, and where it ends at the same displacement."""
-    there, little = np.full(600, 1e-2), np.full(60, -1e-2)
-    _, torque = Numeric(law, curve, 1e-5).follow(np.concatenate([there, little, -little]))
-    return torque[599], torque[-1]
-
-
 def taken(law: Law, curve: Curve, v: np.ndarray, viscous: float, step: float) -> float:
     """Energy in J that the law and viscous friction have taken at the worst moment, from unbent bristles."""
     states, _ = Numeric(law, curve, step).follow(v)
@@ -106,14 +99,6 @@ def test_steady_sliding_takes_tustins_torque_in_both_directions(law: Law, v: flo
     np.testing.assert_allclose(static, expected, rtol=1 - math.tanh(abs(v) / SLIDING_VELOCITY) + 1e-12)
 
 
-def test_maxwell_slip_remembers_minor_loops_and_lugre_does_not() -> None:
-    """Back by 6e-6 rad and forth again: the torque returns to rounding; LuGre ends elsewhere, by percents."""
-    before, after = minor_loop(ELEMENTS, COULOMB)
-    np.testing.assert_allclose(after, before, rtol=1e-12)
-    before, after = minor_loop(Bristle(1e4), COULOMB)
-    assert abs(after - before) > 0.005 * before
-
-
 def test_lugre_drifts_under_a_ripple_below_break_away_and_maxwell_slip_does_not() -> None:
     """Strain cycles about a bent state relax LuGre's torque cycle by cycle; Maxwell slip's loop is closed."""
     bend, cycle = np.full(50, 1e-2), np.tile(np.repeat([-1e-2, 1e-2], 20), 50)
@@ -136,13 +121,6 @@ def test_at_rest_bristles_are_a_spring_to_ground() -> None:
     assert LUGRE.at_rest(F_C, F_S) == (LUGRE.sigma_0, LUGRE.sigma_1)
     # The exact update rounds nothing off at small steps: a displacement far below break-away is kept.
     assert abs(Numeric(LUGRE, STRIBECK, 1e-3).follow(np.full(10, 1e-9))[1][-1] / (1e4 * 1e-11 + 30e-9) - 1) < 1e-5
-
-
-def test_a_joint_at_rest_under_load_does_not_creep() -> None:
-    """With no velocity the bristles keep their torque for ever."""
-    for law in DYNAMIC:
-        _, torque = Numeric(law, STRIBECK, 1e-2).follow(np.concatenate([np.full(1, 4e-3), np.zeros(1000)]))
-        np.testing.assert_array_equal(torque[2:], torque[1])
 
 
 @given(st.integers(0, 10_000), st.sampled_from([0.02, 0.2, 2.0]))

@@ -118,18 +118,15 @@ def test_bristles_slide_at_the_level_of_their_direction() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "word"),
+    ("wrong", "numbers"),
     [
-        (lambda: Friction(1.0, exponent=0.1), r"exponent \(a\) is 0.1"),
-        (lambda: Friction(1.0, directions=Directions(1.0)), "directions: coulomb 1 .* coulomb 1,"),
-        (
-            lambda: placed(Friction(1.0, directions=Directions(viscous=11.0))),
-            "directions: viscous 11 .* 10,",
-        ),
-        (lambda: LoadDependence(0.1, 0.1, 2.0), "load: stribeck_velocity .* 0.1 .* 0.1"),
-        (lambda: MeasuredRange(speed=(2.0, 1.0)), r"speed is \[2, 1\]"),
+        (lambda: Friction(1.0, exponent=0.1), "0.1"),
+        (lambda: Friction(1.0, directions=Directions(1.0)), "1 .* 1,"),
+        (lambda: placed(Friction(1.0, directions=Directions(viscous=11.0))), "11 .* 10,"),
+        (lambda: LoadDependence(0.1, 0.1, 2.0), "0.1 .* 0.1"),
+        (lambda: MeasuredRange(speed=(2.0, 1.0)), r"\[2, 1\]"),
     ],
 )
-def test_laws_that_cannot_be_are_refused(wrong: Callable[[], object], word: str) -> None:
-    with pytest.raises(ValueError, match=word):
+def test_laws_that_cannot_be_are_refused(wrong: Callable[[], object], numbers: str) -> None:
+    with pytest.raises(ValueError, match=numbers):
         wrong()

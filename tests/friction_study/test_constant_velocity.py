@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ from elastid.friction_study.result import (
     true_numbers,
 )
 from elastid.friction_study.sliding_friction import identify_sliding_friction
-from elastid.friction_study.spec import FilterSpec, LawSpec, PreslidingTestSpec, WarmUpSpec
+from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
@@ -238,19 +237,3 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
     assert (forwards.value, backwards.value) == (pytest.approx(24.0, abs=0.1), pytest.approx(20.0, abs=0.1))
     for row in (forwards, backwards):
         assert (row.high - row.value) / row.std == pytest.approx((mean.high - mean.value) / mean.std)
-
-
-@pytest.mark.parametrize(
-    ("section", "right", "wrong"),
-    [
-        (FilterSpec(), {"states": ("f+", "f-")}, {"states": ("f", "f+")}),
-        (PreslidingTestSpec(), {"torque": (0.9,)}, {"torque": (0.05, 1.0)}),
-        (PreslidingTestSpec(), {"torque": (0.05,)}, {"torque": ()}),
-        (WarmUpSpec(1.0), {"time": 601.0, "test_every": 600.0}, {"time": 600.0, "test_every": 600.0}),
-    ],
-)
-def test_a_section_is_what_can_be(section: Any, right: dict[str, Any], wrong: dict[str, Any]) -> None:
-    """Parts of the Coulomb torque, tests within the warm-up, states of one way or of both."""
-    replace(section, **right)
-    with pytest.raises(ValueError):  # noqa: PT011
-        replace(section, **wrong)

@@ -186,12 +186,3 @@ def test_momentum_grows_by_the_torques_that_act(joint: TrackedJoint) -> None:
     inertias = {"v_m": joint.motor_inertia, "v_l": joint.link_inertia if joint.stiffness else 0.0}
     momentum = np.array([inertias.get(name, 0.0) for name in frictionless.states])
     assert (after - x) @ momentum == pytest.approx((2.0 - 0.7 - 0.2) / RATE_HZ, rel=1e-6)
-
-
-def test_a_motion_of_a_few_samples_is_filtered() -> None:
-    """Shorter than the samples over which the velocity at its start is averaged."""
-    samples = simulate(rich(1.0), seed=1).samples
-    short = JointSamples(samples.torque[:4], samples.load[:4], samples.angle[:4])
-    track = KalmanFilter(FOLLOWED, RATE_HZ).run([short], NOISE)
-    assert track.x.shape == (4, 3)
-    assert np.isfinite(track.std).all()

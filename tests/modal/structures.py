@@ -1,6 +1,7 @@
 """Responses of structures with known modes."""
 
 import numpy as np
+from plants.two_mass import circular
 
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, Response
@@ -25,7 +26,7 @@ def modal_response(
     modal = (1j * omega) ** MOTION_ORDER[quantity] / (natural**2 - omega**2 + 2j * zeta * natural * omega)
     G = np.einsum("ir,fr,jr->fij", shapes, modal, shapes[:n_u])
     rng, std = np.random.default_rng(seed), noise * float(np.sqrt(np.mean(np.abs(G) ** 2)))
-    G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
+    G = G + std * circular(rng, G.shape)
     covariance = Covariance(np.full(G.shape, std**2), np.inf) if noise else None
     names = tuple(f"u{j}" for j in range(n_u)), tuple(f"y{i}" for i in range(len(shapes)))
     return Response(freq_hz, G, *names, quantity, BENCH, noise=covariance)

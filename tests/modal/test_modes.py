@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies
 from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
+from plants.two_mass import circular
 
 from elastid.modal.estimate import by_differences, line_variance, modal_data, smoothed
 from elastid.modal.model import ModalFit
@@ -60,7 +61,7 @@ def test_variances_are_those_of_neighbours_or_of_outputs_and_inputs(seed: int) -
     """White noise on a cubic along uneven lines, as it scatters; a + b |G|^2 of a few degrees of freedom, as stated."""
     rng = np.random.default_rng(seed)
     freq_hz, std = np.cumsum(rng.uniform(0.5, 1.5, 4000)), np.array([[1e-3, 5.0]])
-    noise = std * (rng.normal(size=(4000, 1, 2)) + 1j * rng.normal(size=(4000, 1, 2))) / np.sqrt(2)
+    noise = std * circular(rng, (4000, 1, 2))
     G = 100 * std * np.polyval(rng.normal(size=4), freq_hz / 4000)[:, None, None] + noise
     assert np.median(by_differences(freq_hz, G), axis=0) == pytest.approx(std**2, rel=0.15)
     power = np.exp(rng.normal(size=(400, 2, 1)))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies
 from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.marks import SEEDS
+from plants.two_mass import circular
 
 from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes, modal_data
@@ -87,7 +88,7 @@ def test_noise_alone_has_no_mode() -> None:
         rng = np.random.default_rng(seed)
         shape = (len(FREQ_HZ), 1 + seed % 4, 1)
         std = (FREQ_HZ / 10 if seed % 2 else np.ones(len(FREQ_HZ)))[:, None, None] * np.ones(shape)
-        G = std * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
+        G = std * circular(rng, shape)
         noise = Covariance(std**2, np.inf) if seed < 4 else None
         outputs = tuple(f"y{i}" for i in range(shape[1]))
         assert estimate_modes(Response(FREQ_HZ, G, ("u",), outputs, "velocity", BENCH, noise)).n_modes == 0
@@ -151,7 +152,7 @@ def test_resonances_between_lines_are_modes_once_and_three_disturbed_lines_are_n
         for r in range(3)
     ]
     G = np.concatenate(each, axis=2)
-    G = G * (1 + 0.02 * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2))
+    G = G * (1 + 0.02 * circular(rng, G.shape))
     G[114:117, 0, 2] += 2 * np.median(np.abs(G)) * np.array([0.6 + 0.5j, 0.4 - 0.9j, 0.3 - 0.5j])
     response = Response(freq_hz, G, ("a", "b", "c"), ("y",), "acceleration", BENCH)
     np.testing.assert_allclose(estimate_modes(response).freq_hz, natural, atol=0.03)

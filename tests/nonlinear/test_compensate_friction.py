@@ -13,7 +13,6 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensate_friction import (
     TURNING_ERROR,
-    compensate_friction,
     compensated_records,
     estimate_net_response,
     to_links,
@@ -228,11 +227,3 @@ def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines()
     record = replace(record, y=record.y + noise)
     by_angle, by_torque = motion_of(record, "motor 1"), friction_of(1 / J).motion(record, "motor 1")
     assert np.mean(lateness(by_torque) ** 2) < 0.7**2 * np.mean(lateness(by_angle) ** 2)
-
-
-def test_friction_of_level_0_leaves_the_torque() -> None:
-    """And the motion, to the last bit."""
-    record, _ = simulated()
-    net = compensate_friction(record, replace(friction_of(1 / J), coulomb_torque=np.zeros(1)))
-    np.testing.assert_array_equal(net.u, record.u)
-    np.testing.assert_array_equal(net.y, record.y)

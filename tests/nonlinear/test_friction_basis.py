@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from elastid.friction.stop_operator import Path, stop
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.friction_basis import BasisFunction, amplitudes, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
@@ -78,15 +77,6 @@ def test_half_periods_are_repetitions_with_the_other_sign() -> None:
         np.testing.assert_allclose(
             amplitudes_of(replace(record, half_wave=True), shape, [3, 9]), amplitudes_of(record, shape, [3, 9])
         )
-
-
-def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:
-    """By quadrature over one turn."""
-    angle = 2 * np.pi * np.arange(200_000) / 100_000
-    s = stop(Path.of(0.2 * np.cos(angle)), 0.1)[100_000:] / 0.1
-    expected = np.mean(s * np.exp(-1j * angle[100_000:])) * 2
-    (found,) = amplitudes_of(swinging(3, 0.2), BasisFunction("motor 1", "stop", 0.1), [3])
-    np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 def test_a_reversal_goes_from_one_direction_to_the_other() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.two_mass import circular
 
 from elastid.nonlinear.friction_basis import BasisFunction, Kind
 from elastid.nonlinear.spectra import ConfigurationSpectra
@@ -32,7 +33,7 @@ def sums(X: np.ndarray, e: np.ndarray) -> NormalEquations:
 
 def shapes(alike: float, rng: np.random.Generator) -> np.ndarray:
     """Three shapes (3, 400): the second as the first but for a part, the third like neither."""
-    X = (rng.standard_normal((3, 400)) + 1j * rng.standard_normal((3, 400))) / 10
+    X = circular(rng, (3, 400)) / 10
     X[1] = X[0] + alike * X[1]
     return X
 
@@ -40,7 +41,7 @@ def shapes(alike: float, rng: np.random.Generator) -> np.ndarray:
 def regression(alike: float, seed: int, truth: tuple[float, float, float] = (F_C, 0.0, 0.0)) -> NormalEquations:
     rng = np.random.default_rng(seed)
     X = shapes(alike, rng)
-    noise = (rng.standard_normal(400) + 1j * rng.standard_normal(400)) / np.sqrt(2)
+    noise = circular(rng, 400)
     return sums(X, np.array(truth) @ X + noise)
 
 
@@ -85,7 +86,7 @@ def on_a_carrier(power: float) -> ConfigurationSpectra:
     Two shapes: a sign, of which no response explains half at the other lines, and a spring, which one explains.
     """
     rng = np.random.default_rng(0)
-    U, others = rng.standard_normal((2, 20, 1, 3)) + 1j * rng.standard_normal((2, 20, 1, 3))
+    U, others = circular(rng, (2, 20, 1, 3))
     U[0] = others[0] = 1
     size = np.where(np.arange(20) == 0, np.sqrt(power), 1.0)[:, None, None]
     Phi = size * np.concatenate([U + others, U], axis=1)

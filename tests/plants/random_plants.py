@@ -8,6 +8,7 @@ import numpy as np
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
+from plants.two_mass import circular
 
 RATE, N = 1000.0, 1024
 ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
@@ -58,7 +59,7 @@ def experiments_of(
         for e, U in enumerate(orthogonal_set(np.full((F, n_u), scale[m] if scale else 1.0), rng)):
             Y = np.einsum("fyu,fu->fy", G, U)
             if distortion:
-                Y = Y + distortion * (rng.normal(size=(F, n_y)) + 1j * rng.normal(size=(F, n_y))) / np.sqrt(2)
+                Y = Y + distortion * circular(rng, (F, n_y))
             r, y = periods_of(lines, n, P, U, Y)
             mixed = [rng.normal(size=x.shape) @ np.transpose(mix * np.eye(x.shape[1]) if np.isscalar(mix) else mix)
                      for x, mix in zip((r, y), noise, strict=False)] or [0.0, 0.0]  # fmt: skip

@@ -23,6 +23,7 @@ from elastid.validation.frf_error import validate
 from elastid.validation.log_comparison import DRY, INERTIA, TorqueBalance
 from elastid.validation.torque_balance import torque_balance
 from plants.arm_modes import mode_row
+from plants.two_mass import circular
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -42,7 +43,7 @@ def pair(n_u, n_y=None, name="c1", seed=0, freq_hz=FREQ_HZ):
     rng = np.random.default_rng(seed)
     G, model = (chain(n_u, n_y, stiffness, freq_hz) for stiffness in (3e5, 3.03e5))
     noise, total = np.full(G.shape, 4e-8), 4e-8 + (0.03 * np.abs(G)) ** 2
-    Ghat = G + np.sqrt(total / 2) * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape))
+    Ghat = G + np.sqrt(total) * circular(rng, G.shape)
     inputs = tuple(f"motor {i + 1}" for i in range(n_u))
     outputs = tuple(f"place {i + 1}" for i in range(G.shape[1]))
     common = (inputs, outputs, "acceleration", Configuration(name, np.radians([10.0] * n_u)))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.random_plants import periods_of
 
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -44,21 +45,16 @@ def test_parts_of_a_known_joint_have_their_torque() -> None:
     U = np.exp(2j * np.pi * rng.uniform(size=len(lines)))
     Y = frequency_response(whole, np.zeros(1), freq_hz)[:, 0, 0] * U
 
-    def periods(X):
-        spectrum = np.zeros(N // 2 + 1, dtype=complex)
-        spectrum[lines] = X * N / 2
-        return np.tile(np.fft.irfft(spectrum, n=N), 3)[:, None]
-
-    net = Record("r", whole.configuration, 0, 0, RATE_HZ, N, ("motor 1",), ("motor 1",), ("acceleration",),
-                 periods(U), periods(Y))  # fmt: skip
+    velocity = Y / (2j * np.pi * freq_hz)
+    u, a, v = periods_of(lines, N, 3, *(X[:, None] for X in (U, Y, velocity)))
+    net = Record("r", whole.configuration, 0, 0, RATE_HZ, N, ("motor 1",), ("motor 1",), ("acceleration",), u, a)
     record = replace(net, u=(1 + DRY_SHARE) * net.u)
     theta = np.zeros(1)
     parts = (whole, theta), (frictionless, theta), (alone, theta)
     (found,) = elastic_balances(record, net, parts, freq_hz, EstimatorSpec(transient_periods=1))
     assert found.parts == (RIGID_BODY, ELASTICITY, VISCOUS, DRY)
-    velocity = Y / (2j * np.pi * freq_hz)
-    np.testing.assert_allclose(found.torques[0], (J_MOTOR + J_LINK) * periods(Y)[:N, 0], atol=1e-9)
-    np.testing.assert_allclose(found.torques[2], VISCOUS_COEFFICIENT * periods(velocity)[:N, 0], atol=1e-9)
+    np.testing.assert_allclose(found.torques[0], (J_MOTOR + J_LINK) * a[:N, 0], atol=1e-9)
+    np.testing.assert_allclose(found.torques[2], VISCOUS_COEFFICIENT * v[:N, 0], atol=1e-9)
     np.testing.assert_allclose(found.torques[3], DRY_SHARE * net.u[:N, 0], atol=1e-9)
     assert sum(found.fractions) == pytest.approx(1.0)
     assert found.unexplained_fraction == pytest.approx(0.0, abs=1e-12)

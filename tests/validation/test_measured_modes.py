@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from plants.fitted_models import fitted_model
+from plants.two_mass import circular
 
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
@@ -28,7 +29,7 @@ def measured(lacking: float) -> FittedRobot:
     modal = -(omega**2) / (natural**2 - omega**2 + 2j * 0.02 * natural * omega)
     size = lacking * np.abs(G).max() * 0.04
     std = 0.002 * np.sqrt(np.mean(np.abs(G) ** 2))
-    noise = std / np.sqrt(2) * (rng.normal(size=G.shape) + 1j * rng.normal(size=G.shape))
+    noise = std * circular(rng, G.shape)
     G = G + size * modal[:, None, None] * np.outer(shape, shape) + noise
     return replace(fitted, measured=(replace(empty, G=G, noise=Covariance(np.full(G.shape, std**2), np.inf)),))
 

@@ -33,7 +33,7 @@ from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.matrices import power
-from elastid.frf.quality import coherences_of_powers, relative_singular_values
+from elastid.frf.quality import coherences_of_powers, quality_of
 from elastid.response import Covariance, Levels, Quality
 
 # Thresholds of a fit; false-alarm rates: not measured.
@@ -183,17 +183,10 @@ def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArr
         of_noise = power(fitted.C_noise)
         C_V = of_noise + (C_V - of_noise) / periods.mean()
         output_noise, noise = np.split(power(fitted.C_Z), [n_y], axis=1)
-    coherence, multiple, signal = _coherences(fitted, S_uu, C_V)
+    *both, signal = _coherences(fitted, S_uu, C_V)
     noise_of_mean = output_noise * np.mean(1 / periods)
-    return Quality(
-        coherence=coherence,
-        multiple_coherence=multiple,
-        singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
-        input_singular_values=relative_singular_values(S_uu),
-        input_noise=noise,
-        output_noise=output_noise,
-        excited=Levels(freq_hz, np.sqrt(signal + noise_of_mean), np.sqrt(noise_of_mean)),
-    )
+    excited = Levels(freq_hz, np.sqrt(signal + noise_of_mean), np.sqrt(noise_of_mean))
+    return quality_of(G, S_uu, (both[0], both[1]), (noise, output_noise), excited)
 
 
 def _coherences(

@@ -10,6 +10,7 @@ from plants.marks import slow
 from plants.noise_record import Resonances, noise_record, sweeps
 from plants.random_plants import periods_of, record_of, two_modes
 from plants.refusals import refused
+from plants.two_mass import circular
 
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response, merge_repeats, spectra_at, steady_spectra
@@ -42,7 +43,7 @@ def _phases(rng: np.random.Generator, *shape: int) -> np.ndarray:
 
 def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -> np.ndarray:
     """G (F, n_y, n_u), a polynomial in frequency."""
-    C = rng.normal(size=(degree + 1, n_y, n_u)) + 1j * rng.normal(size=(degree + 1, n_y, n_u))
+    C = circular(rng, (degree + 1, n_y, n_u))
     x = (FREQ - FREQ.mean()) / np.ptp(FREQ)
     G: np.ndarray = np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
     return G
@@ -119,7 +120,7 @@ def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() ->
     for _ in range(20):
         U = _phases(rng, len(LINES), 2)
         G = _polynomial(2, 2, np.random.default_rng(0))
-        Y_s = distortion * (rng.normal(size=U.shape) + 1j * rng.normal(size=U.shape)) / np.sqrt(2)
+        Y_s = distortion * circular(rng, U.shape)
         taken = _noisy(_record(U, np.einsum("fyu,fu->fy", G, U) + Y_s, P=4), rng, std)
         response = local_response([taken], LPM, LINES)
         noise.append(response.noise.variance)

@@ -72,6 +72,9 @@ def test_every_key_is_read_in_si(study: Path) -> None:
         ("experiment.simulated.truth.Fc_m1=1 N", "unit 'N' measures N, not N*m"),
         ("experiment.simulated.truth.Fc_m1=40", "truth.Fc_m1: no robot has this value: friction: stiction (F_s) is 31"),
         ("validation={configurations: [upright]}", "validation.configurations: no stage"),
+        ("friction.warm_up.test_every=2 h", "friction.warm_up.test_every: "),
+        ("filter={states: [f, f+]}", ": filter.states: "),
+        ("gears={}", ": gears"),
     ],
 )
 def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
