@@ -34,7 +34,7 @@ from elastid.validation.comparison import (
     Refit,
     describe_search,
     divide,
-    held,
+    fix,
     rank,
     refit,
     restricted,
@@ -156,7 +156,7 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     robot = stiffened(robot, spec.rigid)
     fit = restricted(_weighed_as(given, study), robot, study.as_robot())
     if study.model != given.model:
-        fit = held(fit, robot, unseen(robot, study.model.variant))
+        fit = fix(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
     # Independent coordinates are a choice for the study's own robot, and without influence on its response.
     return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)

@@ -103,9 +103,9 @@ class _Responses(_Results):
         return {"": read_responses(self.run.path("estimate"))}
 
     def modes(self) -> Values:
-        from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra
+        from elastid.modal.estimate import estimate_all_modes  # SciPy's linear algebra
 
-        return {"": modes_of_responses(self.responses()[""], self.run.study.modal)}
+        return {"": estimate_all_modes(self.responses()[""], self.run.study.modal)}
 
     def geometry(self) -> Values:
         study = self.run.study

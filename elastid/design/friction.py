@@ -30,7 +30,7 @@ from elastid.experiment.plan.friction import (
 )
 from elastid.experiment.simulated.plant import holding_torque, model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.friction.robot_friction import laws_of_joint
+from elastid.friction.robot_friction import joint_laws
 from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LoadSpec, WarmUpSpec
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
@@ -127,7 +127,7 @@ def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
     """
     speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else GEAR.speed
     torque = joint.limits.torque if math.isfinite(joint.limits.torque) else GEAR.torque_rate * inertia
-    laws = laws_of_joint(robot, joint.name)
+    laws = joint_laws(robot, joint.name)
     curves = [law.curve().tolist() for law in laws]
     coulomb = sum(curve[0] for curve in curves) or GEAR.coulomb * torque
     excess = sum(curve[1] - curve[0] for curve in curves) or (GEAR.stiction - 1) * coulomb

@@ -28,7 +28,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.spec import FitSpec
-from elastid.frf.distortion import of_sign
+from elastid.frf.distortion import sign_approximation
 from elastid.friction.robot_friction import coulomb_torques
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
@@ -79,7 +79,7 @@ def friction_linearisation(
     viscous friction; s depends on the phases, repeats in every period and averages over realisations only.
     """
     v = np.stack([synthesise(lines, spectrum, period_samples) for spectrum in V]) + carrier_velocity
-    slope, power = of_sign(v, V, lines)
+    slope, power = sign_approximation(v, V, lines)
     return coulomb * slope, mean_of_neighbours(coulomb**2 * power)  # it comes from few experiments
 
 

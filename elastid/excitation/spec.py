@@ -113,12 +113,12 @@ class MultisineSpec:
     @property
     def amplitudes(self) -> tuple[OneTorque, ...]:
         """The amplitudes at which every configuration is measured, mostly one."""
-        given = self.torque_rms
-        if not isinstance(given, tuple):
-            return (given,)
-        lists = tuple(item for item in given if isinstance(item, tuple))
+        amplitudes = self.torque_rms
+        if not isinstance(amplitudes, tuple):
+            return (amplitudes,)
+        lists = tuple(item for item in amplitudes if isinstance(item, tuple))
         if not lists:
-            return (tuple(item for item in given if not isinstance(item, tuple)),)
+            return (tuple(item for item in amplitudes if not isinstance(item, tuple)),)
         return tuple(item[0] if len(item) == 1 else item for item in lists)
 
     def at_amplitude(self, index: int) -> "MultisineSpec":

@@ -54,7 +54,7 @@ class AutomaticLimits:
 LIMITS = AutomaticLimits()
 
 
-def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
+def method_choice(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
     """Return a method and the note on it."""
     text = f"the FRF is estimated by the method {method}, because {reason}"
     return method, (Note("frf/method", text, severity="information"),)
@@ -75,22 +75,22 @@ def choose_by_error(
         local = preview()
     except DataError as refusal:
         candidate()
-        return chosen(method, f"local_rational rejects the records ({refusal})")
+        return method_choice(method, f"local_rational rejects the records ({refusal})")
     try:
         response = candidate()
     except DataError as refusal:
-        return chosen("local_rational", f"{method} rejects the records ({refusal})")
+        return method_choice("local_rational", f"{method} rejects the records ({refusal})")
     if min(response.n_lines, local.n_lines) < 2:
-        return chosen("local_rational", f"{method} has only {response.n_lines} lines")
+        return method_choice("local_rational", f"{method} has only {response.n_lines} lines")
     error, error_l, resolution = relative_errors(response, local, has_bias=method == "h1")
     unit = "Hz" if local.has_rate else "of the sampling rate"
     scale = f"(of |G|, averaged over {resolution:.2g} {unit})"
     if error_l * margin < error:
         errors = f"{100 * error_l:.2g} % {scale} instead of {100 * error:.2g} % with {method}"
-        return chosen("local_rational", f"its relative std is {errors}")
+        return method_choice("local_rational", f"its relative std is {errors}")
     missed = f", which is not {margin:g} times less" if error_l < error else ""
     errors = f"{100 * error:.2g} % {scale} instead of {100 * error_l:.2g} % with local_rational"
-    return chosen(method, f"its relative std is {errors}{missed}")
+    return method_choice(method, f"its relative std is {errors}{missed}")
 
 
 def relative_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:
@@ -103,8 +103,8 @@ def relative_errors(response: Response, local: Response, has_bias: bool) -> tupl
     common = inside & _has_power(local)
     local = local.lines(common if common.any() else inside)
     G, variance_l = interpolated(local.freq_hz, response.freq_hz, response.G), _variance(local)
-    of_line = response.noise.variance if has_bias and response.noise is not None else _variance(response)
-    variance = interpolated(local.freq_hz, response.freq_hz, of_line)
+    line_variance = response.noise.variance if has_bias and response.noise is not None else _variance(response)
+    variance = interpolated(local.freq_hz, response.freq_hz, line_variance)
     # |G|^2 of both, each by its weight.
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)

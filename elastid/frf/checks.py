@@ -92,11 +92,11 @@ def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> 
             )
 
 
-def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
+def separable_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
     """Return flags (F,) of lines with separate inputs, per realisation if averaged, else in all; DataError if none."""
     if method == "arithmetic":
         return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
-    block, R = data.every, data.every.R
+    block, R = data.all_experiments, data.all_experiments.R
     if method == "joint" and R is not None:  # what the instruments explain of U; twice the level, as lines are pooled
         _, n_u, E = block.U.shape
         explained = block.U @ np.linalg.pinv(R) @ R
@@ -202,26 +202,26 @@ def _relative_power(data: MeanSpectra, m: int) -> FloatArray:
     step = -(-len(blocks[0].U) // PHASE_LINES)
     others = [block for i, block in enumerate(blocks) if i != m]
     U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
-    share = U.shape[1] / U.shape[2]
+    ratio = U.shape[1] / U.shape[2]
     G = Y @ U.mT.conj() @ inverse(U @ U.mT.conj())
     error = np.concatenate([np.broadcast_to(np.eye(Y.shape[1]), (len(Y), Y.shape[1], Y.shape[1])), -G], axis=2)
     noise = np.einsum("fai,fij,faj->fa", error, data.S_Z[::step], error.conj()).real
     noise /= data.dof * np.mean(data.periods)
-    inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - share), np.maximum(noise, 1e-300))
-    outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + share)
+    inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - ratio), np.maximum(noise, 1e-300))
+    outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + ratio)
     return np.asarray(np.median(outside / inside[:, :, None], axis=(0, 1)))
 
 
 def pulses(u: FloatArray) -> IntArray | None:
     """Return first sample and end (n, 2) of each pulse of a hammer's force (N,); None for a force of another kind."""
-    few = u[:: -(-len(u) // PULSE_SAMPLES) or 1]
-    middle = np.median(few)
+    decimated = u[:: -(-len(u) // PULSE_SAMPLES) or 1]
+    middle = np.median(decimated)
     largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
-    if np.mean(np.abs(few - middle) > PULSE_START * largest) > 2 * PULSE_FRACTION:
+    if np.mean(np.abs(decimated - middle) > PULSE_START * largest) > 2 * PULSE_FRACTION:
         return None
     x = np.abs(u - np.median(u))
-    beyond = x > PULSE_START * x.max(initial=0.0)
-    return runs(beyond) if 0 < beyond.mean() <= PULSE_FRACTION else None
+    is_pulse = x > PULSE_START * x.max(initial=0.0)
+    return runs(is_pulse) if 0 < is_pulse.mean() <= PULSE_FRACTION else None
 
 
 def hit_notes(record: Record) -> Iterator[Note]:

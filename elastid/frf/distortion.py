@@ -64,29 +64,29 @@ def detection_lines(lines: IntArray, half_wave: bool) -> IntArray:
 
 def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexArray, data: MeanSpectra) -> Detected:
     """Return distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
-    every, G_k = data.every, interpolated(detection, lines, G)
+    every, G_k = data.all_experiments, interpolated(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data, G_k)
     odd = detection % 2 == 1
     error = Y_c[odd] @ Y_c[odd].mT.conj() / Y_c.shape[2]
     amplitude = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2))
-    of_noise = C_V * np.mean(1 / every.periods)
-    noise = np.sqrt(power(of_noise))
+    noise_cov = C_V * np.mean(1 / every.periods)
+    noise = np.sqrt(power(noise_cov))
 
-    def levels(which: BoolArray) -> Levels | None:
+    def line_levels(which: BoolArray) -> Levels | None:
         parts = (np.asarray(x[which], dtype=np.float64) for x in (detection * spacing_hz, amplitude, noise))
         return Levels(*parts) if which.any() else None
 
-    return Detected(levels(~odd), levels(odd), detection[odd], error - of_noise[odd], Y_c.shape[2])
+    return Detected(line_levels(~odd), line_levels(odd), detection[odd], error - noise_cov[odd], Y_c.shape[2])
 
 
 def fast_total_error(
-    detected: Detected, lines: IntArray, of_noise: ComplexArray, dof: int
+    detected: Detected, lines: IntArray, noise_cov: ComplexArray, dof: int
 ) -> tuple[ComplexArray, float] | None:
     """Return C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from near odd detection lines.
 
     One realisation is enough (the fast method): a random grid distorts excited and left-out odd lines equally.
-    Not so the noise, which at the inputs follows the resonances: of_noise (F, n_y, n_y), of `dof`, is each line's own.
+    Not so the noise, which at the inputs follows the resonances: noise_cov (F, n_y, n_y), of `dof`, is each line's own.
     None where too few odd lines were left out.
     """
     n_y, K = detected.excess.shape[1], len(detected.odd_lines)
@@ -96,10 +96,10 @@ def fast_total_error(
         return None
     first = np.clip(np.searchsorted(detected.odd_lines, lines) - window // 2, 0, K - window)
     sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(detected.excess, axis=0)])
-    of_distortion = positive((sums[first + window] - sums[first]) / window)  # without what is negative by chance
-    parts = [float(np.einsum("fii->", covariance).real) for covariance in (of_noise, of_distortion)]
+    distortion_cov = positive((sums[first + window] - sums[first]) / window)  # without what is negative by chance
+    parts = [float(np.einsum("fii->", covariance).real) for covariance in (noise_cov, distortion_cov)]
     spread = parts[0] ** 2 / dof + parts[1] ** 2 / (window * detected.count)
-    return of_noise + of_distortion, sum(parts) ** 2 / spread if spread > 0 else float(dof)
+    return noise_cov + distortion_cov, sum(parts) ** 2 / spread if spread > 0 else float(dof)
 
 
 # Share of the second order that is turned by a quarter of a circle: its phase differs from the prediction by 0.3 to 0.4
@@ -148,7 +148,7 @@ def friction_bias(
     bias = np.zeros((SYSTEMATIC_ERRORS, len(rows), *G.shape), complex)
     for j in np.flatnonzero(is_distorted):
         N = first.period_samples
-        _, unit = of_sign(np.fft.irfft(V[:, :, j], N, axis=1), V[:, lines, j] * (2 / N), lines)
+        _, unit = sign_approximation(np.fft.irfft(V[:, :, j], N, axis=1), V[:, lines, j] * (2 / N), lines)
         F_squared = float(weight[:, j] @ excess[:, j] / (weight[:, j] @ unit))
         mobility = G[:, rows[j], j] * omega ** (1 - MOTION_ORDER[quantity])
         density, second = unit_impedance(V[:, :, j], mobility, lines, first)
@@ -204,7 +204,7 @@ def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: In
     return np.array(V)
 
 
-def of_sign(v: FloatArray, V: ComplexArray, lines: IntArray) -> tuple[FloatArray, FloatArray]:
+def sign_approximation(v: FloatArray, V: ComplexArray, lines: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return slope and residual power (F, ...) of sgn(v), v (K, N, ...), by linear approximation in V (K, F, ...)."""
     T = np.fft.rfft(np.sign(v), axis=1)[:, lines] * (2 / v.shape[1])
     slope = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))

@@ -20,7 +20,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError, notes_of
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
-from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
+from elastid.frf.automatic import choose_by_error, may_hold_transient, method_choice, within_excitation
 from elastid.frf.checks import (
     check_number_of_periods,
     hit_notes,
@@ -28,7 +28,7 @@ from elastid.frf.checks import (
     refuse_mismatch,
     repeated_phase_notes,
     scatter_notes,
-    separated_lines,
+    separable_lines,
 )
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.estimators import (
@@ -118,7 +118,9 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
     count = len(grid_lines("full", band_hz, first.rate_hz, min(record.n_samples for record in records)))
     is_long = count > AUTOMATIC.long_lines and spec.resolution_hz is None
     if is_long and count * len(first.inputs) * len(first.outputs) > AUTOMATIC.long_values:
-        return chosen("h1", f"a local method would fit {count} lines, and records of this length give many segments")
+        return method_choice(
+            "h1", f"a local method would fit {count} lines, and records of this length give many segments"
+        )
     h1 = partial(welch_response, records, replace(spec, method="h1"))
     preview = partial(local_response, records, replace(spec, method="local_rational"), most_lines=AUTOMATIC.lines)
     return choose_by_error("h1", h1, preview, AUTOMATIC.margin if is_long else 1.0)
@@ -197,7 +199,7 @@ def _fitted(
 
     Raises DataError without any such line, and where the method must invert a singular matrix.
     """
-    first, usable = groups[0][0], separated_lines(data, groups, method)
+    first, usable = groups[0][0], separable_lines(data, groups, method)
     if not usable.any():
         raise DataError(
             "frf/inputs-not-separable",
@@ -224,22 +226,22 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
     n_u, total = len(groups[0][0].inputs), sum(map(len, groups))
     short = [record.name for group in groups for record in group if record.n_samples < 2 * record.repeat_samples]
     if short:
-        return chosen(
+        return method_choice(
             "local_rational", (f"{short[0]} has one period and thus no scatter; neighbouring lines provide it")
         )
     if total < n_u:
-        return chosen(
+        return method_choice(
             "local_rational", f"{total} experiments separate {n_u} inputs only together with neighbouring lines"
         )
     if any(len(group) < n_u for group in groups):
         has_references = all(record.r is not None for group in groups for record in group)
-        return chosen(
+        return method_choice(
             "joint" if has_references else "errors_in_variables",
             "jointly over all realisations, since one has fewer experiments than inputs, and h1 is biased by noise "
             "and friction fed back into u",
         )
     if all(record.r_is_reference for group in groups for record in group):
-        return chosen("joint", "the references are independent of noise and friction in the loop")
+        return method_choice("joint", "the references are independent of noise and friction in the loop")
     # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1.
     return "arithmetic", ()
 
@@ -255,24 +257,24 @@ def _with_covariances(
 ) -> Response:
     C_V = equation_error(data, fitted.G)
     noise = noise_covariance(data, fitted, C_V)
-    of_noise = C_V * np.mean(1 / data.periods)
+    noise_error = C_V * np.mean(1 / data.periods)
     total, stochastic, bias = None, None, None
     noise = replace(noise, averaging_lines=_averaging_lines(data.scatter, fitted.G))
     if error is not None:
-        few = slice(MAX_AVERAGING_LINES)
-        of_experiments = [np.concatenate([Y[few], U[few]], axis=1) for Y, U in zip(data.Y, data.U, strict=True)]
-        of_level = _averaging_lines([np.concatenate(of_experiments, axis=2).transpose(2, 0, 1)], fitted.G)
-        total = replace(total_covariance(data, fitted, *error), averaging_lines=of_level)
+        block = slice(MAX_AVERAGING_LINES)
+        experiments = [np.concatenate([Y[block], U[block]], axis=1) for Y, U in zip(data.Y, data.U, strict=True)]
+        averaging = _averaging_lines([np.concatenate(experiments, axis=2).transpose(2, 0, 1)], fitted.G)
+        total = replace(total_covariance(data, fitted, *error), averaging_lines=averaging)
     elif levels is not None:
-        error = fast_total_error(levels, lines, of_noise, data.dof)
+        error = fast_total_error(levels, lines, noise_error, data.dof)
         total = (
             None
             if error is None
             else replace(kronecker(fitted.input_factor, *error), averaging_lines=noise.averaging_lines)
         )
     if total is not None and error is not None:
-        bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], of_noise, error[1])
-        stochastic = np.sqrt(power(error[0] - of_noise))
+        bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], noise_error, error[1])
+        stochastic = np.sqrt(power(error[0] - noise_error))
     assert response.quality is not None
     even, odd = (None, None) if levels is None else (levels.even, levels.odd)
     quality = replace(response.quality, stochastic=stochastic, even=even, odd=odd)
@@ -281,9 +283,9 @@ def _with_covariances(
 
 def _averaging_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
     """Return `averaging_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
-    n_y, few = G.shape[1], slice(MAX_AVERAGING_LINES)
-    V = [z[:, few, :n_y] - np.einsum("fyu,kfu->kfy", G[few], z[:, few, n_y:]) for z in Z]
-    return averaging_lines(np.concatenate(V), G[few]) if V else 1.0
+    n_y, block = G.shape[1], slice(MAX_AVERAGING_LINES)
+    V = [z[:, block, :n_y] - np.einsum("fyu,kfu->kfy", G[block], z[:, block, n_y:]) for z in Z]
+    return averaging_lines(np.concatenate(V), G[block]) if V else 1.0
 
 
 def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion | None:
@@ -305,8 +307,8 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     power = np.sum(squared_magnitude(q), axis=(0, 2))
     moving = power > _MIN_LINE_FRACTION * power[excited].sum()
     moving[excited] = True
-    of_lines = q[:, moving].transpose(1, 2, 0)
-    spectra = of_lines @ of_lines.mT.conj() / (2 * len(records))
+    line_motion = q[:, moving].transpose(1, 2, 0)
+    spectra = line_motion @ line_motion.mT.conj() / (2 * len(records))
     motors = tuple(first.outputs[i] for i in columns)
     has_all = set(motors) == set(first.inputs) and not first.input_units
     feedback = _feedback(records, motors, q, s, excited, moving) if has_all else None
@@ -342,8 +344,8 @@ def _feedback(
     drive = np.stack([_amplitudes(record, record.u, order)[1 : len(s) + 1] for record in records])
     injected = [record.r for record in records if record.r is not None and not record.r_is_reference]
     if len(injected) == len(records):
-        of_r = [_amplitudes(record, r, order)[1 : len(s) + 1] for r, record in zip(injected, records, strict=True)]
-        drive = drive - np.stack(of_r)
+        added = [_amplitudes(record, r, order)[1 : len(s) + 1] for r, record in zip(injected, records, strict=True)]
+        drive = drive - np.stack(added)
         lines = np.flatnonzero(moving)
     else:
         lines = np.setdiff1d(np.arange(excited[0], excited[-1]), excited)

@@ -57,8 +57,8 @@ class Estimate:
 
 def arithmetic(data: MeanSpectra) -> Estimate:
     """Return G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
-    W, share = tuple(block.W for block in data.blocks), 1 / len(data.blocks)
-    return Estimate(share * added_products(data.Y, W), W, scale=share)
+    W, weight = tuple(block.W for block in data.blocks), 1 / len(data.blocks)
+    return Estimate(weight * added_products(data.Y, W), W, scale=weight)
 
 
 def h1(data: MeanSpectra) -> Estimate:
@@ -88,7 +88,7 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     Whitened by C_Z, [Y; U] spans the n_u strongest directions Q: G = Q_y Q_u^-1.
     (Pintelon and Schoukens, System Identification, 2nd ed., chapter 9, for a nonparametric G.)
     """
-    Y, U = data.every.Y, data.every.U
+    Y, U = data.all_experiments.Y, data.all_experiments.U
     n_y, n_u = Y.shape[1], U.shape[1]
     Z = np.concatenate([Y, U], axis=1) * np.sqrt(data.periods)
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=2))

@@ -100,13 +100,13 @@ def add_periods(sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra]) -> C
             continue
         for first in range(0, F, sums.lines_at_once):
             part = slice(first, first + sums.lines_at_once)
-            of_group = sums.add(part, spectra.z[:, part])
+            group_mean = sums.add(part, spectra.z[:, part])
             if n:
-                apart = of_group - mean[part]
+                apart = group_mean - mean[part]
                 side = np.sqrt(n * p / (n + p) / 2) * apart
                 sums.add(part, np.stack([side, -side]))
-                of_group = mean[part] + p / (n + p) * apart
-            mean[part] = of_group
+                group_mean = mean[part] + p / (n + p) * apart
+            mean[part] = group_mean
         n += p
     sums.dof += n - 1
     mean *= sums.scale
@@ -181,7 +181,7 @@ class MeanSpectra:
         """U U^H (F, n_u, n_u) of all experiments."""
         return added_cross_products(self.U, self.U)
 
-    def of_periods(self, X: Sequence[ComplexArray], Z: Sequence[ComplexArray]) -> ComplexArray:
+    def weighted_sum(self, X: Sequence[ComplexArray], Z: Sequence[ComplexArray]) -> ComplexArray:
         """Return sum (F, a, b) over experiments of P X Z^H, P periods each; X, Z: Y or U of each block."""
         if np.ptp(self.periods) > 0:
             return added_cross_products([x * block.periods for x, block in zip(X, self.blocks, strict=True)], Z)
@@ -189,7 +189,7 @@ class MeanSpectra:
         return np.asarray(self.periods[0] * product)
 
     @cached_property
-    def every(self) -> Block:
+    def all_experiments(self) -> Block:
         """All experiments of all realisations as one block."""
         if len(self.blocks) == 1:
             return self.blocks[0]
@@ -271,8 +271,8 @@ def _mean(
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
-    few = lines[excited][::step]
-    used = trusted(period_spectra(spectra, few, spec.quantity), spec)
+    sample = lines[excited][::step]
+    used = trusted(period_spectra(spectra, sample, spec.quantity), spec)
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
-    of_used = (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
-    return used, add_periods(sums, of_used), None
+    used_groups = (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
+    return used, add_periods(sums, used_groups), None

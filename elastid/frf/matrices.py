@@ -45,7 +45,7 @@ def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
         return added_cross_products(D, D)
     total = np.empty((F, n, n), np.complex128)
     call(
-        "sum_of_errors", F, n, m, len(Y), np.array([y.shape[2] for y in Y]), _places(Y), _places([G]), _places(U), total
+        "sum_of_errors", F, n, m, len(Y), np.array([y.shape[2] for y in Y]), _memory(Y), _memory([G]), _memory(U), total
     )
     return total
 
@@ -55,8 +55,8 @@ def inverse(A: ComplexArray) -> ComplexArray:
     F, n, _ = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.inv(A), np.complex128)
-    places, inverses, n_singular = _places([A]), np.empty(A.shape, np.complex128), np.zeros(1, np.int64)
-    call("inverse", F, n, places, inverses, n_singular)
+    addresses, inverses, n_singular = _memory([A]), np.empty(A.shape, np.complex128), np.zeros(1, np.int64)
+    call("inverse", F, n, addresses, inverses, n_singular)
     if n_singular[0]:
         raise np.linalg.LinAlgError("Singular matrix")
     return inverses
@@ -67,8 +67,8 @@ def singular_values(A: ComplexArray) -> FloatArray:
     F, n, m = A.shape
     if not is_compiled():
         return np.asarray(np.linalg.svd(A, compute_uv=False), np.float64)
-    places, values = _places([A if m <= n else A.mT]), np.empty((F, min(n, m)))
-    call("singular_values", F, max(n, m), min(n, m), places, values)
+    addresses, values = _memory([A if m <= n else A.mT]), np.empty((F, min(n, m)))
+    call("singular_values", F, max(n, m), min(n, m), addresses, values)
     return np.sort(values)[:, ::-1]
 
 
@@ -79,7 +79,7 @@ def positive(A: ComplexArray) -> ComplexArray:
         value, vector = np.linalg.eigh(A)
         return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ vector.mT.conj())
     part = np.empty((F, n, n), np.complex128)
-    call("positive_part", F, n, _places([A]), part)
+    call("positive_part", F, n, _memory([A]), part)
     return part
 
 
@@ -87,12 +87,12 @@ def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
     """Return sum over blocks of A B^H, or of A B^T where sign is -1."""
     total = np.empty((*A[0].shape[:2], B[0].shape[1]), np.complex128)
     call(
-        "sum_of_products", *total.shape, len(A), np.array([a.shape[2] for a in A]), _places(A), _places(B), sign, total
+        "sum_of_products", *total.shape, len(A), np.array([a.shape[2] for a in A]), _memory(A), _memory(B), sign, total
     )
     return total
 
 
-def _places(stacks: Stacks) -> IntArray:
+def _memory(stacks: Stacks) -> IntArray:
     """Return place of each stack: its address, and the numbers from line to line, row to row and column to column."""
     if any(stack.dtype != np.complex128 for stack in stacks):
         raise TypeError(f"the kernels read complex128, not {', '.join(str(stack.dtype) for stack in stacks)}")

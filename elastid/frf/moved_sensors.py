@@ -41,17 +41,17 @@ def stacked(responses: Sequence[Response]) -> Response:
         freq_hz = np.intersect1d(freq_hz, other.freq_hz)
     if not len(freq_hz):
         raise DataError("frf/records", "the measurements have no line in common. Give all of them one period")
-    seen: list[str] = []
+    names: list[str] = []
     parts: list[Response] = []
     for response in responses:
-        new = [place for place in response.outputs if place not in seen]
-        seen += new
+        new = [place for place in response.outputs if place not in names]
+        names += new
         parts += [response.lines(np.isin(response.freq_hz, freq_hz))[new, first.inputs]] if new else []
     return replace(
         parts[0],
         freq_hz=freq_hz,
         G=np.concatenate([part.G for part in parts], axis=1),
-        outputs=tuple(seen),
+        outputs=tuple(names),
         noise=_covariance([part.noise for part in parts]),
         total=_covariance([part.total for part in parts]),
         sliding=tuple(dict.fromkeys(place for part in parts for place in part.sliding)),

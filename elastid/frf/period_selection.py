@@ -74,9 +74,9 @@ class Compared:
     @classmethod
     def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "Compared":
         """Return all periods of a record with each other, or of a long one with some."""
-        few = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
-        amplitudes = np.empty((few.z.shape[2], *few.z.shape[:2]), dtype=np.complex128)
-        np.multiply(np.moveaxis(few.z, 2, 0), few.scale.T[:, None], out=amplitudes)
+        decimated = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
+        amplitudes = np.empty((decimated.z.shape[2], *decimated.z.shape[:2]), dtype=np.complex128)
+        np.multiply(np.moveaxis(decimated.z, 2, 0), decimated.scale.T[:, None], out=amplitudes)
         return cls._from_amplitudes(amplitudes.view(np.float64), outlier_sigma)
 
     @classmethod
@@ -195,10 +195,10 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     # Noise on few lines, such as a slow wander, scatters more: the logarithms of distances by 0.8 / sqrt(n_noisy).
     V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
     noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
-    share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
-    n_noisy, sigmas = 1 / np.maximum(np.sum(share**2, axis=1), 1e-300), compared.outlier_sigma
+    fraction = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
+    n_noisy, sigmas = 1 / np.maximum(np.sum(fraction**2, axis=1), 1e-300), compared.outlier_sigma
     if compared.is_weighed:
-        n_noisy = np.full(len(V), share.shape[1])
+        n_noisy = np.full(len(V), fraction.shape[1])
     scatter = LOG_SCATTER * np.sqrt((1 + 2 / len(good)) / n_noisy)
     least = typical * np.maximum(MIN_SPREAD, np.expm1(sigmas * scatter) / sigmas)
     return replace(distant, limit=typical + sigmas * np.maximum(spread, least))

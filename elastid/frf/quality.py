@@ -54,9 +54,9 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.dof
     both = coherences(
-        power(data.of_periods(data.Y, data.Y)) + spread[:, :n_y],
-        data.of_periods(data.Y, data.U) + S_Z[:, :n_y, n_y:],
-        data.of_periods(data.U, data.U) + S_Z[:, n_y:, n_y:],
+        power(data.weighted_sum(data.Y, data.Y)) + spread[:, :n_y],
+        data.weighted_sum(data.Y, data.U) + S_Z[:, :n_y, n_y:],
+        data.weighted_sum(data.U, data.U) + S_Z[:, n_y:, n_y:],
     )
     amplitude, noise_of_mean = np.sqrt(power(data.YY) / len(data.periods)), noise[:, :n_y] * np.mean(1 / data.periods)
     excited = Levels(freq_hz, amplitude, np.sqrt(noise_of_mean))
@@ -186,12 +186,12 @@ def wide_windows(
     span = np.interp(f_0, freq_hz, span_hz)
     inside = np.array([np.sum(np.abs(f_0 - f) <= s / 2) for f, s in zip(f_0, span, strict=True)])
     load, is_beyond = (inside, inside > poles) if poles else (span / width, span > width)
-    beyond = np.flatnonzero(is_beyond)
-    if beyond.size == 0:
+    indices = np.flatnonzero(is_beyond)
+    if indices.size == 0:
         return []
-    worst = beyond[np.argmax(load[beyond])]
+    worst = indices[np.argmax(load[indices])]
     text = (
-        f"windows are too wide for {beyond.size} of {len(span)} modes: {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, "
+        f"windows are too wide for {indices.size} of {len(span)} modes: {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, "
         f"for a mode width of {width[worst]:.3g} Hz. Use a longer period or record, more experiments, or method "
         "local_rational with a higher local_order"
     )

@@ -94,17 +94,17 @@ class RecordSpectra:
         """Return DFT (P, N // 2 + 1, c) of each period of the c channels of a signal, in logged units."""
         if role == self.driver_role and self.driver is not None:
             return self.driver
-        return self._of_periods(role, 0, self.record.n_repeats)
+        return self._period_dft(role, 0, self.record.n_repeats)
 
     def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
         """Yield DFT of some periods (p, N // 2 + 1, c) at a time."""
         L, P = self.record.repeat_samples, self.record.n_repeats
         at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
         for first in range(0, P, at_once):
-            yield self._of_periods(role, first, min(P, first + at_once))
+            yield self._period_dft(role, first, min(P, first + at_once))
             release(getattr(self.record, role))
 
-    def _of_periods(self, role: Role, first: int, last: int) -> ComplexArray:
+    def _period_dft(self, role: Role, first: int, last: int) -> ComplexArray:
         record, L = self.record, self.record.repeat_samples
         signals: FloatArray = getattr(record, role)
         blocks = signals[first * L : last * L].reshape(last - first, L, -1)
@@ -121,40 +121,40 @@ class RecordSpectra:
         if not self.is_large:
             return iter([self._dft_at(roles, lines)])
         groups = zip(*(self.dft_groups(role) for role in roles), strict=True)
-        return (np.concatenate([dft[:, _wanted(lines)] for dft in group], axis=2) for group in groups)
+        return (np.concatenate([dft[:, _line_index(lines)] for dft in group], axis=2) for group in groups)
 
     def _dft_at(self, roles: Sequence[Role], lines: IntArray) -> ComplexArray:
         """Return the DFT (P, F, c) of all periods of some signals side by side, in memory one channel after the other.
 
         Where most lines are wanted the spectra stay where the FFT writes them, with the others.
         """
-        wanted, n_spectrum = _wanted(lines), self.record.repeat_samples // 2 + 1
+        index, n_spectrum = _line_index(lines), self.record.repeat_samples // 2 + 1
         ends = np.cumsum([0, *(getattr(self.record, role).shape[1] for role in roles)])
-        keeps_all = isinstance(wanted, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
+        keeps_all = isinstance(index, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
         # Spectra of two channels a power of two apart would share few places of the cache.
         size = n_spectrum + 27 if keeps_all else len(lines)
         dft = np.empty((self.record.n_repeats, ends[-1], size), np.complex128)
         if keeps_all:
             dft = dft[:, :, :n_spectrum]
         for role, first, last in zip(roles, ends, ends[1:], strict=False):
-            self._put_dft_at(role, slice(None) if keeps_all else wanted, dft[:, first:last])
-        return dft.swapaxes(1, 2)[:, wanted] if keeps_all else dft.swapaxes(1, 2)
+            self._put_dft_at(role, slice(None) if keeps_all else index, dft[:, first:last])
+        return dft.swapaxes(1, 2)[:, index] if keeps_all else dft.swapaxes(1, 2)
 
-    def _put_dft_at(self, role: Role, wanted: slice | IntArray, dft: ComplexArray) -> None:
+    def _put_dft_at(self, role: Role, index: slice | IntArray, dft: ComplexArray) -> None:
         """Write the DFT of all periods into dft (P, c, F); half periods share their mean.
 
         Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.
         """
         record, L = self.record, self.record.repeat_samples
         if record.half_wave or (role == self.driver_role and self.driver is not None):
-            dft[:] = self.dft(role)[:, wanted].swapaxes(1, 2)
+            dft[:] = self.dft(role)[:, index].swapaxes(1, 2)
             return
         signals, is_whole = getattr(record, role), dft.shape[2] == L // 2 + 1
         spectrum = np.empty((dft.shape[1], 0 if is_whole else L // 2 + 1), np.complex128)
-        for p, of_period in enumerate(dft):
-            rfft(signals[p * L : (p + 1) * L], axis=0, out=(of_period if is_whole else spectrum).T)
+        for p, row in enumerate(dft):
+            rfft(signals[p * L : (p + 1) * L], axis=0, out=(row if is_whole else spectrum).T)
             if not is_whole:
-                of_period[:] = spectrum[:, wanted]
+                row[:] = spectrum[:, index]
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Return complex amplitudes (P, F, c) of a signal at lines (F,)."""
@@ -191,7 +191,7 @@ class PeriodSpectra:
 
     def on(self, lines: BoolArray | slice) -> "PeriodSpectra":
         """Return spectra on some of the lines (F,)."""
-        index = lines if isinstance(lines, slice) else _wanted(np.flatnonzero(lines))
+        index = lines if isinstance(lines, slice) else _line_index(np.flatnonzero(lines))
         return replace(self, z=self.z[:, index], scale=self.scale[index])
 
     def only(self, keep: IntArray) -> "PeriodSpectra":
@@ -313,7 +313,7 @@ def refuse_uncomputable(record: Record) -> None:
             )
 
 
-def _wanted(lines: IntArray) -> slice | IntArray:
+def _line_index(lines: IntArray) -> slice | IntArray:
     """Return lines (F,) in order as an index, which copies nothing where they are evenly spaced."""
     steps = np.diff(lines)
     step = int(steps[0]) if len(steps) else 1
@@ -338,6 +338,6 @@ def inputs_pass(records: Sequence[Record]) -> bool:
         parts = record.u[: L * _PARTS].reshape(_PARTS, L, -1)
         P = np.abs(np.fft.rfft(parts - parts.mean(axis=1, keepdims=True), axis=1)) ** 2
         total, squares = P.sum(axis=0), (P**2).sum(axis=0)
-        shares = quotient(total**2, squares) / _PARTS
-        spreads.append((shares * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))
+        fractions = quotient(total**2, squares) / _PARTS
+        spreads.append((fractions * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))
     return bool(np.min(spreads) < _SPREAD)

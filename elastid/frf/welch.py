@@ -257,13 +257,15 @@ def _by_leverage(
     for group in _repeats(records):
         most = 4_000_000 // (n_u * len(group))
         for parts in zip_longest(*(_spectra([record], segments, lines[used], most) for record in group)):
-            E, h = _shares([part * scale[used][:, :, None] for part in parts if part is not None], G, inverse)
+            E, h = _leverages([part * scale[used][:, :, None] for part in parts if part is not None], G, inverse)
             squares += np.sum(h**2, axis=1)
             C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
     return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])
 
 
-def _shares(parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+def _leverages(
+    parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray
+) -> tuple[ComplexArray, FloatArray]:
     """Return V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), with repeated records summed."""
     n_y, K = G.shape[1], max(part.shape[2] for part in parts)
     E, h = np.zeros((*G.shape, K), dtype=np.complex128), np.zeros((len(G), K))
@@ -383,8 +385,8 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
         return np.zeros_like(G)
     lines = np.pad(G, ((m, m), (0, 0), (0, 0)), "reflect", reflect_type="odd")
     beta = np.sum([weight * lines[i : i + F] for i, weight in enumerate(weights)], axis=0)
-    share = 1 - noise * variance / np.maximum(np.abs(beta) ** 2, 1e-300)
-    return np.asarray(beta * np.sqrt(np.maximum(share, 0.0)))
+    fraction = 1 - noise * variance / np.maximum(np.abs(beta) ** 2, 1e-300)
+    return np.asarray(beta * np.sqrt(np.maximum(fraction, 0.0)))
 
 
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:

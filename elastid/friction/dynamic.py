@@ -110,9 +110,9 @@ class MaxwellElements:
         """Return the exact state if an element slips or sticks all the time; one that reaches its bound stays there."""
         deflection, slips, bound, sign, slope = self._slipping(v, z, curve)
         slid = exponential_step(deflection, slope * bound * sign, slope, step)
-        moved = deflection + v * step
-        arrives = sign * moved >= bound
-        stuck = ca.if_else(arrives, sign * bound, moved)
+        trial = deflection + v * step
+        arrives = sign * trial >= bound
+        stuck = ca.if_else(arrives, sign * bound, trial)
         direction = ca.if_else(ca.logic_or(slips, arrives), sign, 0.0)
         last_direction = ca.if_else(sign == 0, z[len(self.nu) :], direction)
         return ca.vertcat(ca.if_else(slips, slid, stuck), last_direction)
@@ -127,6 +127,6 @@ class MaxwellElements:
         deflection, direction, sign = z[:n], z[n:], ca.sign(v)
         torque = curve.torque(v)
         bound = ca.DM(np.divide(self.nu, self.sigma_0)) * torque
-        beyond = ca.logic_and(sign != 0, sign * deflection >= bound)
-        slips = ca.logic_or(ca.logic_and(direction != 0, direction == sign), beyond)
+        is_sliding = ca.logic_and(sign != 0, sign * deflection >= bound)
+        slips = ca.logic_or(ca.logic_and(direction != 0, direction == sign), is_sliding)
         return deflection, slips, bound, sign, self.C / torque

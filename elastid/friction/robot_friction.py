@@ -122,7 +122,7 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
     return tuple(laws)
 
 
-def laws_of_joint(robot: Robot, joint: str) -> list[PlacedLaw]:
+def joint_laws(robot: Robot, joint: str) -> list[PlacedLaw]:
     """Return the laws at a joint and at its motor."""
     return [law for law in frictions(robot) if law.place in (f"motor {joint}", f"joint {joint}")]
 

@@ -192,8 +192,8 @@ def slopes(
     By complex steps, exact to rounding (Squire and Trapp, SIAM Review 40, 1998).  linear: others are ignored.
     """
     linear_terms, step = {name: value for name, value in linear.items() if name in LINEAR}, 1e-100
-    moved = ({**eta, name: eta.get(name, 0.0) + 1j * step} for name in names)
-    torques = [columns(conditions, tuple(linear_terms), at, T_0) @ [*linear_terms.values()] for at in moved]
+    steps = ({**eta, name: eta.get(name, 0.0) + 1j * step} for name in names)
+    torques = [columns(conditions, tuple(linear_terms), at, T_0) @ [*linear_terms.values()] for at in steps]
     slopes = [torque.imag / step for torque in torques]
     return np.reshape(slopes, (len(names), len(conditions.speed))).T
 

@@ -187,8 +187,8 @@ class _Problem:
 
     def errors(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
         """Return errors (n_k, m_k) of the means of each log, simulated with numbers (m, 6)."""
-        of_logs = self.simulated(numbers[None], np.array([delay_s]))
-        return [q - sim[:, 0] for q, sim in zip(self.measured, of_logs, strict=True)]
+        simulations = self.simulated(numbers[None], np.array([delay_s]))
+        return [q - sim[:, 0] for q, sim in zip(self.measured, simulations, strict=True)]
 
     @cached_property
     def measured(self) -> list[FloatArray]:
@@ -235,13 +235,13 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
         if before - cost < TOLERANCE * len(problem.joints):
             break
         for _ in range(8):  # halvings
-            moved, late = _moved(numbers, delay_s, part * end.step, problem.is_free)
-            if _log_squares(problem, problem.errors(moved, late)) < cost:
+            trial, late = _next_numbers(numbers, delay_s, part * end.step, problem.is_free)
+            if _log_squares(problem, problem.errors(trial, late)) < cost:
                 break
             part /= 2
         else:
             break
-        numbers, delay_s = moved, late
+        numbers, delay_s = trial, late
     return _fit(problem, numbers, delay_s)
 
 
@@ -255,12 +255,14 @@ def _scales(problem: _Problem) -> FloatArray:
     return rows
 
 
-def _moved(numbers: FloatArray, delay_s: float, step: FloatArray, is_free: BoolArray) -> tuple[FloatArray, float]:
-    moved = numbers.copy()
-    moved[is_free] += step[:-1]
-    moved[:, 0] = np.maximum(moved[:, 0], np.where(numbers[:, 0] > 0, numbers[:, 0] / 4, numbers[:, 0]))  # inertia
-    moved[:, 2] = np.maximum(moved[:, 2], 0.0)  # Coulomb friction
-    return moved, delay_s + float(np.clip(step[-1], -0.02, 0.02))
+def _next_numbers(
+    numbers: FloatArray, delay_s: float, step: FloatArray, is_free: BoolArray
+) -> tuple[FloatArray, float]:
+    trial = numbers.copy()
+    trial[is_free] += step[:-1]
+    trial[:, 0] = np.maximum(trial[:, 0], np.where(numbers[:, 0] > 0, numbers[:, 0] / 4, numbers[:, 0]))  # inertia
+    trial[:, 2] = np.maximum(trial[:, 2], 0.0)  # Coulomb friction
+    return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
 def _log_squares(problem: _Problem, errors: Sequence[FloatArray]) -> float:
@@ -308,9 +310,9 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
             free, std = np.flatnonzero(is_free[i]), np.sqrt(variance[i])
             change = sim[:, 1:, column] - sim[:, :1, column]
             X = np.hstack([change[:, free] / scales[i, free], change[:, -1:] / DELAY_STEP_S]) / std
-            of_joint = np.append(place[i, free], n_x - 1)
-            normal[np.ix_(of_joint, of_joint)] += X.T @ X
-            score[:, of_joint] += X * (error[:, column] / std)[:, None]
+            joint_rows = np.append(place[i, free], n_x - 1)
+            normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
+            score[:, joint_rows] += X * (error[:, column] / std)[:, None]
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
     step = inverse @ sum(score.sum(axis=0) for score in scores)
@@ -395,6 +397,6 @@ def _covariance(end: _Linearised, problem: _Problem, names: Sequence[tuple[str, 
     if m > 1:
         d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
-        beyond = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
-        wider = np.where(beyond, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
+        exceeds = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
+        wider = np.where(exceeds, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
     return covariance * np.outer(wider, wider)

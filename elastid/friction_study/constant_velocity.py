@@ -24,7 +24,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_record import FrictionRecord
-from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms
+from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, terms_p_value
 from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
 
 MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
@@ -64,14 +64,14 @@ class Pass:
 
 @dataclass(frozen=True)
 class PassRegression:
-    """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
+    """Columns A (n, n_x) and torque y (n,), pass of each row pass_index (n,); shared: names of the columns behind g, o.
 
     waves (n, N_WAVES): of `turn_waves`; (n, 0) where no pass covers a turn.
     """
 
     A: FloatArray
     y: FloatArray
-    of_pass: IntArray
+    pass_index: IntArray
     waves: ComplexArray
     shared: tuple[str, ...]
 
@@ -103,8 +103,8 @@ class PassRegression:
             rows.append(X)
             waves.append(folded(turn_waves(q, s, turn, searched), step).mean(axis=1))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
-        y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
-        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), ("inertia", "slope", *gravity))
+        y, pass_index = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
+        regression = cls(np.vstack(rows), y, pass_index, np.vstack(waves), ("inertia", "slope", *gravity))
         if not has_ripple:
             return regression
         first, others = regression._with_waves(np.arange(2)), np.arange(2, N_WAVES)
@@ -133,8 +133,8 @@ class PassRegression:
         """Return autocovariance of all passes' residuals, by lag in rows, up to the first not above chance."""
         values = [float(residual @ residual / len(residual))]
         for lag in range(1, min(201, len(residual))):
-            together = self.of_pass[lag:] == self.of_pass[:-lag]
-            count, total = int(together.sum()), float(residual[lag:] @ (residual[:-lag] * together))
+            same_pass = self.pass_index[lag:] == self.pass_index[:-lag]
+            count, total = int(same_pass.sum()), float(residual[lag:] @ (residual[:-lag] * same_pass))
             if not count or total / count < 2 * values[0] / np.sqrt(count):
                 break
             values.append(total / count)
@@ -298,6 +298,6 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
     fit, slope = fitted(np.ones_like(v)), 0.0
     if len(o) >= 4 and np.ptp(v) > 0:
         line = fitted(np.ones_like(v), v)
-        if chance_of_terms(fit.cost, line.cost, 1, line.dof) <= FALSE_ALARM:
+        if terms_p_value(fit.cost, line.cost, 1, line.dof) <= FALSE_ALARM:
             fit, slope = line, float(line.x[1])
     return slope * v, (float(fit.x[0]), float(np.sqrt(fit.covariance[0, 0])))

@@ -160,11 +160,11 @@ def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     x, P, c = ca.SX.sym("x", n), ca.SX.sym("P", n, n + m), ca.SX.sym("c", m)
     u, g, y = ca.SX.sym("u"), ca.SX.sym("g"), ca.SX.sym("y")
     noise = ca.SX.sym("noise", 4 + len(joint.followed))
-    moved = joint.step(rate_hz)(x, c, u, g)
-    predicted, by_held = ca.substitute([moved, ca.jacobian(moved, c)], [c], [ca.SX.zeros(m)])
+    next_state = joint.step(rate_hz)(x, c, u, g)
+    predicted, slope_by_force = ca.substitute([next_state, ca.jacobian(next_state, c)], [c], [ca.SX.zeros(m)])
     F = ca.jacobian(predicted, x)
     std = ca.DM([joint.tolerances[name] for name in joint.consider_parameters])
-    carried, added = F @ P[:, n:], by_held @ ca.diag(std)
+    carried, added = F @ P[:, n:], slope_by_force @ ca.diag(std)
     cross, mixed = carried + added, carried @ added.T
     spread = F @ P[:, :n] @ F.T + mixed + mixed.T + added @ added.T
     state, by_u = dict(zip(joint.states, ca.vertsplit(x), strict=True)), ca.jacobian(predicted, u)
@@ -259,12 +259,12 @@ def first_estimate(
     bend = joint.coulomb / joint.bristle_stiffness
     start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.stiffness > 0 else 0.0)}
     start |= dict.fromkeys(("v_m", "v_l"), velocity[0])
-    of_velocity = math.hypot(1e-2, velocity[1])
+    velocity_std = math.hypot(1e-2, velocity[1])
     std = {
         "q_m": bend,
         "q_l": 2 * bend,
-        "v_m": of_velocity,
-        "v_l": of_velocity,
+        "v_m": velocity_std,
+        "v_l": velocity_std,
         "z": bend / 2,
         "w": 0.1 * joint.coulomb,
     }
@@ -294,8 +294,8 @@ class KalmanFilter:
         A motion starts with the mean velocity of its first samples, as friction would explain a wrong one.
         """
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
-        drift, own = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
-        given = np.tile(noise.vector(joint, self.rate_hz), (_BLOCK, 1))
+        drift, friction_rows = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
+        noise_rows = np.tile(noise.vector(joint, self.rate_hz), (_BLOCK, 1))
         lengths, start, (x, P) = [len(motion.angle) for motion in motions], 0, first_estimate(joint, 0.0)
         shapes = [(_BLOCK, n_x), (_BLOCK, P.shape[1], n_x), (_BLOCK,), (_BLOCK,)]
         numbers, time_s = np.empty((3, sum(lengths), p)), np.zeros(sum(lengths) + 1)
@@ -306,27 +306,27 @@ class KalmanFilter:
             half, later = np.diff(first) * self.rate_hz / FIRST_SAMPLES
             x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
             if start:
-                x[own], P[own] = before[own], P_before[own]
-                P[own, : n_x - p] = 0.0
-                P[own, own] += np.diag(drift**2 * max(0.0, motion.start_s - time_s[start]))
+                x[friction_rows], P[friction_rows] = before[friction_rows], P_before[friction_rows]
+                P[friction_rows, : n_x - p] = 0.0
+                P[friction_rows, friction_rows] += np.diag(drift**2 * max(0.0, motion.start_s - time_s[start]))
             for begin in range(0, n, _BLOCK):
                 block = np.stack(
                     [signal[begin : begin + _BLOCK] for signal in (motion.torque, motion.load, motion.angle)]
                 )
                 here = slice(start + begin, start + begin + block.shape[1])
                 block = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])), "edge")
-                every = evaluated(self._block, [x, P.T, *block, given], shapes)
+                every = evaluated(self._block, [x, P.T, *block, noise_rows], shapes)
                 states, spread, e, S = (output[: n - begin] for output in every)
-                variance = np.diagonal(spread, axis1=1, axis2=2)[:, own]
-                considered = np.sum(spread[:, n_x:, own] ** 2, axis=1)
-                numbers[:, here] = states[:, own], np.sqrt(variance), variance - considered
+                variance = np.diagonal(spread, axis1=1, axis2=2)[:, friction_rows]
+                considered = np.sum(spread[:, n_x:, friction_rows] ** 2, axis=1)
+                numbers[:, here] = states[:, friction_rows], np.sqrt(variance), variance - considered
                 innovations[:, here] = e, S
                 x, P = states[-1], spread[-1].T.copy()
             time_s[start + 1 : start + n + 1] = motion.start_s + np.arange(1, n + 1) / self.rate_hz
             start += n
         moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
         moves |= moves.mean() < 0.1
-        covariance = P[own, own] - P[own, n_x:] @ P[own, n_x:].T
+        covariance = P[friction_rows, friction_rows] - P[friction_rows, n_x:] @ P[friction_rows, n_x:].T
         (x, std, variance), (e, S) = numbers, innovations
         return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, time_s[1:], moves)
 

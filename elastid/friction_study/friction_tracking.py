@@ -130,14 +130,14 @@ def track_joints(
 
     StudyError where none can.
     """
-    followed, notes, together = [], list[Note](), [record.name for record in records]
-    moved = [record for record in records if record.purpose in ("constant_velocity", "motion")]
-    alone = [record for record in moved if together.count(record.name) == 1]
+    followed, notes, names = [], list[Note](), [record.name for record in records]
+    motions = [record for record in records if record.purpose in ("constant_velocity", "motion")]
+    alone = [record for record in motions if names.count(record.name) == 1]
     for done, joint in enumerate(joints):
         progress(done, len(joints))
-        of_joint = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
+        joint_records = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
         try:
-            followed.append(_track_joint(robot, joint, of_joint, spec))
+            followed.append(_track_joint(robot, joint, joint_records, spec))
         except StudyError as error:
             notes.append(Note("filter/record", str(error)))
     if not followed:

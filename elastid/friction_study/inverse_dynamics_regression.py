@@ -214,14 +214,14 @@ def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz
 
 def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
     """Return the shift of one axis' numbers between both bands, less the expected shift by noise of the position."""
-    moved = band_differences(bands, lambda log: axis_equations(log.first, fit.terms))
-    if not moved:
-        return moved
+    shifts = band_differences(bands, lambda log: axis_equations(log.first, fit.terms))
+    if not shifts:
+        return shifts
     wide, slow = (noise_bias([log.first for log in band], fit.terms, fit.regression) for band in bands)
     expected = dict(zip(fit.regression.names, (slow - wide).tolist(), strict=True))
     return {
         (joint, name): (change - expected[name], math.hypot(std, NOISE_ERROR * expected[name]))
-        for (joint, name), (change, std) in moved.items()
+        for (joint, name), (change, std) in shifts.items()
     }
 
 
@@ -249,9 +249,9 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
             for name in ("velocity", "direction")
         )
         friction = float(np.linalg.norm(fit.regression["viscous"] * v + fit.regression["coulomb"] * s))
-        share = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
-        dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
-        text = f"rms residual of the regression: {fit.regression.relative_error:.1%} of the torque, {share:.0%} of "
+        ratio = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
+        dominates = ratio > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
+        text = f"rms residual of the regression: {fit.regression.relative_error:.1%} of the torque, {ratio:.0%} of "
         text += "the friction torque" + dominates * (
             ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
             "and the friction parameters are valid only with this rigid body. Record constant-velocity runs of this "
@@ -320,10 +320,10 @@ def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[
     return shift_between(wide, slow, rate_hz)
 
 
-def assess_motion(fit: MotionFriction, joint: str, moved: Moved, passband_hz: float) -> MotionFriction:
+def assess_motion(fit: MotionFriction, joint: str, shifts: Moved, passband_hz: float) -> MotionFriction:
     """Add significant changes between bands to the intervals of a joint's friction, with a misfit's reason."""
     numbers = fit.regression
-    changes = {name: change for (of, name), change in moved.items() if of == joint and name in COMPARED_PARAMETERS}
+    changes = {name: change for (of, name), change in shifts.items() if of == joint and name in COMPARED_PARAMETERS}
     shift = np.array([changes.get(name, (0.0, 1.0))[0] for name in numbers.names])
     stds, worst = max(((abs(change) / std, name) for name, (change, std) in changes.items()), default=(0.0, ""))
     texts = []
@@ -352,8 +352,8 @@ def torque_components(numbers: Regression, columns: Mapping[str, FloatArray]) ->
     Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
     """
     parts = dict[str, FloatArray]()
-    of_gravity = ["gravity", "gain", "offset", *(("ripple", "delay") if "offset" in columns else ())]
-    part_of = {"inertia": "inertia"} | dict.fromkeys(of_gravity, "gravity")
+    gravity_names = ["gravity", "gain", "offset", *(("ripple", "delay") if "offset" in columns else ())]
+    part_of = {"inertia": "inertia"} | dict.fromkeys(gravity_names, "gravity")
     for name in (name for name in columns if name in numbers.names):
         part = "viscous" if name.endswith("viscous") else part_of.get(name.partition(".")[0], "coulomb")
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
@@ -371,10 +371,10 @@ def regress_robot_motion(
 
     DataError for friction that drives.
     """
-    joints = tuple(logs[0].of_joints)
+    joints = tuple(logs[0].signals)
     chosen, regrouped = base_columns_of(robot, joints, logs)
-    of_chosen = RigidColumns(robot, joints, joints, chosen)
-    rigid = [of_chosen.filtered(log) for log in logs]
+    base = RigidColumns(robot, joints, joints, chosen)
+    rigid = [base.filtered(log) for log in logs]
 
     def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
         return [equations_of(log, terms, block, sliding) for log, block in zip(logs, rigid, strict=True)]
@@ -386,18 +386,16 @@ def regress_robot_motion(
         for joint, rule in terms.items()
     }
     least = solve(equations(terms), rate_hz)
-    moved = band_differences(
-        both_bands(logs, NARROW_BAND), lambda log: equations_of(log, terms, of_chosen.filtered(log))
-    )
+    shifts = band_differences(both_bands(logs, NARROW_BAND), lambda log: equations_of(log, terms, base.filtered(log)))
     names, units = zip(*column_names(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
     shrunk, least_shrunk = (ridge_estimate(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))
-    of_base = tuple(units[i] for i in chosen)
-    body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
+    base_units = tuple(units[i] for i in chosen)
+    body = RigidBody(joints, base_units, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
     alone = [
         {
             joint: replace(signal, motion=replace(signal.motion, torque=signal.motion.torque - torque))
-            for (joint, signal), torque in zip(log.of_joints.items(), of_chosen.torques(log, least_shrunk), strict=True)
+            for (joint, signal), torque in zip(log.signals.items(), base.torques(log, least_shrunk), strict=True)
         }
         for log in logs
     ]
@@ -405,6 +403,6 @@ def regress_robot_motion(
         joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
     }
     return {
-        joint: replace(assess_motion(fit, joint, moved, fit.passband_hz), rigid_body=body)
+        joint: replace(assess_motion(fit, joint, shifts, fit.passband_hz), rigid_body=body)
         for joint, fit in friction.items()
     }, alone

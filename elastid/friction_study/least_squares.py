@@ -104,7 +104,7 @@ def inverse_normal(J: FloatArray) -> FloatArray:
     return np.asarray(inverse / np.outer(size, size))
 
 
-def chance_of_terms(narrow: float, wide: float, added: int, dof: int) -> float:
+def terms_p_value(narrow: float, wide: float, added: int, dof: int) -> float:
     """Return the p-value by which `added` terms lower the cost from `narrow` to `wide`, with dof left (F test)."""
     return f_test(narrow - wide, added, max(wide, dof), dof)
 
@@ -212,9 +212,9 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     terms = [cosine_count(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
     meat = sum(long_run(part, count) for part, count in zip(parts, terms, strict=True))
-    of_errors = (free_X / size @ bread).reshape(n, m, n_x)
+    error_influence = (free_X / size @ bread).reshape(n, m, n_x)
     explained = [np.split(columns.reshape(n, m, -1), ends) for columns in (basis, _basis(free_X)[0])]
-    shrinkage, dof = _expected(np.split(of_errors, ends), [*zip(*explained, strict=True)], terms)
+    shrinkage, dof = _expected(np.split(error_influence, ends), [*zip(*explained, strict=True)], terms)
     covariance = bread @ meat @ bread / np.sqrt(np.outer(shrinkage, shrinkage))
     student = small_sample_factors(dof)
     widening = state_widening(bread, scores, states, np.diag(covariance) * student**2, dof)
@@ -250,20 +250,20 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
 
 
 def _expected(
-    of_errors: Sequence[FloatArray], explained: Sequence[Sequence[FloatArray]], terms: Sequence[int]
+    error_influence: Sequence[FloatArray], explained: Sequence[Sequence[FloatArray]], terms: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
     r"""Return mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
 
-    of_errors (n, m, n_x): of each log, contributions of its errors to the errors of the numbers.  explained: blocks of
+    error_influence (n, m, n_x): influence of each log's errors on the errors of the numbers.  explained: blocks of
     orthonormal columns (n, m, r) of all numbers, which the residuals lack, so that these are smaller than the errors,
     above all where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of
     B terms,
 
     .. math:: V = \frac{2}{B} \mathrm{tr}\, C D (I - Q Q^T) D C^T, \quad D = \mathrm{diag}(w), \quad Q Q^T: explained
     """
-    n_x = of_errors[0].shape[2]
+    n_x = error_influence[0].shape[2]
     truth, mean, variance = np.zeros(n_x), np.zeros(n_x), np.zeros(n_x)
-    for e, columns, count in zip(of_errors, explained, terms, strict=True):
+    for e, columns, count in zip(error_influence, explained, terms, strict=True):
         squares = np.sum(e**2, axis=1)
         # cos a cos b = (cos(a - b) + cos(a + b)) / 2
         cosines = np.concatenate([squares.sum(axis=0)[None], dct(squares, axis=0)[1 : 2 * count + 1] / 2])

@@ -113,8 +113,8 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     """Return plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
     position, velocity, acceleration = smoothed(record, STEADY_HZ)
-    of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
-    ways = [plateau for plateau in of_ways if plateau is not None]
+    candidates = [_way_plateau(position, *way, record.rate_hz) for way in _ways(position)]
+    ways = [plateau for plateau in candidates if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)
     parts = [part for part in steady if not any(part.start < way.stop and way.start < part.stop for way in ways)]
     plateaus = [*ways, *parts]
@@ -144,7 +144,7 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
     return list(zip(turns, [*turns[1:], len(position)], strict=True))
 
 
-def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
+def _way_plateau(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """Return the plateau of a way with at least half of its time at one speed, if its means over windows are equal."""
     way = position[start:stop]
     travelled = np.abs(way - way[0]) > MAX_STEADY_CHANGE * np.ptp(way)
@@ -289,13 +289,13 @@ class MotionSignals:
         exact for an acceleration that is linear between samples, from a link that starts with its motor; the spring is
         damped by 2 % at least, so that this start is forgotten.
         """
-        spring, moved = self.motion.spring, self.acceleration - self.acceleration[0]
+        spring, swing = self.motion.spring, self.acceleration - self.acceleration[0]
         if spring is None:
             return np.asarray(self.derivatives[1])
         J_l, k = spring.link_inertia, spring.stiffness
         d = max(spring.damping, 0.04 * float(np.sqrt(k * J_l)))
         (b,), a, _ = cont2discrete(([d, k], [J_l, d, k]), 1 / self.motion.rate_hz, "foh")
-        return np.asarray(self.derivatives[1] + J_l / spring.inertia * (lfilter(b, a, moved) - moved))
+        return np.asarray(self.derivatives[1] + J_l / spring.inertia * (lfilter(b, a, swing) - swing))
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """Return a side of the equation (n, ...) behind the filter, at the decimated samples, away from the ends."""
@@ -403,7 +403,7 @@ def b_spline_taps(rate_hz: float, passband_hz: float) -> FloatArray:
 class MotionLog:
     """Signals of a log by joint, and the angles of the joints that rest."""
 
-    of_joints: Mapping[str, MotionSignals]
+    signals: Mapping[str, MotionSignals]
     resting: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -414,7 +414,7 @@ class MotionLog:
     @property
     def first(self) -> MotionSignals:
         """Signals of one of its joints, which all have its times."""
-        return next(iter(self.of_joints.values()))
+        return next(iter(self.signals.values()))
 
 
 def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog], ...]:
@@ -423,7 +423,7 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
     for log in logs:
         try:
             slow = {
-                joint: MotionSignals.of(axis.motion, narrow * axis.passband_hz) for joint, axis in log.of_joints.items()
+                joint: MotionSignals.of(axis.motion, narrow * axis.passband_hz) for joint, axis in log.signals.items()
             }
         except DataError:
             return ()
@@ -431,8 +431,8 @@ def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog
             return ()
         kept = next(iter(slow.values())).decimation
         same = slice(kept.start, kept.stop, log.first.decimation.step)
-        for band, signals in zip(bands, (log.of_joints, slow), strict=True):
+        for band, signals in zip(bands, (log.signals, slow), strict=True):
             band.append(
-                replace(log, of_joints={joint: replace(axis, decimation=same) for joint, axis in signals.items()})
+                replace(log, signals={joint: replace(axis, decimation=same) for joint, axis in signals.items()})
             )
     return bands

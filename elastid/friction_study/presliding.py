@@ -73,9 +73,9 @@ class Elements:
         """Return Maxwell slip as a robot's file has it."""
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
-        shares = k * D / float(k @ D)
+        fractions = k * D / float(k @ D)
         # A hundred times the torque: an element that slips reaches its level at once.
-        return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D))
+        return MaxwellSlip(tuple(k.tolist()), tuple(fractions.tolist()), 100.0 * float(k @ D))
 
 
 def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: int | None = None) -> Elements:
@@ -105,9 +105,9 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
     candidates = ((q, _fit(q, u, thresholds, used)) for q in _smoothed(loops, frequency_hz))
     q, spectrum = min(candidates, key=lambda pair: pair[1].mean_square)
     if elements is not None:
-        return _few(q, u, spectrum, elements, used)
+        return _element_fit(q, u, spectrum, elements, used)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
-    fits = [_few(q, u, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
+    fits = [_element_fit(q, u, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
     # Mean squares of what the rest of the log misses in each part of it; the best ones within one std.
     errors = np.array([
         [np.mean((u - _fit(q, u, fit.threshold, used & ~fold).torque(q))[fold] ** 2) for fold in folds] for fit in fits
@@ -141,10 +141,10 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
     return Elements(k, thresholds, offset, float(np.mean((u[used] - A @ k - offset) ** 2)))
 
 
-def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
+def _element_fit(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
     torque = np.cumsum(spectrum.stiffness * spectrum.threshold)
-    shares = (np.arange(count) + 0.5) / count * torque[-1]
-    start = np.log(np.interp(shares, torque, spectrum.threshold))
+    fractions = (np.arange(count) + 0.5) / count * torque[-1]
+    start = np.log(np.interp(fractions, torque, spectrum.threshold))
     start = start + 1e-3 * np.arange(count)  # no two the same
     low, high = np.log(spectrum.threshold[0] / 2), np.log(spectrum.threshold[-1])
     within = np.clip(start, low + 1e-6, high - 1e-6)
@@ -250,15 +250,15 @@ class _Model:
         """Return start from the smallest amplitude by linear regression of 1 / G."""
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
-        is_rigid, of_file = self.joint is None, np.zeros(len(OF_FILE))
-        Z = 1 / first.G - (0 if is_rigid else self.reaction(np.append(of_file, [0.0] * 3), omega))
+        is_rigid, file_deviation = self.joint is None, np.zeros(len(OF_FILE))
+        Z = 1 / first.G - (0 if is_rigid else self.reaction(np.append(file_deviation, [0.0] * 3), omega))
         weight = np.abs(first.G) ** 2 / np.sqrt(first.variance)
         A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + is_rigid]
         (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
         sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
         sigma_0 = max(float(sigma_0), 1e-3 * float(np.median(np.abs(1 / first.G))))
         smallest = 1e-3 * sigma_0 / float(omega[0]) ** 2
-        common = [np.log(max(float(J), smallest)) for J in inertia] if is_rigid else of_file
+        common = [np.log(max(float(J), smallest)) for J in inertia] if is_rigid else file_deviation
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def covariance(self, fit: Optimum) -> FloatArray:
@@ -271,11 +271,11 @@ class _Model:
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Return residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
-        of_file, residuals = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
+        file_deviation, residuals = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
         for response in self.responses:
             error = (response.G - self.receptance(x, response)) / np.sqrt(response.variance / 2)
             residuals += [error.real, error.imag]
-        return np.concatenate([*residuals, of_file])
+        return np.concatenate([*residuals, file_deviation])
 
 
 def slipped(omega: FloatArray, response: "PreslidingResponse", per_bend: float) -> ComplexArray:

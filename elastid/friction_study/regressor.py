@@ -159,12 +159,12 @@ def noise_bias(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regres
     (Fuller, Measurement Error Models, 1987, section 1.1.)
     """
     equations = [axis_equations(axis, terms, fit if terms.searched else None).X[:, 0] for axis in signals]
-    X, of_noise = np.concatenate(equations), np.zeros(len(fit.names))
+    X, noise_products = np.concatenate(equations), np.zeros(len(fit.names))
     powers = sum(axis.used.sum() * axis.noise_powers for axis in signals)
     for name, power in zip(("viscous", "inertia"), powers, strict=True):
-        of_noise[[of == name for of in fit.names]] = power
+        noise_products[[of == name for of in fit.names]] = power
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    return np.asarray(-np.linalg.pinv((X / size).T @ (X / size)) @ (of_noise * fit.values / size) / size)
+    return np.asarray(-np.linalg.pinv((X / size).T @ (X / size)) @ (noise_products * fit.values / size) / size)
 
 
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
@@ -223,8 +223,8 @@ def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, .
     for log in signals:
         columns = columns_of(log, terms)
         errors.append((log.filtered(log.motion.torque) - sum(fit[name] * columns[name] for name in columns))[log.used])
-        of_turn = turn_waves(log.position, log.direction, log.motion.turn)
-        waves.append((log.filtered(of_turn.real) + 1j * log.filtered(of_turn.imag))[log.used])
+        turning = turn_waves(log.position, log.direction, log.motion.turn)
+        waves.append((log.filtered(turning.real) + 1j * log.filtered(turning.imag))[log.used])
     peaks = tuple(np.flatnonzero(harmonic_peaks(np.concatenate(errors), np.concatenate(waves))).tolist())
     if not peaks:
         return ()
@@ -269,15 +269,15 @@ def equations_of(
 
     sliding: of samples that are clear of reversals alone.
     """
-    columns = [columns_of(axis, terms[joint], about) for joint, axis in log.of_joints.items()]
-    names = [(i, joint, name) for i, joint in enumerate(log.of_joints) for name in columns[i]]
-    used = np.stack([axis.used | (not sliding) for axis in log.of_joints.values()], axis=1)
+    columns = [columns_of(axis, terms[joint], about) for joint, axis in log.signals.items()]
+    names = [(i, joint, name) for i, joint in enumerate(log.signals) for name in columns[i]]
+    used = np.stack([axis.used | (not sliding) for axis in log.signals.values()], axis=1)
     X = np.zeros((*used.shape, len(names)))
     for k, (i, _, name) in enumerate(names):
         X[:, i, k] = columns[i][name]
     R = np.zeros((*used.shape, 0)) if rigid is None else rigid
-    y = np.stack([axis.filtered(axis.motion.torque) for axis in log.of_joints.values()], axis=1)
-    states = [axis.filtered(state) for axis in log.of_joints.values() for state in (axis.position, axis.velocity)]
+    y = np.stack([axis.filtered(axis.motion.torque) for axis in log.signals.values()], axis=1)
+    states = [axis.filtered(state) for axis in log.signals.values() for state in (axis.position, axis.velocity)]
     numbers = tuple((joint, name) for _, joint, name in names)
     return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1), numbers)
 

@@ -190,7 +190,7 @@ RIGID_TERMS = {
 }
 
 
-def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
+def law_numbers(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Yield numbers of the static law, and of each direction where they differ."""
     curve, values = law.curve, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", curve.slides)
@@ -202,11 +202,11 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
         terms["temperature.coulomb"] = replace(
             TERMS["temperature.coulomb"], prefix="tauT", symbol="tau_T", meaning=by_heat
         )
-    names, of_law = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
-    yield from _table(joint, curve.slides, learnt, names, *of_law, terms)
+    names, arguments = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
+    yield from _table(joint, curve.slides, learnt, names, *arguments, terms)
 
 
-def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
+def thermal_numbers(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Yield time constants, and heat given off where kelvins are known."""
     constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
     learnt = f"{read} readings, {len(warm_up.torque)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
@@ -313,7 +313,7 @@ def _joint(
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {row.name: row for row in _numbers(sliding, None if refused else static, at_rest, true)}
     if warmed is not None:
-        numbers |= {row.name: row for row in numbers_of_heat(name, *warmed)}
+        numbers |= {row.name: row for row in thermal_numbers(name, *warmed)}
         notes += warm_up_note(*warmed, f"warm-up of joint {name}")
     notes += () if at_rest is None else at_rest.notes
     fit = sliding.motion if static is None else static
@@ -373,7 +373,7 @@ def _numbers(
     """Yield the table of parameters; of two experiments for one, the later counts, and runs before motions."""
     table = partial(_table, sliding.joint, sliding.slides, truth=truth)
     if static is not None:
-        yield from numbers_of_law(sliding.joint, static, truth)
+        yield from law_numbers(sliding.joint, static, truth)
     if sliding.motion is not None:
         motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"

@@ -65,7 +65,7 @@ def _states(robot: Robot, log: MotionLog, samples: slice = slice(None)) -> Float
     state = np.zeros((3, len(names), len(log.first.position[samples])))
     for joint, angle in log.resting.items():
         state[0, names.index(joint)] = angle
-    for joint, signal in log.of_joints.items():
+    for joint, signal in log.signals.items():
         moved = (signal.position, signal.velocity, signal.acceleration)
         state[:, names.index(joint)] = [part[samples] for part in moved]
     return state
@@ -81,7 +81,7 @@ def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
     states = (_states(robot, log, slice(i, i + PIECE)) for i in range(0, len(log.first.position), PIECE))
     tau = np.hstack([dynamics(*state, np.tile(theta, state.shape[2])).full() for state in states])
     rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
-    return {joint: tau[names.index(joint)] + rotors[joint] * axis.acceleration for joint, axis in log.of_joints.items()}
+    return {joint: tau[names.index(joint)] + rotors[joint] * axis.acceleration for joint, axis in log.signals.items()}
 
 
 def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[str, FloatArray]:
@@ -89,7 +89,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
 
     DataError where its motion takes numbers that the motions behind `body` have not identified.
     """
-    rows = tuple(joint for joint in log.of_joints if joint in body.joints)
+    rows = tuple(joint for joint in log.signals if joint in body.joints)
     if not rows:
         return {}
     sample = RigidColumns(robot, body.joints, rows).sampled(log).reshape(-1, len(body.columns))
@@ -111,14 +111,14 @@ def column_names(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
 
     Joints behind coupled motors have friction F, f of their own at joint speed.
     """
-    of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
+    frame_columns = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
     rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
     offsets = [(f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints]
     coupled = [robot.driven_names[i] for i in _coupled(robot)]
     sliding = [(f"F_{joint}", "N" if slides[joint] else "N*m") for joint in coupled]
     sliding += [(f"f_{joint}", "N*s/m" if slides[joint] else "N*m*s/rad") for joint in coupled]
-    return [*of_frames, *rotors, *offsets, *sliding]
+    return [*frame_columns, *rotors, *offsets, *sliding]
 
 
 def _coupled(robot: Robot) -> list[int]:
@@ -175,12 +175,12 @@ class RigidColumns:
         for i, (joint, place) in enumerate(zip(self.rows, places, strict=True)):
             k = self.joints.index(joint)
             rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
-        of_rigid_body = np.asarray(ca.DM(function(*state))).reshape(len(places), n, -1).swapaxes(0, 1)
+        body_columns = np.asarray(ca.DM(function(*state))).reshape(len(places), n, -1).swapaxes(0, 1)
         coupled, to_joints = _coupled(self.robot), np.linalg.inv(self.robot.mixing)
         v = to_joints[coupled] @ state[1, list(self.robot.driven_indices)]
         rows = to_joints.T[[self.robot.driven_names.index(joint) for joint in self.rows]][:, coupled]
         sliding = np.concatenate([np.sign(v), v]).T[:, None] * np.tile(rows, 2)
-        return np.concatenate([of_rigid_body, np.concatenate([rotors, sliding], axis=2)[:, :, further]], axis=2)
+        return np.concatenate([body_columns, np.concatenate([rotors, sliding], axis=2)[:, :, further]], axis=2)
 
     def sampled(self, log: MotionLog) -> FloatArray:
         """Return columns (n, len(rows), n_b) at some 500 samples."""

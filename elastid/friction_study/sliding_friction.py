@@ -67,14 +67,14 @@ def identify_sliding_friction(
 ) -> tuple[SlidingFriction, ...]:
     """Identify friction curve and motion of each joint; DataError for a joint without a usable record."""
     progress(0, 1 + len(joints))
-    motions, commanded = _motions(robot, joints, measured), _commanded(robot, measured)
+    motions, commanded = _motions(robot, joints, measured), _commanded_joints(robot, measured)
     fits = list[SlidingFriction]()
     for done, joint in enumerate(joints, start=1):
         progress(done, 1 + len(joints))
         if joint.name in commanded:
             fits.append(_commanded_friction(joint, commanded[joint.name], measured))
         else:
-            fits.append(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())))
+            fits.append(_joint_friction(robot, joint, measured, motions.get(joint.name, JointMotion())))
     return tuple(fits)
 
 
@@ -97,7 +97,7 @@ def _commanded_friction(joint: Joint, fit: CommandedJoint, measured: FrictionRec
         )
     gains = Note("friction/gains", text, f"joint {joint.name}", severity="information")
     return SlidingFriction(
-        joint.name, joint.slides, notes=(*notes, gains, *_combined(joint, fit, measured)), commanded=fit
+        joint.name, joint.slides, notes=(*notes, gains, *_combination_notes(joint, fit, measured)), commanded=fit
     )
 
 
@@ -109,15 +109,15 @@ SEPARATING = (
 )
 
 
-def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> Iterator[Note]:
+def _combination_notes(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> Iterator[Note]:
     """Yield a note on each identified combination of numbers that are not, and the motion that separates them."""
     kp, kd = measured.of(joint.name, "commands")[0].gains or (1.0, 1.0)
     # Below it the lag of friction is a delay, (f + k_d) / k_p.
     hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
     terms, last = {**TERMS, **RIGID_TERMS}, [*range(-1, len(fit.names) - 1)]  # the delay, then the others
-    std, of_names = np.sqrt(np.diag(fit.covariance))[last], [fit.names[i] for i in last]
+    std, last_names = np.sqrt(np.diag(fit.covariance))[last], [fit.names[i] for i in last]
     for combination in identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
-        names = [of_names[i] for i in combination.members]
+        names = [last_names[i] for i in combination.members]
         relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in combination.members]
         if max(relative) < WIDE:
             continue
@@ -135,16 +135,16 @@ def _combined(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> I
         yield Note("friction/combination", text, f"joint {joint.name}", severity="information")
 
 
-def _commanded(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
+def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
     """Return numbers of each joint with commands and no torque, from all its logs; joints of a log share one delay."""
     logs = motion_logs(measured, "commands")
     if not logs:
         return {}
-    of_logs = [commanded_log(robot, log) for log in logs]
-    carried = {j: c for log in of_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
+    commanded_logs = [commanded_log(robot, log) for log in logs]
+    carried = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
         joint: replace(_with_motion(fit, measured.of(joint, "commands")), carried=carried[joint])
-        for joint, fit in fit_commanded(of_logs).items()
+        for joint, fit in fit_commanded(commanded_logs).items()
     }
 
 
@@ -198,11 +198,11 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
         return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[places]
 
     # Columns of the mass matrix at some instants.
-    some, unit = whole[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
-    still, columns = np.zeros_like(some), []
+    sample, unit = whole[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
+    still, columns = np.zeros_like(sample), []
     for place in places:
         unit[:], unit[place] = 0.0, 1.0
-        columns.append(torque(some, still, still + unit) - torque(some, still, still))
+        columns.append(torque(sample, still, still + unit) - torque(sample, still, still))
     M = np.array(columns)  # (m, m, k)
     diagonal = np.mean(M[range(m), range(m)], axis=1)
     coupling = np.max(np.abs(M), axis=2) * ~np.eye(m, dtype=bool)
@@ -220,13 +220,13 @@ def simulated_commands(
     Sangiovanni-Vincentelli, IEEE Trans. CAD 1, 1982).
     """
     commanded, records = commanded_log(robot, log), list(log.values())
-    moved = np.asarray(simulate_commanded(commanded, joints))
+    positions = np.asarray(simulate_commanded(commanded, joints))
     for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
-        before, (load, carried) = moved, rigid_loads(robot, records, moved)
-        moved = simulate_commanded(replace(commanded, load=load, coupled_inertia=carried), joints)
-        if np.max(np.abs(moved - before)) < SWEEP_TOLERANCE * float(np.ptp(moved)):
+        before, (load, carried) = positions, rigid_loads(robot, records, positions)
+        positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=carried), joints)
+        if np.max(np.abs(positions - before)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
             break
-    return moved
+    return positions
 
 
 def _first_velocity(record: FrictionRecord) -> float:
@@ -236,12 +236,12 @@ def _first_velocity(record: FrictionRecord) -> float:
     return float(np.polyfit(np.arange(5) / record.rate_hz, record.position[:5], 1)[0])
 
 
-def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> SlidingFriction:
+def _joint_friction(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> SlidingFriction:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     runs = measured.of(joint.name, "constant_velocity")
     planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    of_joint, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
-    notes, curve = [*notes_of(of_joint), *motion.notes], None
+    logged, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
+    notes, curve = [*notes_of(logged), *motion.notes], None
     if records := [*planned, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
@@ -250,7 +250,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "Jo
             [part for record in records for part in passes_of(record)], against, _turn(joint)
         )
         notes += curve.notes
-    elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in of_joint)):
+    elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in logged)):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
@@ -296,11 +296,11 @@ class JointMotion:
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
     """Return the motions of each joint that has some; where it moved alone and with others, alone counts."""
     logs = motion_logs(measured)
-    evaluated = _together(robot, [log for log in logs if len(log) > 1])
+    evaluated = _joint_group_motion(robot, [log for log in logs if len(log) > 1])
     for joint in joints:
         alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
         if alone:
-            evaluated[joint.name] = _alone(robot, joint, alone)
+            evaluated[joint.name] = _single_joint_motion(robot, joint, alone)
         elif run_downs := measured.of(joint.name, "coast_down"):
             evaluated[joint.name] = _coasting(robot, joint, run_downs)
     return evaluated
@@ -315,10 +315,12 @@ def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[
     return list(logs.values())
 
 
-def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
+def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
-    passes = _enough([part for record in records for part in noted(notes, code, detect_passes, record, against) or ()])
+    passes = _sufficient_runs(
+        [part for record in records for part in noted(notes, code, detect_passes, record, against) or ()]
+    )
     friction = noted(notes, code, _regressed, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
@@ -343,7 +345,7 @@ def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], ag
     return regress_motion(*motions)
 
 
-def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:
+def _joint_group_motion(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:
     groups: dict[tuple[str, ...], list[Mapping[str, FrictionRecord]]] = {}
     for log in logs:
         groups.setdefault(tuple(log), []).append(log)
@@ -358,11 +360,11 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
             pairs = zip(members, alone, strict=True)
             records = [replace(log[joint], torque=rigid[joint].motion.torque) for log, rigid in pairs]
             passes = [part for record in records for part in detect_passes(record, has_gravity=False)]
-            evaluated[joint] = JointMotion(friction[joint], _enough(passes), friction[joint].notes)
+            evaluated[joint] = JointMotion(friction[joint], _sufficient_runs(passes), friction[joint].notes)
     return evaluated
 
 
-def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
+def _sufficient_runs(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     numbers = ((part, np.log(part.speed or 1.0), np.nan_to_num(part.mean_temperature)) for part in passes)
     conditions = {
         (round(log / MAX_STEADY_CHANGE), part.load, round(degc / TEMPERATURE_STEP_K)) for part, log, degc in numbers

@@ -18,7 +18,7 @@ from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import FitError
 from elastid.friction.static import FALLING, Conditions, columns, slopes
 from elastid.friction_study.constant_velocity import MAX_RELATIVE_STD, FrictionCurve
-from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
+from elastid.friction_study.least_squares import FALSE_ALARM, inverse_normal, minimise, terms_p_value
 from elastid.friction_study.spec import LawSpec, Part
 from elastid.robot.friction import (
     EXPONENT_RANGE,
@@ -71,13 +71,13 @@ class StaticLaw:
         names = (
             ("coulomb", "viscous") if np.ptp(curve.speed) > SAME_SPEED_TOLERANCE * curve.speed.max() else ("coulomb",)
         )
-        fit, parts = fit_curve(curve, Terms(names, (), {})), _parts(curve)
+        fit, parts = fit_curve(curve, Terms(names, (), {})), _candidate_terms(curve)
         reasons, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
         for _ in range(2):
             reasons = dict(extrapolated)
             for part in tuple(waiting):
-                wider, reason = _tried(curve, fit, part, getattr(spec, part.name))
+                wider, reason = _extended_law(curve, fit, part, getattr(spec, part.name))
                 if wider is None:
                     reasons.setdefault(part.name, reason)  # the first one is the strongest
                     continue
@@ -218,8 +218,8 @@ class _Search:
         W = 1 / self.levels.std
         Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
-        share = Q.T @ y
-        return np.linalg.lstsq(R, share, rcond=None)[0], y - Q @ share
+        projection = Q.T @ y
+        return np.linalg.lstsq(R, projection, rcond=None)[0], y - Q @ projection
 
     def starts(self) -> Iterator[FloatArray]:
         """Yield Stribeck velocities over the speeds, exponents, one decay."""
@@ -240,11 +240,11 @@ class _Search:
 
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> tuple[Friction, float]:
     """Return friction model and viscous friction from parameters by name, about a reference temperature in degC."""
-    of_part = {
+    fields = {
         part: {name.removeprefix(part): x for name, x in value.items() if name.startswith(part)}
         for part in ("load.", "temperature.", "directions.")
     }
-    load, heat, apart = of_part.values()
+    load, heat, apart = fields.values()
     heat |= {"viscous": max(0.0, heat["viscous"])} if "viscous" in heat else {}  # no law grows with heat
     friction = Friction(
         value["coulomb"], value.get("stiction"), value.get("stribeck_velocity"),
@@ -284,7 +284,7 @@ class UnidentifiedTerm:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Term:
     """Numbers that come together, if the terms have `after`, and the reason why the conditions cannot identify them.
 
     name: key of the part in a study's law.  refusal: that reason, "" without one.  fixed: until they are searched for.
@@ -307,7 +307,7 @@ class _Part:
         return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), fixed)
 
 
-def _tried(curve: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
+def _extended_law(curve: FrictionCurve, fit: StaticLaw, part: _Term, key: Part) -> tuple[StaticLaw | None, str]:
     """Return the law with a part, or the reason why not; both if the part is an extrapolation below the speeds."""
     if key == "no":
         return None, NOT_ASKED
@@ -321,7 +321,7 @@ def _tried(curve: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tupl
     except FitError as error:
         return None, str(error)
     new = [name for name in wider.names if name not in fit.names]
-    chance = chance_of_terms(fit.cost, wider.cost, len(new), wider.dof)
+    chance = terms_p_value(fit.cost, wider.cost, len(new), wider.dof)
     if part.is_tested and chance > FALSE_ALARM and key == "auto":
         return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
     wide, lowest = _widest(wider, new), float(curve.speed.min())
@@ -329,8 +329,8 @@ def _tried(curve: FrictionCurve, fit: StaticLaw, part: _Part, key: Part) -> tupl
     if lowest <= LOWEST_SPEED * nu_s:
         return (wider, "") if wide is None else (None, wide)
     text, (coulomb, std) = above_stribeck(lowest, nu_s), wider.value_and_std("coulomb")
-    is_known = std < MAX_RELATIVE_STD * coulomb and wider.value_and_std("stiction")[0] > 0
-    return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
+    is_significant = std < MAX_RELATIVE_STD * coulomb and wider.value_and_std("stiction")[0] > 0
+    return (wider, text) if is_significant and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 
 def above_stribeck(lowest: float, nu_s: float) -> str:
@@ -341,7 +341,7 @@ def above_stribeck(lowest: float, nu_s: float) -> str:
     )
 
 
-def _add_curve_uncertainty(curve: FrictionCurve, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
+def _add_curve_uncertainty(curve: FrictionCurve, fit: StaticLaw, stribeck: _Term, spec: LawSpec) -> StaticLaw:
     """Return fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
@@ -381,38 +381,38 @@ def _widest(fit: StaticLaw, names: list[str]) -> str | None:
     return None
 
 
-def _parts(curve: FrictionCurve) -> tuple[_Part, ...]:
+def _candidate_terms(curve: FrictionCurve) -> tuple[_Term, ...]:
     speeds, temperatures, loads = (
         _distinct(np.log(curve.speed), 0.05),
         _distinct(curve.measured_temperatures, TEMPERATURE_STEP_K),
         _distinct(curve.load / max(float(curve.load.max()), 1e-300), 0.05),
     )
 
-    def few(count: int, needed: int, what: str, advice: str) -> str:
+    def shortage(count: int, needed: int, what: str, advice: str) -> str:
         return "" if count >= needed else f"{needed} {what} are needed, and these levels have {count}; {advice}"
 
-    stribeck = few(speeds, MIN_SPEEDS, "speeds", extrapolates(float(curve.speed.min())))
+    stribeck = shortage(speeds, MIN_SPEEDS, "speeds", extrapolates(float(curve.speed.min())))
     uneven = (
         "the difference between the directions does not change with speed beyond chance, and a constant one cannot be "
         "distinguished from an offset of the torque"
     )
-    uneven = few(speeds, 4, "speeds", "record them both ways") or uneven  # four show a difference of slopes
+    uneven = shortage(speeds, 4, "speeds", "record them both ways") or uneven  # four show a difference of slopes
     uneven = "" if {1.0, -1.0} <= set(curve.direction.tolist()) else uneven
-    one_load, two_loads = (few(loads, n, "loads", "measure in more postures or with payloads") for n in (2, 3))
-    one_T, two_T = (few(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
-    by_speed = few(speeds, 2, "speeds", "at one speed the whole torque changes")
+    one_load, two_loads = (shortage(loads, n, "loads", "measure in more postures or with payloads") for n in (2, 3))
+    one_T, two_T = (shortage(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
+    by_speed = shortage(speeds, 2, "speeds", "at one speed the whole torque changes")
     return (
-        _Part("stribeck", stribeck, ("stiction",), ("stribeck_velocity",), fixed={"exponent": EXPONENTS[-1]}),
-        _Part("directions", uneven, ("directions.coulomb", "directions.viscous")),
-        _Part("load", one_load, ("load.coulomb",)),
-        _Part("load", one_load, ("load.stiction",), after="stribeck_velocity"),
-        _Part("load", two_loads, (), ("load.stribeck_velocity",), "load.stiction"),
-        _Part("temperature", one_T or by_speed, ("temperature.viscous",), fixed={"temperature.decay": START_DECAY_K}),
-        _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
-        _Part("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
-        _Part("exponent", stribeck, (), ("exponent",), "stribeck_velocity", is_tested=False),
-        _Part("temperature", one_T, ("temperature.coulomb",)),
-        _Part("quadratic", stribeck, ("quadratic",)),
+        _Term("stribeck", stribeck, ("stiction",), ("stribeck_velocity",), fixed={"exponent": EXPONENTS[-1]}),
+        _Term("directions", uneven, ("directions.coulomb", "directions.viscous")),
+        _Term("load", one_load, ("load.coulomb",)),
+        _Term("load", one_load, ("load.stiction",), after="stribeck_velocity"),
+        _Term("load", two_loads, (), ("load.stribeck_velocity",), "load.stiction"),
+        _Term("temperature", one_T or by_speed, ("temperature.viscous",), fixed={"temperature.decay": START_DECAY_K}),
+        _Term("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
+        _Term("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
+        _Term("exponent", stribeck, (), ("exponent",), "stribeck_velocity", is_tested=False),
+        _Term("temperature", one_T, ("temperature.coulomb",)),
+        _Term("quadratic", stribeck, ("quadratic",)),
     )
 
 

@@ -25,7 +25,7 @@ from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_record import FrictionRecord, WarmUpLog
 from elastid.friction_study.constant_velocity import PassRegression, passes_of
-from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, minimise
+from elastid.friction_study.least_squares import FALSE_ALARM, minimise, terms_p_value
 from elastid.friction_study.motion_signals import alike_speeds
 
 
@@ -76,7 +76,7 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
     problem = _Problem(warm_up, has_readings, has_series)
     single = problem.fit()
     double = replace(problem, nodes=2).fit(float(single.time_constants[0]))
-    chance = chance_of_terms(single.cost, double.cost, single.dof - double.dof, max(double.dof, 1))
+    chance = terms_p_value(single.cost, double.cost, single.dof - double.dof, max(double.dof, 1))
     return double if double.dof > 0 and chance < FALSE_ALARM else single
 
 
@@ -95,8 +95,8 @@ class _Problem:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns."""
-        shares = {"share": self.is_kelvin, "level_share": self.has_series}
-        second = ("ratio", *(name for name, is_there in shares.items() if is_there))
+        fractions = {"share": self.is_kelvin, "level_share": self.has_series}
+        second = ("ratio", *(name for name, is_there in fractions.items() if is_there))
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
 
     def thermal_parameters(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
@@ -105,28 +105,28 @@ class _Problem:
         ratio = math.exp(value.get("ratio", 0.0))
         constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
         first = np.array([[value.get(name, 1.0)] for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
-        shares, of_torque = np.ones((2, 1)) if self.nodes == 1 else np.hstack([first, 1 - first])
+        fractions, torque_fractions = np.ones((2, 1)) if self.nodes == 1 else np.hstack([first, 1 - first])
         start = log.start_degc + max(log.start_std, 1e-6) * value.get("start", 0.0)
-        return constants, shares, of_torque, math.exp(value.get("h", 0.0)), start
+        return constants, fractions, torque_fractions, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Return residual of readings, levels and the start, of variance 1."""
-        warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.thermal_parameters(x)
+        warm_up, (constants, fractions, torque_fractions, h, start) = self.warm_up, self.thermal_parameters(x)
         parts = []
         if self.is_kelvin:
-            log, T = warm_up.log, temperature(warm_up.log, constants, shares, h, start)
+            log, T = warm_up.log, temperature(warm_up.log, constants, fractions, h, start)
             read, std = np.isfinite(log.temperature), max(log.temperature_std, BEST_THERMOMETER)
             parts += [(log.temperature - T)[read] / std, x[-1:]]
         if self.has_series:
             weight = 1 / np.hypot(warm_up.torque_std, PARABOLA * warm_up.torque)
-            A, b = self.series(constants, level_shares) * weight[:, None], warm_up.torque * weight
+            A, b = self.series(constants, torque_fractions) * weight[:, None], warm_up.torque * weight
             parts.append(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
         return np.concatenate(parts)
 
-    def series(self, constants: FloatArray, shares: FloatArray) -> FloatArray:
+    def series(self, constants: FloatArray, fractions: FloatArray) -> FloatArray:
         """Return columns (m, 3 n_speeds) of the parabolas."""
         speeds, place = np.unique(np.round(self.warm_up.test_speed, 9), return_inverse=True)
-        heat = _heat(self.warm_up.log, constants, shares)[self.warm_up.test] / self.warm_up.log.power.max()
+        heat = _heat(self.warm_up.log, constants, fractions)[self.warm_up.test] / self.warm_up.log.power.max()
         return np.hstack([np.eye(len(speeds))[place] * heat[:, None] ** power for power in range(3)])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
@@ -149,13 +149,13 @@ class _Problem:
         if not ends:
             raise FitError("friction/warm-up", "no start leads to an optimum; check levels and temperatures", "warm-up")
         end = min(ends, key=lambda end: end.cost)
-        constants, shares, level_shares, h, _ = self.thermal_parameters(end.x)
-        eliminated = np.linalg.matrix_rank(self.series(constants, level_shares)) if self.has_series else 0
+        constants, fractions, torque_fractions, h, _ = self.thermal_parameters(end.x)
+        eliminated = np.linalg.matrix_rank(self.series(constants, torque_fractions)) if self.has_series else 0
         rows = ("h",), ("constant",), ("constant", "ratio")  # ln T_2 = ln T_1 + ln ratio
         pick = np.array([[float(name in row) for name in self.names] for row in rows])
         log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
-        shares, h = (shares, h) if self.is_kelvin else (level_shares, math.nan)
-        return ThermalModel(constants, shares, h, log_std, end.cost, end.dof - eliminated)
+        fractions, h = (fractions, h) if self.is_kelvin else (torque_fractions, math.nan)
+        return ThermalModel(constants, fractions, h, log_std, end.cost, end.dof - eliminated)
 
 
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
@@ -171,21 +171,21 @@ def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note
     return (Note("friction/warm-up", text, place),)
 
 
-def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArray:
+def _heat(log: WarmUpLog, constants: FloatArray, fractions: FloatArray) -> FloatArray:
     """Return sum w_i theta_i (n + 1,) in W, from a joint at ambient temperature."""
     steps, total = np.diff(log.time_s), np.zeros(len(log.time_s))
-    for T_i, w in zip(constants, shares, strict=True):
+    for T_i, w in zip(constants, fractions, strict=True):
         decay = np.exp(-steps / T_i)
         recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = .
         total += w * solve_banded((1, 0), recursion, np.append(0.0, log.power * (1 - decay)), check_finite=False)
     return total
 
 
-def temperature(log: WarmUpLog, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
+def temperature(log: WarmUpLog, constants: FloatArray, fractions: FloatArray, h: float, start: float) -> FloatArray:
     """Return T (n + 1,) in degC; a joint at rest is as warm inside as outside, and cools with its slowest constant."""
     fading, measured = np.exp(-(log.time_s - log.time_s[0]) / constants.max()), log.ambient_degc
     ambient = start if math.isnan(measured) else measured
-    return np.asarray(ambient + (start - ambient) * fading + _heat(log, constants, shares) / h)
+    return np.asarray(ambient + (start - ambient) * fading + _heat(log, constants, fractions) / h)
 
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:

@@ -73,11 +73,11 @@ def line_variance(response: Response) -> FloatArray:
     if covariance.dof > MANY_DOF:
         return floored(covariance.variance, power)
     # The part by the inputs is known line by line: of hits it is as uneven as their spectrum.
-    of_inputs = _of_inputs(covariance)
-    return floored(of_inputs * smoothed(covariance.variance / of_inputs, power), power)
+    input_scale = _input_variance(covariance)
+    return floored(input_scale * smoothed(covariance.variance / input_scale, power), power)
 
 
-def _of_inputs(covariance: Covariance) -> FloatArray:
+def _input_variance(covariance: Covariance) -> FloatArray:
     """Return variance (F, 1, n_u) of G by noise of variance 1 at the outputs, over its mean; 1 if unknown."""
     if covariance.left is None:
         return np.ones((1, 1, 1))
@@ -129,10 +129,10 @@ def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
         A = columns / scale
         gram = np.einsum("ifc,jfc->cij", A, A) + 1e-12 * np.eye(2)
         inside = np.einsum("ifc,fc->ci", A, v / scale)
-        share = np.linalg.solve(gram, inside[:, :, None])[:, :, 0]
+        weights = np.linalg.solve(gram, inside[:, :, None])[:, :, 0]
         # Where one of them is negative, the other is alone.
-        share = np.where(share[:, ::-1] < 0, inside / np.einsum("cii->ci", gram), np.maximum(share, 0.0))
-        scale = np.einsum("ifc,ci->fc", columns, share) + 1e-9 * mean
+        weights = np.where(weights[:, ::-1] < 0, inside / np.einsum("cii->ci", gram), np.maximum(weights, 0.0))
+        scale = np.einsum("ifc,ci->fc", columns, weights) + 1e-9 * mean
     local = uniform_filter1d(np.minimum(v / scale, MAX_RATIO), size, axis=0, mode="nearest")
     return np.asarray((scale * np.maximum(local, 1 / MAX_RATIO)).reshape(variance.shape))
 
@@ -203,7 +203,7 @@ def _unexplained(response: Response, fit: ModalFit) -> float:
     return float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(response.G) ** 2))
 
 
-def modes_of_responses(responses: Sequence[Response], spec: ModalSpec) -> tuple[Modes, ...]:
+def estimate_all_modes(responses: Sequence[Response], spec: ModalSpec) -> tuple[Modes, ...]:
     """Return the modes of each response as a study asks for them; none, with a note, of one with too few lines."""
     return tuple(_modes_or_none(response, spec) for response in responses)
 
@@ -276,9 +276,9 @@ def modal_data(response: Response, variance: FloatArray | None = None) -> ModalD
 def weighted(response: Response, data: ModalData) -> ComplexArray:
     """Return G (F, n_y, n_u) over the scale of its elements, or over one scale per input so that G = B / A holds."""
     scale = data.scale.reshape(response.G.shape[1:])
-    of_outputs = np.exp(np.log(scale).mean(axis=1, keepdims=True))
-    of_inputs = np.exp((np.log(scale) - np.log(of_outputs)).mean(axis=0, keepdims=True))
-    return np.asarray(response.G / (of_outputs * of_inputs))
+    output_scale = np.exp(np.log(scale).mean(axis=1, keepdims=True))
+    input_scale = np.exp((np.log(scale) - np.log(output_scale)).mean(axis=0, keepdims=True))
+    return np.asarray(response.G / (output_scale * input_scale))
 
 
 def _fitted(
@@ -361,14 +361,14 @@ def _gathered(
     f, f_std, zeta, zeta_std = np.array(numbers).reshape(-1, 4).T
     synthesis = fit.synthesis().reshape(response.G.shape)
     power = np.maximum(np.mean(np.abs(response.G) ** 2, axis=(1, 2)), np.finfo(float).tiny)
-    stated = np.sqrt(np.mean(line_variance(response), axis=(1, 2)) / power)
+    noise_std = np.sqrt(np.mean(line_variance(response), axis=(1, 2)) / power)
     shape_matrix, drive = np.array(shapes, complex).reshape(-1, n_y).T, np.array(participations).reshape(-1, n_u).T
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.has_rate, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
         drive, np.array(participation_stds).reshape(-1, n_u).T,
         phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
-        response.freq_hz, synthesis, stated, np.asarray(np.linalg.svd(response.G, compute_uv=False), float), diagram,
+        response.freq_hz, synthesis, noise_std, np.asarray(np.linalg.svd(response.G, compute_uv=False), float), diagram,
         influences.joint_covariance(members), line_notes(modes, response),
     )  # fmt: skip
 

@@ -80,13 +80,13 @@ class FittedMode:
         fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
         C = influences.pole_covariances[r] * scale**2
         # zeta = -Re lambda / |lambda|
-        of_freq = np.array([pole.real, pole.imag]) / size / (2 * np.pi)
-        of_zeta = np.array([-(pole.imag**2), pole.real * pole.imag]) / size**3
-        freq_std, zeta_std = (float(np.sqrt(max(float(g @ C @ g), 0.0))) for g in (of_freq, of_zeta))
+        freq_slope = np.array([pole.real, pole.imag]) / size / (2 * np.pi)
+        zeta_slope = np.array([-(pole.imag**2), pole.real * pole.imag]) / size**3
+        freq_std, zeta_std = (float(np.sqrt(max(float(g @ C @ g), 0.0))) for g in (freq_slope, zeta_slope))
         shape = response.G.shape[1:]
         residue = (fit.residues[r] * scale).reshape(shape)
         std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
-        slopes = np.stack([of_freq, of_zeta])
+        slopes = np.stack([freq_slope, zeta_slope])
         return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, r, slopes)
 
     def is_within(self, response: Response, shift: float = 0.0) -> bool:
@@ -205,7 +205,7 @@ class Influences:
         # Intervals are 1.96 standard deviations, of a variance that is itself from some lines: Student's quantile.
         weight = np.sum(np.abs(scaled) ** 2, axis=(0, 2))
         lines = len(shifts) + float(weight.sum() ** 2 / (weight @ weight)) - 1
-        dof = 2 * lines * float(weight @ self._free[low:high]) / float(weight.sum()) / self._together
+        dof = 2 * lines * float(weight @ self._free[low:high]) / float(weight.sum()) / self._shared_error_lines
         return total * small_sample_factors(max(dof, LEAST_DOF)) ** 2
 
     def _line_factor(self, influence: ComplexArray) -> float:
@@ -216,7 +216,7 @@ class Influences:
         seen = 1 + 2 * float(np.sum((products * rho).real))
         stated = 1 + 2 * float(np.maximum(1 - lags / self.correlated_lines, 0.0) @ products.real)
         # A fit takes the correlation of errors of local methods out of the residuals.
-        return max(seen, stated if self._together > 1 else 1.0, 1.0)
+        return max(seen, stated if self._shared_error_lines > 1 else 1.0, 1.0)
 
     @cached_property
     def _autocorrelation(self) -> ComplexArray:
@@ -235,7 +235,7 @@ class Influences:
         return unstacked(self.fit.residual) / np.sqrt(self.fit.data.variance) * self._phase.conj()
 
     @property
-    def _together(self) -> float:
+    def _shared_error_lines(self) -> float:
         """Lines with a common error by local methods; with segments, leakage at a resonance is independent."""
         return self.correlated_lines if self.fit.data.basis.correlation is None else 1.0
 
@@ -247,7 +247,7 @@ class Influences:
     def _free(self) -> FloatArray:
         """Fraction (F,) of the noise that a fit leaves in the residuals near a line; correlated lines lose more."""
         taken = np.sum(np.abs(unstacked(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
-        mean = uniform_filter1d(self._together * taken, 2 * self._half + 1, mode="reflect")
+        mean = uniform_filter1d(self._shared_error_lines * taken, 2 * self._half + 1, mode="reflect")
         return np.asarray(np.maximum(1 - mean, LEAST_FREE))
 
     @cached_property
@@ -265,15 +265,15 @@ class Influences:
         energy = np.einsum("ric,ric->r", a, a)
         slopes = np.abs(unstacked(fit.free_slopes)) ** 2
         summed = slopes.reshape(len(slopes), n, 2).sum(axis=2)
-        share = summed / np.maximum(summed.sum(axis=0), 1e-300)
+        fraction = summed / np.maximum(summed.sum(axis=0), 1e-300)
         # Two real parameters a pole of 2 C real rows a line.
-        return np.asarray(share @ (energy > 0) / a.shape[2])
+        return np.asarray(fraction @ (energy > 0) / a.shape[2])
 
     @cached_property
     def _inverse(self) -> FloatArray:
         return np.asarray(np.linalg.pinv(self.fit.information, rcond=1e-14, hermitian=True))
 
-    def of_pole(self, r: int) -> ComplexArray:
+    def pole_influence(self, r: int) -> ComplexArray:
         """Return influence (2, F, C) of weighted errors on Re and Im of a pole: its rows of (J^T J)^-1 J^T."""
         fit, n = self.fit, len(self.fit.poles)
         b = fit.directions
@@ -285,7 +285,7 @@ class Influences:
     @cached_property
     def pole_covariances(self) -> tuple[FloatArray, ...]:
         """(2, 2) of Re and Im of each pole, over the frequency scale."""
-        return tuple(self.covariance(self.of_pole(r)) for r in range(len(self.fit.poles)))
+        return tuple(self.covariance(self.pole_influence(r)) for r in range(len(self.fit.poles)))
 
     def joint_covariance(self, modes: Sequence[FittedMode]) -> FloatArray:
         """Return covariance (2 m, 2 m) of frequency and damping of m modes, in this order; std as each mode states it.
@@ -295,13 +295,13 @@ class Influences:
         if not modes:
             return np.zeros((0, 0))
         scale = self.fit.data.basis.scale
-        of_poles = np.stack([scale * (mode.slopes @ self.of_pole(mode.index).reshape(2, -1)) for mode in modes])
-        of_poles = of_poles.reshape(2 * len(modes), *self._normalised.shape)
-        of_poles /= np.linalg.norm(of_poles, axis=(1, 2), keepdims=True)
-        together = self.covariance(of_poles)
+        rows = np.stack([scale * (mode.slopes @ self.pole_influence(mode.index).reshape(2, -1)) for mode in modes])
+        rows = rows.reshape(2 * len(modes), *self._normalised.shape)
+        rows /= np.linalg.norm(rows, axis=(1, 2), keepdims=True)
+        covariance = self.covariance(rows)
         std = np.array([(mode.freq_std, mode.zeta_std) for mode in modes]).ravel()
-        scatter = np.sqrt(np.maximum(np.diag(together), np.finfo(float).tiny))
-        return np.asarray(together / np.outer(scatter, scatter) * np.outer(std, std))
+        scatter = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        return np.asarray(covariance / np.outer(scatter, scatter) * np.outer(std, std))
 
     def residue_std(self, r: int) -> FloatArray:
         """Return standard deviation (C,), complex: E|dR|^2 is its square, of a pole's residue over the elements' scale.
@@ -320,5 +320,5 @@ class Influences:
         slope = (np.linalg.lstsq(R, Q.T @ D, rcond=1e-12)[0] / norms[:, None]).T
         b, C = fit.directions[r], self.pole_covariances[r]
         # Of Re and Im R_c by Re and Im lambda: minus the part of J inside the model.
-        moved = np.einsum("ik,pic->pkc", slope[:, rows], b)
-        return np.asarray(np.sqrt(variance + np.einsum("pkc,pq,qkc->c", moved, C, moved)))
+        shift = np.einsum("ik,pic->pkc", slope[:, rows], b)
+        return np.asarray(np.sqrt(variance + np.einsum("pkc,pq,qkc->c", shift, C, shift)))

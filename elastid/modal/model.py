@@ -256,9 +256,9 @@ class ModalFit:
         for _ in range(steps):
             information, gradient = fit.information, fit.gradient
             # Of both numbers of a pole: by the frequency alone, one on the real axis has no information.
-            of_poles = np.maximum(np.diag(information).reshape(-1, 2).sum(axis=1), 1e-200).repeat(2)
+            pole_information = np.maximum(np.diag(information).reshape(-1, 2).sum(axis=1), 1e-200).repeat(2)
             while True:
-                step = np.linalg.solve(information + damping * np.diag(of_poles), gradient)
+                step = np.linalg.solve(information + damping * np.diag(pole_information), gradient)
                 # A pole moves by its own half width at most, stays stable, and its frequency positive.
                 moved = step.view(complex)
                 moved = moved / max(1.0, float(np.abs(moved / fit.poles.real).max()))

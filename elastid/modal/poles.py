@@ -157,14 +157,14 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
     return np.array(middle, complex)
 
 
-def p_value(drops: FloatArray, levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
+def p_value(drops: FloatArray, noise_levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
     """Return the probability (n,) that noise has a pole somewhere that lowers the squares so.
 
     drops (n, C): D of each element.  levels: s^2 likewise, over correlated lines.  lines (n,): that levels are from.
     """
     from scipy.special import fdtrc
 
-    ratio = (drops / np.maximum(levels, 1e-300)).max(axis=1, initial=0.0) / 2
+    ratio = (drops / np.maximum(noise_levels, 1e-300)).max(axis=1, initial=0.0) / 2
     tail = fdtrc(4.0, np.maximum(2 * lines, 2.0), ratio)
     return np.asarray(np.minimum(1.0, tail * trials * drops.shape[1]))
 
@@ -230,7 +230,7 @@ def _about(fit: ModalFit, r: int) -> BoolArray:
     return (at >= min(low, F - 2 * LIMITS.lines)) & (at < max(2 * LIMITS.lines, high))
 
 
-def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
+def noise_levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """Return s^2 (n, C) of complex residuals about each pole, at least as stated, and its number of lines (n,)."""
     variance, n = fit.data.variance, len(fit.poles)
     power = np.abs(unstacked(fit.residual)) ** 2
@@ -248,7 +248,7 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     """Return the probability (n,) of each pole by chance, somewhere in the record."""
     if not len(fit.poles):
         return np.empty(0)
-    s_r, n_r = levels(fit)
+    s_r, n_r = noise_levels(fit)
     (whole, outside), noise = separate_determinations(fit), s_r * correlated_lines
     return np.maximum(
         p_value(whole, noise, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, noise, n_r, 1.0)

@@ -42,7 +42,7 @@ def points_of_means(means: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def _from_means(n: int) -> ComplexArray:
-    """Factor (n // 2 + 1,) from the spectrum of cell means to the spectrum at the first points of the cells."""
+    """Return factor (n // 2 + 1,) from the spectrum of cell means to the spectrum at the first points of the cells."""
     half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
     return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
 

@@ -70,11 +70,11 @@ def estimate_net_response(
 
 
 def _travel(records: Sequence[Record]) -> dict[str, float]:
-    """Largest motion of each motor in a record, rad, link side; 0 of motors whose angle is not logged."""
+    """Return largest motion of each motor in a record, rad, link side; 0 of motors whose angle is not logged."""
     first, travel = records[0], np.max([np.ptp(record.y, axis=0) for record in records], axis=0).tolist()
     rows = zip(first.outputs, first.quantities, travel, strict=True)
     return dict.fromkeys(first.inputs, 0.0) | {
-        place: moved for place, quantity, moved in rows if quantity == "position" and place in first.inputs
+        place: column for place, quantity, column in rows if quantity == "position" and place in first.inputs
     }
 
 
@@ -114,7 +114,7 @@ def _arm_variance(
     planned_lines: IntArray | None,
     robot: Robot | None,
 ) -> FloatArray | float:
-    """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known.
+    """Return the variance (F, n_y, n_u) of G by the arm's swing about its posture, in rows of motors; 0 if unknown.
 
     Of a robot with the numbers of its file.
     """
@@ -164,16 +164,16 @@ def _coefficient_errors(
     errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
     late = 2j * np.pi * data.freq_hz[on, None] * (TURNING_ERROR / records[0].rate_hz)
     for j, L in enumerate(factors):
-        of_levels = np.einsum("fik,ib->fbk", data.Phi[on], L)
-        of_turning = late * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
-        both = np.concatenate([of_levels, of_turning[:, None]], axis=1)
+        coulomb_errors = np.einsum("fik,ib->fbk", data.Phi[on], L)
+        reversal_errors = late * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
+        both = np.concatenate([coulomb_errors, reversal_errors[:, None]], axis=1)
         rows = interpolated(lines, data.lines[on], both @ pseudo)
         errors[: both.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
     return errors
 
 
 def _factors(C: FloatArray) -> FloatArray:
-    """L (n, n_b) of C = L L^T (n, n), largest columns first, without those below 1e-4 of the largest."""
+    """Return L (n, n_b) of C = L L^T (n, n), largest columns first, without those below 1e-4 of the largest."""
     power, V = np.linalg.eigh(C)
     large = np.flatnonzero(power > 1e-4**2 * power[-1])[::-1]
     return np.asarray(V[:, large] * np.sqrt(power[large]))
@@ -231,11 +231,11 @@ def to_links(record: Record, E: FloatArray | None) -> Record:
     return _turned(record, columns, E, np.asarray(np.linalg.inv(E).T))
 
 
-def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion: FloatArray) -> Record:
+def _turned(record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray) -> Record:
     y = record.y.copy()
-    y[:, columns] = record.y[:, columns] @ of_motion
-    r = None if record.r is None else record.r @ of_torque
-    return replace(record, u=record.u @ of_torque, y=y, r=r)
+    y[:, columns] = record.y[:, columns] @ motion_matrix
+    r = None if record.r is None else record.r @ torque_matrix
+    return replace(record, u=record.u @ torque_matrix, y=y, r=r)
 
 
 def shaft_couplings(robot: Robot | None) -> FloatArray | None:

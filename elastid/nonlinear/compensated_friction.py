@@ -97,8 +97,8 @@ class CompensatedFriction:
         )
 
     def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        of_place = np.array([shape.place == place for shape in self.shapes])
-        rows = np.stack(values, axis=1) * of_place
+        mask = np.array([shape.place == place for shape in self.shapes])
+        rows = np.stack(values, axis=1) * mask
         variance = np.einsum("ni,ij,nj->n", rows, self.covariance, rows)
         return rows @ self.coulomb_torque, np.sqrt(np.maximum(variance, 0.0))
 

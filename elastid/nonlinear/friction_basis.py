@@ -105,15 +105,15 @@ def amplitudes(
 ) -> ComplexArray:
     """Return amplitudes (n_f, F) of the basis functions of a motor at lines (F,), means over repetitions."""
     path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
-    of_shapes = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
-    dft, N = rfft([_mean_period(record, means, repetitions) for means in of_shapes]), record.period_samples
+    signals = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
+    dft, N = rfft([_mean_period(record, means, repetitions) for means in signals]), record.period_samples
     delay = np.exp(-2j * np.pi * record.rate_hz / N * np.outer([shape.delay_s for shape in shapes], lines))
     return dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay
 
 
 @lru_cache(maxsize=16)
 def _between_cells(n: int, lines: int) -> ComplexArray:
-    r"""Factors (lines,) from the DFT of means in cells of n samples to the transform of the torque that has them.
+    r"""Return factors (lines,) from the DFT of means in cells of n samples to the transform of their torque.
 
     .. math:: \frac{1}{N_c}\, \frac{e^{-j \omega T_c / 2}}{\mathrm{sinc}(\omega T_c / 2)}
     """
@@ -122,7 +122,7 @@ def _between_cells(n: int, lines: int) -> ComplexArray:
 
 
 def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatArray:
-    """The mean period (m,) of some repetitions of a signal (n m,)."""
+    """Return the mean period (m,) of some repetitions of a signal (n m,)."""
     weights = np.zeros(whole_samples(record) // record.repeat_samples)
     weights[repetitions] = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0) / len(repetitions)
     mean = weights @ x.reshape(len(weights), -1)
@@ -151,7 +151,7 @@ def friction_means(record: Record, motion: Motion, basis: WeightedBasis, path: P
 
 
 def spectrum(means: ComplexArray, n: int) -> ComplexArray:
-    """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by the DFT of its means in their cells."""
+    """Return the transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by DFT of its cell means."""
     return means[: n // 2 + 1] * _between_cells(n, n // 2 + 1)
 
 

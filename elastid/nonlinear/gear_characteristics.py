@@ -137,7 +137,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
             f"or free the delay; {LOST}"
         )
     apart = {lines.configuration.name: difference(lines) for lines in data.lines}
-    if moving := [name for name, share in apart.items() if share > HIDDEN]:
+    if moving := [name for name, ratio in apart.items() if ratio > HIDDEN]:
         return (
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
             f"{100 * max(apart.values()):.2g} % of the motion, and effects of gears are found between the excited "
@@ -174,7 +174,7 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
         bent, noise, counts = [], [], []
         for lines, drive in zip(data, drives, strict=True):
             on, row = lines.excited, drive.motor_row(j)
-            bent.append(np.sum(np.mean(np.abs(drive.moved("gear", j, lines.U)[on]) ** 2, axis=1)))
+            bent.append(np.sum(np.mean(np.abs(drive.motion("gear", j, lines.U)[on]) ** 2, axis=1)))
             noise.append(np.sum(lines.scatter[on] @ row**2))
             counts.append(np.abs(row) @ lines.count)
         size, error, count = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2), max(counts)
@@ -190,7 +190,7 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
 
 def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
     """Return the torque (M, n) of a gear on the fine grid by the linear model, including its static torque."""
-    of_motion = (drive.k[j] + lines.s * drive.d[j]) * drive.moved("gear", j, lines.U).T
+    of_motion = (drive.k[j] + lines.s * drive.d[j]) * drive.motion("gear", j, lines.U).T
     return np.asarray(lines.fine(of_motion) + drive.torque[j])
 
 
@@ -207,12 +207,12 @@ def unexplained_fraction(
     data: GearData, drives: Sequence[DriveLines], estimates: Sequence[SmoothedMotion], magnitudes: FloatArray
 ) -> float:
     """Return the unexplained fraction of the motors' motion at the excited lines, rms, with these magnitudes."""
-    shares = []
+    fractions = []
     for lines, drive, estimate in zip(data.lines, drives, estimates, strict=True):
         signals = residuals(lines, drive, estimate, magnitudes), lines.Y
         r, motion = (np.sum(np.abs(x[lines.excited]) ** 2, axis=(1, 2)) for x in signals)
-        shares.append(np.mean(r / motion))
-    return float(np.sqrt(np.mean(shares)))
+        fractions.append(np.mean(r / motion))
+    return float(np.sqrt(np.mean(fractions)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,12 +250,12 @@ class JointEffects:
 
     def over_k(self, value: float, row: FloatArray) -> tuple[float, FloatArray]:
         """Return a value divided by the stiffness."""
-        k, of_k = self.parameter("k")
-        return value / k, (row - value / k * of_k) / k
+        k, k_row = self.parameter("k")
+        return value / k, (row - value / k * k_row) / k
 
     def number(self, what: SheetNumber, value: float, row: FloatArray, **further: float) -> GearNumber:
         """Return a characteristic with its standard deviation."""
-        return _as_gap_or_range(what, self.joint, value=value, std=self.std(row), **further)
+        return _named_number(what, self.joint, value=value, std=self.std(row), **further)
 
     def std(self, row: FloatArray) -> float:
         """Return the standard deviation of a value by its row."""
@@ -286,9 +286,9 @@ def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) 
     """Return characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
     rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
-    numbers = [*_springs(gear, result, reach), *_levels(gear, reach), *_periodic(gear)]
-    seen = {number.name for number in numbers}
-    numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in seen]
+    numbers = [*_springs(gear, result, reach), *_torque_numbers(gear, reach), *_periodic(gear)]
+    names = {number.name for number in numbers}
+    numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in names]
     numbers = [
         replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
         if row.kind == "torque" and math.isfinite(rated) else row
@@ -309,7 +309,7 @@ def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) 
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
 
-def _as_gap_or_range(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
+def _named_number(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
     if not order:
         return GearNumber(f"{what.prefix}{joint}", what.meaning, what.kind, what.unit, **further)
     times = {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
@@ -338,15 +338,14 @@ def _springs(gear: JointEffects, result: Result, reach: float) -> list[GearNumbe
             secant, row = ((x[high] - x[low]) / (delta[high] - delta[low]) for x in (tau, rows))
             numbers.append(gear.number(replace(SECANT, prefix=f"K{i}_", meaning=meaning), float(secant), row))
     if not has_gap:  # a secant is softer than k, beyond the gap
-        share, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
+        ratio, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
         meaning = f"hardening of the secant stiffness up to {gear.peak:.3g} N*m"
-        numbers.append(gear.number(replace(STIFFENING, meaning=meaning), share - 1, row))
+        numbers.append(gear.number(replace(STIFFENING, meaning=meaning), ratio - 1, row))
     return numbers
 
 
-def _levels(gear: JointEffects, reach: float) -> list[GearNumber]:
-    """Magnitudes of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at
-    zero.
+def _torque_numbers(gear: JointEffects, reach: float) -> list[GearNumber]:
+    """Return magnitudes of friction and hysteresis: half the torque difference, and the loop width in torsion, at 0.
 
     Lost motion 2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free.
     """
@@ -365,11 +364,11 @@ def _levels(gear: JointEffects, reach: float) -> list[GearNumber]:
     for what, at in weights.items():
         value, row = gear.magnitudes(at)
         if what == LOST_MOTION:
-            of_ends = [
+            end_effects = [
                 2 * f * gear.estimate.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in at
             ]
             number = gear.number(what, *gear.over_k(value, row))
-            numbers.append(replace(number, std=math.hypot(number.std, *of_ends)))
+            numbers.append(replace(number, std=math.hypot(number.std, *end_effects)))
         else:
             numbers.append(gear.number(what, value, row))
         if what == HYSTERESIS:
@@ -378,16 +377,16 @@ def _levels(gear: JointEffects, reach: float) -> list[GearNumber]:
 
 
 def _periodic(gear: JointEffects) -> list[GearNumber]:
-    """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
+    """Return amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
     for what, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
         parts = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (what, order)}
-        (x, of_x), (y, of_y) = (
+        (x, x_row), (y, y_row) = (
             gear.magnitudes({parts[part]: 1.0} if part in parts else {}) for part in ("sine", "cosine")
         )
         size = math.hypot(x, y)
-        phase_std = gear.std((x * of_y - y * of_x) / size**2)
-        row = (x * of_x + y * of_y) / size
+        phase_std = gear.std((x * y_row - y * x_row) / size**2)
+        row = (x * x_row + y * y_row) / size
         numbers.append(gear.number(what, size, row, order=order, phase=math.atan2(y, x), phase_std=phase_std))
     return numbers
 
@@ -406,11 +405,11 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
     what, joint = effect.row.number, effect.joint
     if what == LOST_MOTION:
         # None of a gear that never crosses it.
-        return [_as_gap_or_range(what, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
+        return [_named_number(what, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
     if what == STIFFENING:
         bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
     if what != HYSTERESIS:
-        return [_as_gap_or_range(what, joint, effect.order, bound=bound)]
+        return [_named_number(what, joint, effect.order, bound=bound)]
     # Within the records it does not reach its magnitude where it bends over more than they bend the gear.
     bound *= min(1.0, reach / effect.scale)
-    return [_as_gap_or_range(what, joint, bound=bound), _as_gap_or_range(WIDTH, joint, bound=2 * bound / k)]
+    return [_named_number(what, joint, bound=bound), _named_number(WIDTH, joint, bound=2 * bound / k)]

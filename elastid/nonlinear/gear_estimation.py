@@ -136,9 +136,9 @@ def estimate_gear_parameters(
         (A, b, _), cost = normal_equations(data.lines, drives, estimates, n_x, with_edges)
         T = _scale_jacobian(effects, magnitudes, scales, n_x)
         A, b = T.T @ A.sum(axis=0) @ T, T.T @ b.sum(axis=0)
-        of_priors, pull = priors(parameters, x, len(b))
-        np.fill_diagonal(of_priors[n_x + n_f :, n_x + n_f :], scale_priors(A, magnitudes, std, scales, n_x))
-        covariance = inverse(A + of_priors)
+        prior_curvature, pull = priors(parameters, x, len(b))
+        np.fill_diagonal(prior_curvature[n_x + n_f :, n_x + n_f :], scale_priors(A, magnitudes, std, scales, n_x))
+        covariance = inverse(A + prior_curvature)
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
         # A scale, which magnitudes hardly follow, comes to rest with them.
@@ -171,9 +171,7 @@ def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
 def _scale_jacobian(
     effects: Sequence[GearEffect], magnitudes: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """T (n, n_x + n_f + n_s) from parameters, magnitudes and parts of scales to parameters, magnitudes and magnitudes
-    of edges.
-    """
+    """Return T (n, n_x + n_f + n_s) from parameters, magnitudes, scale steps to parameters and all magnitudes."""
     kept, edges = n_x + len(magnitudes), [(s, i) for s, group in enumerate(scales) for i in group]
     T = np.zeros((kept + len(edges), kept + len(scales)))
     T[:kept, :kept] = np.eye(kept)
@@ -202,7 +200,7 @@ def scale_priors(
 def _update_scales(
     effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray
 ) -> list[GearEffect]:
-    """Effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
+    """Return effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
     grown = list(effects)
     for group, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
         for i in group:
@@ -270,20 +268,20 @@ def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, F
 def _jacobian(
     lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray, n_x: int, used: slice
 ) -> ComplexArray:
-    """- dr / d(x, f) (K, n_u, M, n_x + n_f) at used lines (K,), the motion fixed."""
+    """Return - dr / d(x, f) (K, n_u, M, n_x + n_f) at used lines (K,), the motion fixed."""
     s, U, Phi = lines.s[used, None, None], lines.U[used], estimate.Phi[used]
     H, sensor = drive.H[used], drive.sensor[used, :, None]
     J = np.zeros((*U.shape, n_x + len(magnitudes)), complex)
     dG = Columns(drive.kernel).evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
     CH = drive.C @ H
     q = H @ np.tensordot(Phi, magnitudes, axes=1)
-    for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
-        slope = of_line @ U
+    for row, name, line_slope in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
+        slope = line_slope @ U
         change = drive.model.slopes.get(name)
         if change is not None:
             parts = [part * s**power for power, part in enumerate((change.K, change.D, change.M)) if part is not None]
             slope = slope + sensor * (CH @ (sum(parts) @ q))
         J[..., :n_x] += slope[..., None] * row
-    moved = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[used]
-    J[..., n_x:] = -sensor[..., None] * moved
+    response = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[used]
+    J[..., n_x:] = -sensor[..., None] * response
     return J

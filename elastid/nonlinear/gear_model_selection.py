@@ -81,10 +81,10 @@ def travelled_turns(data: GearData, estimate: GearEstimate, j: int) -> float:
 
 
 def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float]:
-    """RMS velocity of a motor and deflection of its gear, by the linear model."""
+    """Return RMS velocity of a motor and deflection of its gear, by the linear model."""
     speeds, deflections = [], []
     for lines, drive in zip(data.lines, estimate.drives, strict=True):
-        motor, gear = (drive.moved(place, j, lines.U) for place in ("motor", "gear"))
+        motor, gear = (drive.motion(place, j, lines.U) for place in ("motor", "gear"))
         speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
         deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
     return float(np.sqrt(np.mean(speeds))), float(np.sqrt(np.mean(deflections)))
@@ -132,7 +132,7 @@ def choose_effects(
 
 
 def _systematic_std(estimate: GearEstimate) -> FloatArray:
-    """Systematic standard deviation (n_f,) of the magnitudes: a part of each, and of friction as an error of
+    """Return systematic standard deviation (n_f,) of the magnitudes: a part of each, and of friction as an error of
     transmission.
 
     Where friction turns between the samples its shape is known to SLIGHT of it, and what is left bends the gear as an
@@ -202,7 +202,7 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
 
 
 def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> GearEstimate:
-    """The only range as a gap where it is far stiffer beyond, and a gap that is not as a range.
+    """Replace the only range of a joint by a gap if it is far stiffer beyond, and a gap by a range if it is not.
 
     Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
     """
@@ -227,7 +227,7 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
 
 
 def _conflicts(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = False) -> bool:
-    """True if it, or a rival of the same joint, is among the others: rivals trade magnitudes, or k, against each other.
+    """Return True if an effect, or its rival at the joint, is among the others: rivals trade magnitudes or k.
 
     alone: no second range or element of a hysteresis, either: two that are added at once may end at one scale, where
     neither has a magnitude.
@@ -260,7 +260,7 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
 
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
-    """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
+    """Select the effects of the groups that lower V in other realisations than the fitted ones, best first."""
     sums, prior = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     ends = len(estimate.x) + len(estimate.magnitudes) + np.cumsum([0, *(len(group) for group in groups)])
 
@@ -279,14 +279,14 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
     def pays(before: float, after: float, chosen: list[int]) -> bool:
         group = groups[chosen[-1]]
         # Of what friction leaves unexplained, the law of a spring explains a little of any gear.
-        gain, share = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
-        return before - after > max(gain * len(group), share * before)
+        gain, fraction = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
+        return before - after > max(gain * len(group), fraction * before)
 
     return added(greedy(larger, cost, pays)[0])
 
 
 def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
-    """V of each realisation with the numbers `chosen` (n,) by the step of all others."""
+    """Return V of each realisation with the numbers `chosen` (n,) estimated from the other realisations."""
 
     def step(A: FloatArray, b: FloatArray) -> FloatArray:
         A, b = A + prior[0][chosen[:, None], chosen], b + prior[1][chosen]
@@ -310,8 +310,8 @@ def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[fl
     families = {family_of(effect) for effect in estimate.effects}
     every = candidate_groups(data, estimate, tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
-    (A, b, _), of_priors = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
-    A, b = A.sum(axis=0) + of_priors[0], b.sum(axis=0) + of_priors[1]
+    (A, b, _), prior_equations = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
+    A, b = A.sum(axis=0) + prior_equations[0], b.sum(axis=0) + prior_equations[1]
     bounds, n = dict[Group, float](), len(estimate.x) + len(estimate.magnitudes)
     first = n
     for group in groups:

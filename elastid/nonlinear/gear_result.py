@@ -149,14 +149,14 @@ class GearResult:
 
 
 def with_gears(result: Result, gears: GearResult | None) -> Result:
-    """Fit with the gearbox characteristics, without status misfit if the effects explain the misfit.
+    """Return fit with the gearbox characteristics, without status misfit if the effects explain the misfit.
 
     Its V is then that of the linear fit, whose part beyond the noise falls with the square of the motion left. Load
     tests that contradict it stay a misfit. The same fit where nothing was looked for, of a misfit with a word on it.
     """
     if gears is None or gears.refused:
-        is_told = gears is None or result.status != "misfit"
-        return result if is_told else replace(result, message=f"{result.message}; {NOT_OPENED}")
+        is_reported = gears is None or result.status != "misfit"
+        return result if is_reported else replace(result, message=f"{result.message}; {NOT_OPENED}")
     n, none = len(gears.x), np.zeros((0, 2))
     final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
     is_misfit = result.status == "misfit"
@@ -216,7 +216,7 @@ def with_linear_springs(robot: Robot) -> Robot:
 
 
 def with_terms_of(result: Result, robot: Robot) -> Result:
-    """Fit restricted to the spring terms of this robot, which are fixed.
+    """Return fit restricted to the spring terms of this robot, which are fixed.
 
     A stiffness is that beyond the ends of a gap or range.
     """
@@ -232,7 +232,7 @@ def with_terms_of(result: Result, robot: Robot) -> Result:
 
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
-    """A gap is soft within, a range of torque stiffer beyond; a file can state one of them."""
+    """Return the spring of a file: soft within a gap or stiffer beyond a range of torque; it can have one of them."""
     ends = [(kind, b, f) for kind, b, f in _effects(joint, gears) if kind in ("gap", "range") and f]
     if ends:
         (kind, b, f), k = ends[0], spring.stiffness
@@ -251,8 +251,8 @@ def _gear(joint: Joint, gears: GearResult) -> Gear | None:
     name = joint.name
     gear = Gear(
         load=max(gears.magnitude("load", name), 0.0),
-        transmission_error=tuple(TransmissionError(*of_order) for of_order in _harmonics("error", name, gears)),
-        ripple=tuple(GearRipple(*of_order) for of_order in _harmonics("ripple", name, gears)),
+        transmission_error=tuple(TransmissionError(*numbers) for numbers in _harmonics("error", name, gears)),
+        ripple=tuple(GearRipple(*numbers) for numbers in _harmonics("ripple", name, gears)),
         hysteresis=tuple(
             Hysteresis(magnitude, scale, "sharp" if kind == "stop" else "smooth")
             for kind, scale, magnitude in _effects(name, gears)

@@ -84,35 +84,35 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     Of neighbours their ratio to noise of torques that the model passes on, and of angles: near resonances, and where a
     robot moves less and less, they are not alike themselves.
     """
-    of_torque = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
-    passed = np.einsum("fii->f", of_torque).real
+    torque_noise = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
+    passed = np.einsum("fii->f", torque_noise).real
     most = np.argsort(passed)[-max(1, len(passed) // 4) :]  # where torque shows most
     power = np.mean(np.sum(np.abs(r[most]) ** 2, axis=1), axis=1) - lines.noise.sum()
     c = max(float(np.median(power / passed[most])), 1e-300)
-    factor = np.linalg.cholesky(c * of_torque + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
+    factor = np.linalg.cholesky(c * torque_noise + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
     return np.asarray(factor @ mean_of_neighbours(S, 15) @ factor.conj().swapaxes(1, 2))
 
 
 def _sizes(lines: PeriodLines) -> FloatArray:
-    """Mean powers (n_u,) of the torques, over the largest."""
+    """Return mean powers (n_u,) of the torques, over the largest."""
     power = np.mean(np.abs(lines.U) ** 2, axis=(0, 2))
     return np.asarray(power / power.max())
 
 
 def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArray:
-    """Gain of the motion estimate (F, n, n_u) by residuals of the angles."""
+    """Return gain of the motion estimate (F, n, n_u) by residuals of the angles."""
     CH = drive.C @ drive.H
     size = _sizes(lines)
     P = np.concatenate([drive.B.T, drive.places["link"]]).T
     weights = np.resize(size, P.shape[1])
     W = P * weights @ P.T
     noise = np.diag(lines.noise)
-    of_torque = CH @ W @ CH.conj().swapaxes(1, 2)
+    torque_noise = CH @ W @ CH.conj().swapaxes(1, 2)
     power = np.einsum("fii->f", S).real - lines.noise.sum()
-    scale = np.maximum(power, 1e-3 * np.einsum("fii->f", S).real) / np.einsum("fii->f", of_torque).real
-    covariance = scale[:, None, None] * of_torque + noise
+    scale = np.maximum(power, 1e-3 * np.einsum("fii->f", S).real) / np.einsum("fii->f", torque_noise).real
+    covariance = scale[:, None, None] * torque_noise + noise
     return np.asarray(scale[:, None, None] * (drive.H @ W @ CH.conj().swapaxes(1, 2)) @ np.linalg.inv(covariance))
 
 
@@ -129,16 +129,16 @@ def smooth_motion(
     near: error of the implicit motion at which it ends, over its RMS.
     """
     gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, magnitudes), lines, drive))
-    of_force = drive.H - gain @ (drive.C @ drive.H)
+    force_response = drive.H - gain @ (drive.C @ drive.H)
     implicit = np.array([effect.is_implicit for effect in effects], bool)
-    given = np.tensordot(before.Phi[..., ~implicit], magnitudes[~implicit], axes=1)
-    base = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U) - given)
+    explicit_force = np.tensordot(before.Phi[..., ~implicit], magnitudes[~implicit], axes=1)
+    base = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U) - explicit_force)
     y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None] + np.tensordot(before.folded, magnitudes, axes=1)
     base = base + gain @ (y - drive.C @ base)
     if lines.arm is not None:  # springs bend under it, too
         base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])
     after, unknowns = SmoothedMotion.start(lines, drive, len(effects)), []
-    problem = _Problem(lines, drive, tuple(effects), magnitudes, of_force, before.loads, near)
+    problem = _Problem(lines, drive, tuple(effects), magnitudes, force_response, before.loads, near)
     last = (drive.C @ drive.H[-1]).T * lines.sampled  # sampled motion by force at the last line
     for m in range(lines.U.shape[2]):
         q, x, force = problem.solve(base[:, :, m], m, before)
@@ -159,13 +159,13 @@ def smooth_motion(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Unknown deflections and velocities of one configuration. of_force (F, n, n): q by force. loads: as above."""
+    """Unknown deflections and velocities of a configuration. force_response (F, n, n): q by force. loads: as above."""
 
     lines: PeriodLines
     drive: DriveLines
     effects: tuple[GearEffect, ...]
     magnitudes: FloatArray
-    of_force: ComplexArray
+    force_response: ComplexArray
     loads: FloatArray
     near: float
 
@@ -178,16 +178,16 @@ class _Problem:
         return sorted(signals)
 
     def solve(self, base: ComplexArray, m: int, before: SmoothedMotion) -> tuple[ComplexArray, FloatArray, FloatArray]:
-        """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns, forces by them."""
+        """Return motion (F, n) of an experiment from its estimate without implicit effects, the unknowns and forces."""
         lines, rows = self.lines, self._rows
         if not self.signals:
             return base, *(np.zeros((0, 0)),) * 2
         x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._unmoved(base, m)
         previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
-        start = np.array([previous.get(signal, of_0) for signal, of_0 in zip(self.signals, x_0, strict=True)])
+        start = np.array([previous.get(signal, default) for signal, default in zip(self.signals, x_0, strict=True)])
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.near)
         torque = lines.amplitudes(force).T
-        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
+        return base - (self.force_response @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
 
     @cached_property
     def _rows(self) -> FloatArray:
@@ -202,27 +202,27 @@ class _Problem:
     @cached_property
     def linear(self) -> "Linear":
         """The unknowns by forces at their places."""
-        of_gear = np.array([place == "gear" for place, _ in self.signals], bool)
-        A = self._powers[:, :, None] * (self._rows @ self.of_force @ self._rows.T)
-        softness = np.where(of_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
-        beyond = len(A) / np.arange(len(A) + 1, self.lines.points // 2)
-        return Linear(A.transpose(1, 2, 0).copy(), beyond ** np.where(of_gear, 2, 1)[:, None], softness)
+        is_gear = np.array([place == "gear" for place, _ in self.signals], bool)
+        A = self._powers[:, :, None] * (self._rows @ self.force_response @ self._rows.T)
+        softness = np.where(is_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
+        remainder = len(A) / np.arange(len(A) + 1, self.lines.points // 2)
+        return Linear(A.transpose(1, 2, 0).copy(), remainder ** np.where(is_gear, 2, 1)[:, None], softness)
 
-    def _rest(self, m: int) -> FloatArray:
-        """Deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
-        moved = 0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real
-        return (self.drive.torque + moved) / self.drive.k
+    def _static_deflection(self, m: int) -> FloatArray:
+        """Return deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
+        arm_mean = 0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real
+        return (self.drive.torque + arm_mean) / self.drive.k
 
     def _unmoved(self, base: ComplexArray, m: int) -> FloatArray:
-        """The unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""
-        total, rest = np.zeros((len(self.signals), self.lines.points)), self._rest(m)
+        """Return the unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""
+        total, rest = np.zeros((len(self.signals), self.lines.points)), self._static_deflection(m)
         for i, (place, j) in enumerate(self.signals):
             if place == "gear":
                 total[i] = rest[j] + self._transmission_error(base, j, m)
         return total
 
     def _transmission_error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
-        """Transmission error (n,) of a joint along the motion of its motor."""
+        """Return transmission error (n,) of a joint along the motion of its motor."""
         angle, total = self._angle(q, j, m), np.zeros(self.lines.points)
         for effect, f in zip(self.effects, self.magnitudes, strict=True):
             if effect.joint == self.drive.joints[j] and effect.kind.startswith("error"):
@@ -234,7 +234,7 @@ class _Problem:
         return np.asarray(self.lines.fine((q @ row)[None])[0] + row @ self.drive.B @ self.lines.mean[:, m])
 
     def _law(self, m: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Force (n_x, n) by each unknown of an experiment, and its slope."""
+        """Return force (n_x, n) by each unknown of an experiment, and its slope."""
         force, slope = np.zeros_like(x), np.zeros_like(x)
         shapes: dict[tuple[str, int, float], tuple[FloatArray, FloatArray]] = {}
         for effect, f in zip(self.effects, self.magnitudes, strict=True):
@@ -251,41 +251,41 @@ class _Problem:
         return force, slope
 
     def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray, force: FloatArray) -> GearMotion:
-        """Motion of a joint in an experiment from its estimate q (F, n), unknowns x (n_x, n) and forces by them."""
+        """Return motion of a joint in an experiment by its estimate q (F, n), unknowns x (n_x, n) and their forces."""
         lines, drive, signals = self.lines, self.drive, self.signals
         motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
         amplitudes = np.stack([gear, lines.s * gear, lines.s * motor, lines.s * link])
         swing, slope, velocity, link_velocity = lines.fine(amplitudes)
         motions: dict[Place, FloatArray] = {
-            "gear": swing + self._rest(m)[j] + self._transmission_error(q, j, m),
+            "gear": swing + self._static_deflection(m)[j] + self._transmission_error(q, j, m),
             "motor": velocity, "link": link_velocity,
         }  # fmt: skip
         motions |= {place: signal for (place, joint), signal in zip(signals, x, strict=False) if joint == j}
         torque = drive.k[j] * motions["gear"] + drive.d[j] * slope
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
-        of_joint = float(drive.ratios[j]), float(drive.k[j]), float(drive.d[j])
-        return GearMotion(self._angle(q, j, m), motions["motor"], motions["link"], motions["gear"], torque, *of_joint)
+        numbers = float(drive.ratios[j]), float(drive.k[j]), float(drive.d[j])
+        return GearMotion(self._angle(q, j, m), motions["motor"], motions["link"], motions["gear"], torque, *numbers)
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
     """x by force: A (n_x, n_x, F) on the lines, softness (n_x,) at rest.
 
-    beyond (n_x, K): what is left of the last line's above them: (s_F / s)^2 of a deflection, s_F / s of a velocity.
+    remainder (n_x, K): what is left of the last line's above them: (s_F / s)^2 of a deflection, s_F / s of a velocity.
     """
 
     A: ComplexArray
-    beyond: FloatArray
+    remainder: FloatArray
     softness: FloatArray
 
     def __call__(self, force: FloatArray) -> FloatArray:
-        """Unknowns (n_x, n) by forces (n_x, n)."""
+        """Return unknowns (n_x, n) by forces (n_x, n)."""
         F, spectrum = self.A.shape[2], rfft(force)
         X = np.zeros_like(spectrum)
         X[:, 0] = self.softness * spectrum[:, 0]
         X[:, 1 : F + 1] = (self.A * spectrum[:, 1 : F + 1]).sum(axis=1)
-        X[:, F + 1 : -1] = (self.A[:, :, -1] @ spectrum[:, F + 1 : -1]) * self.beyond
+        X[:, F + 1 : -1] = (self.A[:, :, -1] @ spectrum[:, F + 1 : -1]) * self.remainder
         return irfft(X, force.shape[1])
 
 
@@ -306,7 +306,7 @@ def newton(
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
     def error(x: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-        """RMS of the error, the error, slope of the law, and the force."""
+        """Return RMS of the error, the error, slope of the law, and the force."""
         force, slope = law(x)
         e = np.asarray((x - x_0 + linear(force)) / size)
         return float(np.sqrt(np.mean(e**2))), e, slope, force
@@ -317,7 +317,7 @@ def newton(
     for _ in range(_STEPS):
         if now[0] < near:
             break
-        step = _moved(linear, now[2], size, -now[1] * size, 3e-2)
+        step = _newton_step(linear, now[2], size, -now[1] * size, 3e-2)
         trials = ((x + step / 2**halving, error(x + step / 2**halving)) for halving in range(_HALVINGS + 1))
         better = next((trial for trial in trials if trial[1][0] < now[0]), None)
         if better is None:
@@ -326,7 +326,7 @@ def newton(
     return x, now[3]
 
 
-def _moved(
+def _newton_step(
     linear: Callable[[FloatArray], FloatArray], slope: FloatArray, size: FloatArray, x_0: FloatArray, near: float
 ) -> FloatArray:
     """Solve x + linear(slope x) = x_0 for x (n_x, n). near: tolerated relative error. size (n_x, 1): scale of the
@@ -334,10 +334,10 @@ def _moved(
 
     To some percent, so that numbers of four bytes do.
     """
-    of_x, part = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
+    x_slope, part = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
 
     def product(v: FloatArray) -> FloatArray:
-        return v + (linear(of_x * v.reshape(x_0.shape)) * part).ravel()
+        return v + (linear(x_slope * v.reshape(x_0.shape)) * part).ravel()
 
     operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
     start = (x_0 / size).astype(np.float32).ravel()

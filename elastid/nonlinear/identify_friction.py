@@ -94,9 +94,9 @@ def _identify(
         # Bristles with much damping act before their deflection, as if the torque were logged early.
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
             data, shapes, choice, picked = late, late_shapes, late_choice, late_picked
-    of_picked = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
+    picked_spectra = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
     swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
-    first, friction = _FrictionFit(records[0], spec, of_picked, choice, swings), None
+    first, friction = _FrictionFit(records[0], spec, picked_spectra, choice, swings), None
     if choice.shapes:
         near = refined(choice, first.coefficients, places, first.velocity_noise)
         between = replace(first, choice=near, data=gather(measured[:few], near.shapes, first.result))
@@ -185,7 +185,7 @@ class _FrictionFit:
         return replace(result, notes=_notes(result))
 
     def _accelerance(self) -> FloatArray:
-        """Acceleration per torque (n_m,) of motors at the highest excited lines."""
+        """Return acceleration per torque (n_m,) of motors at the highest excited lines."""
         tops, order = [], 2 - MOTION_ORDER[self.spec.quantity]
         for data in self.data:
             on = np.flatnonzero(data.excited)
@@ -227,7 +227,7 @@ class _FrictionFit:
 
 
 def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
-    """One for each motor; the place is in the text, so that notes of several motors are not grouped into one."""
+    """Return a note for each motor; its text has the place, so that notes of several motors are not grouped."""
     notes = []
     if delay_ms := 1e3 * next((shape.delay_s for shape in result.shapes), 0.0):
         text = (
@@ -235,12 +235,12 @@ def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
             f"early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
         )
         notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
-    for place, unit, share in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
+    for place, unit, percent in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
         if place in result.compensated_motors():
             F_c, std = result.coulomb_friction(place)
             text = (
                 f"{place}: Coulomb friction of {F_c:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
-                f"of noise and distortion decreases to {share:.2g} % of its value without compensation"
+                f"of noise and distortion decreases to {percent:.2g} % of its value without compensation"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
             ratio = result.swing_ratio(place)
@@ -253,16 +253,16 @@ def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
         else:
             text = (
                 f"{place}: Coulomb friction is not significant and not compensated. In cross-validation, "
-                f"{share:.3g} % of the power of noise and distortion remains with compensation"
+                f"{percent:.3g} % of the power of noise and distortion remains with compensation"
             )
             notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
     return tuple(notes)
 
 
-def _no_friction(first: Record, why: str, wanted: Friction) -> CompensatedFriction:
-    """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
+def _no_friction(first: Record, why: str, friction: Friction) -> CompensatedFriction:
+    """Return a result without friction; a reason becomes a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
-    severity: Severity = "information" if wanted == "auto" else "warning"
+    severity: Severity = "information" if friction == "auto" else "warning"
     note = Note("nonlinear/friction-not-compensated", f"Coulomb friction is not compensated: {why}", severity=severity)
     return CompensatedFriction(
         places=first.inputs,

@@ -72,22 +72,22 @@ def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexA
     """
     n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
     Y, start, gain = motor_spectrum(record, place)
-    share, noise = signal_fraction(record, Y, order)
+    fraction, noise = signal_fraction(record, Y, order)
     s = laplace(len(Y), n, record.rate_hz)
-    velocity = integrated(share * Y, s, order - 1)
+    velocity = integrated(fraction * Y, s, order - 1)
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
     motion = Motion(_fine(velocity, n), start, record.rate_hz, noise)
     if by_torque is not None:
-        above = np.arange(len(Y)) > np.flatnonzero(share > _KNOWN).max(initial=0)
+        above = np.arange(len(Y)) > np.flatnonzero(fraction > _KNOWN).max(initial=0)
         for _ in range(2):
-            by_both = velocity + above * (1 - share) * s * by_torque(motion)
+            by_both = velocity + above * (1 - fraction) * s * by_torque(motion)
             motion = replace(motion, velocity=_fine(by_both, n))
     return motion
 
 
 def _fine(velocity: ComplexArray, n: int) -> FloatArray:
-    """Velocity (n cells + 1,) from its DFT; the last value repeats the first."""
+    """Return velocity (n cells + 1,) from its DFT; the last value repeats the first."""
     x = irfft(velocity, n * CELLS) * CELLS
     return np.append(x, x[0])
 
@@ -99,15 +99,15 @@ def signal_fraction(record: Record, Y: ComplexArray, order: int) -> tuple[FloatA
     line the share of its power that is not noise.  order: of the derivative of the angle that Y is.
     """
     n = whole_samples(record)
-    repeats, of_velocity = n // record.period_samples, _velocity_power(len(Y), n, record.rate_hz, order)
+    repeats, velocity_power = n // record.period_samples, _velocity_power(len(Y), n, record.rate_hz, order)
     power, noise = Y.real**2 + Y.imag**2, noise_power(Y)
     between = np.arange(len(Y)) % repeats != 0
-    share = np.ones(len(Y))
-    share[between] = _signal_share(power[between], noise)
-    if noise * (share @ of_velocity) > _NOISY**2 * ((share**2 * power) @ of_velocity):
-        share[::repeats] = _signal_share(power[::repeats], noise)
+    fraction = np.ones(len(Y))
+    fraction[between] = _wiener_gain(power[between], noise)
+    if noise * (fraction @ velocity_power) > _NOISY**2 * ((fraction**2 * power) @ velocity_power):
+        fraction[::repeats] = _wiener_gain(power[::repeats], noise)
     # That of a line after Wiener's filter is noise times gain.
-    return share, math.sqrt(2 * noise * (share @ of_velocity)) / n
+    return fraction, math.sqrt(2 * noise * (fraction @ velocity_power)) / n
 
 
 def noise_power(Y: ComplexArray) -> float:
@@ -115,8 +115,8 @@ def noise_power(Y: ComplexArray) -> float:
     return float(np.median(np.abs(Y[int((1 - 1 / 8) * len(Y)) :]) ** 2) / np.log(2))
 
 
-def _signal_share(power: FloatArray, noise: float) -> FloatArray:
-    """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
+def _wiener_gain(power: FloatArray, noise: float) -> FloatArray:
+    """Return Wiener's gain (F,) of lines of a power (F,), mean of neighbours: 1 - noise / power, 0 below one half."""
     near = mean_of_neighbours(power)
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
@@ -124,9 +124,9 @@ def _signal_share(power: FloatArray, noise: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _velocity_power(lines: int, n: int, rate_hz: float, order: int) -> FloatArray:
-    """Ratio of the power of a velocity to the power of each line of a motion (lines,), a derivative of that order."""
-    of_lines = integrated(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)
-    return frozen(np.abs(of_lines) ** 2)
+    """Return power of a velocity over the power of each line of a motion (lines,), a derivative of that order."""
+    integrator = integrated(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)
+    return frozen(np.abs(integrator) ** 2)
 
 
 def whole_samples(record: Record) -> int:
@@ -147,7 +147,7 @@ def motor_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, flo
 
 
 def _gain(y: FloatArray, N: int) -> float:
-    """Offset between the sample after the last and the first, which the periodic part of the record lacks.
+    """Return offset between the sample after the last and the first, which the periodic part of the record lacks.
 
     From the period before; of a single period by extrapolation, where that leaves it further than its curvature does.
     """

@@ -76,7 +76,7 @@ class DriveLines:
         """Return the row (n,) of a place at a joint."""
         return np.asarray(self.places[place][joint])
 
-    def moved(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
+    def motion(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
         """Return the motion (F, M) of a place by torques (F, n_u, M) that were logged, in the linear model."""
         q = self.H @ (self.B @ (self.command[:, :, None] * U))
         return np.tensordot(self.directions(place, joint), q, axes=(0, 1))
@@ -109,20 +109,20 @@ def drive_lines(
     s = lines.s[:, None, None]
     H = np.asarray(np.linalg.inv(s**2 * M + s * D + K), np.complex128)
     C = model.with_outputs(motors).C
-    of_outputs, of_inputs = kernel.model.channel_factors(theta, lines.s.astype(np.complex128))
+    output_factors, input_factors = kernel.model.channel_factors(theta, lines.s.astype(np.complex128))
     order = MOTION_ORDER[model.quantity]
 
     elements = (element for element in kernel.model.chain if element.name != TORQUE_LAG)
     lags = (element.response(lines.s, kernel.model.number(theta, element.name)) for element in elements)
     lag = np.prod([np.ones(len(lines.s), complex), *lags], axis=0)  # of the sensors
-    sensor = lag[:, None] * of_outputs
-    command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
+    sensor = lag[:, None] * output_factors
+    command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * input_factors
     images = zoh_aliases(kernel.model, theta, lines.freq_hz) / s**order
     G = kernel.response(theta) / s**order + images
     springs, driven = spring_deflections(robot), robot.driven_names
     ratios = np.array([robot.ratio(joint) for joint in driven])
-    of_model = model.Z if model.Z is not None else np.eye(model.n)
-    n_q = of_model.shape[0]
+    link_rows = model.Z if model.Z is not None else np.eye(model.n)
+    n_q = link_rows.shape[0]
     rows: dict[Place, FloatArray] = {
         "motor": robot.mixing @ input_matrix(robot).T,
         "gear": np.array([springs.get(f"k_{joint}", np.zeros(n_q)) for joint in driven]),
@@ -134,11 +134,11 @@ def drive_lines(
         for letter, without in (("k", 1.0), ("d", 0.0))
     )
     rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
-    places = {place: row @ of_model for place, row in rows.items()}
+    places = {place: row @ link_rows for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
     torque = k * (rows["gear"] @ rest.q)
-    of_joints = driven, ratios, places, k, d, torque
-    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *of_joints, chain)
+    joint_numbers = driven, ratios, places, k, d, torque
+    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
 
 
 def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: ComplexArray) -> ComplexArray:
@@ -162,9 +162,9 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
 
     h = 1e-3
     first = (tau(h) - tau(-h)) / (2 * h)
-    beyond = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
-    of_lines = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / beyond.shape[1]
-    return rfft(beyond, axis=1)[:, : F + 1].swapaxes(0, 1) * of_lines
+    distortion = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
+    line_weights = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / distortion.shape[1]
+    return rfft(distortion, axis=1)[:, : F + 1].swapaxes(0, 1) * line_weights
 
 
 def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLines:
@@ -176,10 +176,10 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
     top = int(np.flatnonzero(lines.excited)[-1]) + 1
     reach = min(REACH * top, len(lines.s))
     H, links, sensor = drive.H[:reach], drive.places["link"], drive.sensor[:reach, :, None]
-    of_angles = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
+    angle_map = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
     Y, arm = lines.Y.copy(), np.zeros((len(lines.s) + 1, len(links), lines.Y.shape[2]), complex)
     for _ in range(3):  # motion and torques by each other
-        motion = of_angles @ (Y[:reach] / sensor) - links @ H @ links.T @ arm[1 : reach + 1]
+        motion = angle_map @ (Y[:reach] / sensor) - links @ H @ links.T @ arm[1 : reach + 1]
         motion[top:] = 0.0
         arm[: reach + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])
         Y[:reach] = lines.Y[:reach] + sensor * (drive.C @ H @ links.T @ arm[1 : reach + 1])
@@ -187,7 +187,7 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
 
 
 def _signals(X: ComplexArray) -> FloatArray:
-    """Signals (n, N M) of amplitudes (F, n, M) of lines 1 to F.
+    """Return signals (n, N M) of amplitudes (F, n, M) of lines 1 to F.
 
     N = 8 (F + 1): products of three of them are not folded onto these lines.
     """

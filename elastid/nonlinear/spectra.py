@@ -105,7 +105,7 @@ def gather_configuration(
     spectra = spectra_of(records, spec, planned)
     excited = analysed_lines(spectra, spec, planned)
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
-    lines = np.union1d(some(excited, 400), some(np.setdiff1d(everywhere, excited), 400))
+    lines = np.union1d(evenly_spaced(excited, 400), evenly_spaced(np.setdiff1d(everywhere, excited), 400))
     is_excited = np.isin(lines, excited)
     columns = [first.outputs.index(place) for place in first.inputs]
     U, Y, Phi = list[ComplexArray](), list[ComplexArray](), list[ComplexArray]()
@@ -191,7 +191,7 @@ class PeriodLines:
         return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
 
     def folded(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Amplitudes (..., F) of forces (..., n), and aliases (..., F) in samples of an inertia's motion beyond them.
+        """Return amplitudes (..., F) of forces (..., n), and aliases (..., F) of an inertia's motion beyond the lines.
 
         Over the motion by a force of 1 at the last line: line k + m N is sampled as k, m N - k as its conjugate.
         """
@@ -220,17 +220,17 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     is_excited = np.isin(lines, excited)
     whole = (RecordSpectra(replace(record, half_wave=False)) for record in records)
     periods = [_periods(record, lines, is_excited, spec, "position") for record in whole]
-    of_periods = [period.Y[:, :, columns] for period in periods]
-    repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in of_periods if len(Y) > 1]
+    period_spectra = [period.Y[:, :, columns] for period in periods]
+    repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in period_spectra if len(Y) > 1]
     # Of a single period the highest lines show noise, where a robot barely moves.
-    scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in of_periods], axis=0)
+    scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in period_spectra], axis=0)
     logged = np.array([first.quantities[i] == "position" for i in columns])
     return PeriodLines(
         first.configuration,
         first.rate_hz,
         first.period_samples,
         np.stack([period.U.mean(axis=0) for period in periods], axis=2),
-        np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
+        np.stack([Y.mean(axis=0) for Y in period_spectra], axis=2),
         np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
         np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
         np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
@@ -256,7 +256,7 @@ def unsuited(first: Record) -> str:
 def _periods(
     logged: RecordSpectra, lines: IntArray, excited: BoolArray, spec: EstimatorSpec, quantity: Motion
 ) -> PeriodSpectra:
-    """Motions and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
+    """Return motions and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
     every = period_spectra(logged, lines, quantity)
     return every.only(trusted(every.on(excited), spec).periods) if len(every.periods) > 1 else every
 
@@ -269,13 +269,13 @@ def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: I
     return torque
 
 
-def some(lines: IntArray, most: int) -> IntArray:
+def evenly_spaced(lines: IntArray, most: int) -> IntArray:
     """Return at most so many of the lines, evenly spaced, with the first and the last."""
     return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
 
 
-def _smooth(wanted: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:
-    """True where G (F, n_m, n_m) changes by at most 0.3 between the lines (F,) on both sides of lines `wanted` (K,)."""
-    right = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
+def _smooth(targets: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:
+    """Return True where G (F, n_m, n_m) changes by at most 0.3 between the lines (F,) about `targets` (K,)."""
+    right = np.clip(np.searchsorted(lines, targets), 1, len(lines) - 1)
     change = np.linalg.norm(G[right] - G[right - 1], axis=(1, 2))
     return np.asarray(change < 0.3 * np.linalg.norm(G[right], axis=(1, 2)))

@@ -61,17 +61,17 @@ def normal_equations(
     amplitude, dof_fractions = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, spectra in enumerate(data):
         e_c, X_c, counts = spectra.net(compensation_torque(coefficients, spectra.Phi, motor_of, n_m))
-        excited, e_c, of_shapes = spectra.excited[counts], e_c[counts], np.moveaxis(X_c[counts], 1, 0)
+        excited, e_c, X_excited = spectra.excited[counts], e_c[counts], np.moveaxis(X_c[counts], 1, 0)
         dof_fractions[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
         fold = _folds(spectra, len(excited), realisations)
         for motor in range(n_m):
             group = np.flatnonzero(motor_of == motor)
             acting = group[coefficients[group] != 0]
-            e, friction = e_c[:, motor], np.tensordot(coefficients[acting], of_shapes[acting], axes=1)
+            e, friction = e_c[:, motor], np.tensordot(coefficients[acting], X_excited[acting], axes=1)
             power = np.mean(np.abs(e - friction) ** 2, axis=1)
             amplitude[i, motor] = np.sqrt(np.median(power)) if power.size else 0.0
             w = np.sqrt(weights(power, excited))[:, None]
-            e, X = (w * e).ravel(), (w * of_shapes[group]).reshape(len(group), e.size)
+            e, X = (w * e).ravel(), (w * X_excited[group]).reshape(len(group), e.size)
             for m in range(M):
                 rows = np.flatnonzero(fold == m)
                 # Real and imaginary parts side by side: X X^T is Re X^* X^T with a quarter of the work.
@@ -136,7 +136,7 @@ def cross_validated_power(
 
 
 def _folds(data: ConfigurationSpectra, F: int, realisations: IntArray) -> IntArray:
-    """The fold (F, K) of each residual at the lines that count."""
+    """Return the fold (F, K) of each residual at the lines that count."""
     K = data.U.shape[2]
     if len(realisations) > 1:
         return np.broadcast_to(np.searchsorted(realisations, data.realisation), (F, K))
@@ -206,7 +206,7 @@ def choose(
 def _choices(
     equations: NormalEquations, candidates: Sequence[BasisFunction], groups: Sequence[IntArray]
 ) -> list[tuple[IntArray, float]]:
-    """Candidates of each motor's group that explain its torque, and the share of the power that they leave."""
+    """Return candidates of each motor's group that explain its torque, and the share of the power that they leave."""
     return [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
 
 
@@ -291,14 +291,14 @@ def _motors(shapes: Sequence[BasisFunction], places: Sequence[str]) -> IntArray:
 
 
 def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
-    """Select, per motor, the basis functions that are identifiable from nonlinear distortion, one index array each.
+    """Select the basis functions of each motor that are identifiable from nonlinear distortion, one index array each.
 
     A function linear in position or velocity is indistinguishable from stiffness or damping and is dropped. The first
     function of a motor is Coulomb friction.
     """
-    share = np.mean([configuration.nonlinear_fraction() for configuration in data], axis=0)
+    fraction = np.mean([configuration.nonlinear_fraction() for configuration in data], axis=0)
     every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
-    return [rows[share[rows] > MIN_NONLINEAR_FRACTION * share[rows[0]]] for rows in every]
+    return [rows[fraction[rows] > MIN_NONLINEAR_FRACTION * fraction[rows[0]]] for rows in every]
 
 
 # Speeds over which a sign turns, over the RMS speed.
@@ -373,7 +373,7 @@ def may_join(shape: BasisFunction, others: Sequence[BasisFunction]) -> bool:
     return not shape.is_damping or not kinds.isdisjoint(("stop", "bristle"))
 
 
-def is_damping_of(shape: BasisFunction, element: BasisFunction) -> bool:
+def is_damping_element(shape: BasisFunction, element: BasisFunction) -> bool:
     """Return True if a shape damps a stop or a bristle, both of one threshold."""
     return shape.kind == f"{element.kind} damping" and shape.threshold == element.threshold
 
@@ -399,7 +399,7 @@ def select_motor_basis(
 
     total, every = power([]), candidates.tolist()
     singles = [[i] for i in every if may_join(shapes[i], ())]
-    pairs = [[i, j] for i in every for j in every if is_damping_of(shapes[j], shapes[i])]
+    pairs = [[i, j] for i in every for j in every if is_damping_element(shapes[j], shapes[i])]
     chosen, least = greedy(partial(larger, firsts=singles), power, pays)
     if pairs:
         damped, damped_power = greedy(partial(larger, firsts=pairs), power, pays)

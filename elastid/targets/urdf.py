@@ -15,7 +15,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused, xml_comment
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.friction.robot_friction import laws_of_joint
+from elastid.friction.robot_friction import joint_laws
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store.files import write_text
 from elastid.targets.numbers import in_full, interval_lines
@@ -96,7 +96,7 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
     # The format asks for limits where a robot's file has none.
     finite = {key: math.copysign(min(abs(value), 1e6), value) for key, value in limits.items()}
     ET.SubElement(element, "limit", {key: repr(value) for key, value in finite.items()})
-    coulomb = sum(float(law.curve()[0]) for law in laws_of_joint(robot, joint.name))
+    coulomb = sum(float(law.curve()[0]) for law in joint_laws(robot, joint.name))
     ET.SubElement(element, "dynamics", damping=repr(float(joint.all_viscous)), friction=repr(float(coulomb)))
 
 

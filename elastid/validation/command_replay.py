@@ -119,8 +119,8 @@ class Tested:
     @property
     def is_in_doubt(self) -> bool:
         """True if the value removes most of the error and differs from the given number by more than TOLERANCE."""
-        given = getattr(Change(), self.quantity, 1.0)
-        return self.removed > MAX_REMOVED and abs(self.value - given) > TOLERANCE.get(self.quantity, 0.0)
+        nominal = getattr(Change(), self.quantity, 1.0)
+        return self.removed > MAX_REMOVED and abs(self.value - nominal) > TOLERANCE.get(self.quantity, 0.0)
 
 
 @frozen_value
@@ -165,17 +165,17 @@ def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None)
     period_s, drive_s = change.clock / motion.rate_hz, 1 / plant.loop.rate_hz
     ticks = math.ceil(n * period_s / drive_s - 1e-9)
     edges = np.arange(ticks + 1) * drive_s - change.delay - motion.delay_s
-    command = _held(motion.command, edges, period_s)
-    velocity = _held(motion.velocity / change.clock, edges, period_s)
+    command = _zoh_means(motion.command, edges, period_s)
+    velocity = _zoh_means(motion.velocity / change.clock, edges, period_s)
     still = np.zeros_like(command)
     gains = JointLoop(motion.gains.kp * change.kp, motion.gains.kd * change.kd, motion.gains.ki)
     commands = Commands(command, velocity, still - np.array(motion.offsets or 0.0), still, still)
-    moved = simulate_tracking(plant, commands, np.ones(n_u, bool), gains, motion.position[0], np.zeros(n_u))
+    trajectory = simulate_tracking(plant, commands, np.ones(n_u, bool), gains, motion.position[0], np.zeros(n_u))
     samples = np.arange(n) * period_s / drive_s
-    return np.stack([np.interp(samples, np.arange(ticks), reading) for reading in moved.reading.T], axis=1)
+    return np.stack([np.interp(samples, np.arange(ticks), reading) for reading in trajectory.reading.T], axis=1)
 
 
-def _held(signal: FloatArray, edges: FloatArray, period_s: float) -> FloatArray:
+def _zoh_means(signal: FloatArray, edges: FloatArray, period_s: float) -> FloatArray:
     """Return means (m, n_u) between times (m + 1,) of a signal (n, n_u) whose samples are held for a period each."""
     knots = np.arange(len(signal) + 1) * period_s
     integral = np.vstack([np.zeros((1, signal.shape[1])), np.cumsum(signal, axis=0) * period_s])
@@ -198,13 +198,13 @@ def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iter
 
     for name, grid in _GRIDS.items():
         error = _error_with(plant, motion, name)
-        as_given, given = _rms(motion.position - predicted), getattr(Change(), name)
-        errors = [as_given if x == given else error(x) for x in grid]
+        nominal_rms, nominal = _rms(motion.position - predicted), getattr(Change(), name)
+        errors = [nominal_rms if x == nominal else error(x) for x in grid]
         i = int(np.argmin(errors))
         ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
         best = minimize_scalar(error, bounds=ends, method="bounded", options={"maxiter": 8})
         value, rms = min((grid[i], errors[i]), (float(best.x), float(best.fun)), key=lambda pair: pair[1])
-        yield Tested(name, value, rms, as_given)
+        yield Tested(name, value, rms, nominal_rms)
 
 
 def _error_with(plant: Plant, motion: CommandedMotion, name: str) -> Callable[[float], float]:
@@ -224,12 +224,12 @@ def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints:
         sign = np.where(np.arange(len(predicted[0])) == i, -1.0, 1.0)
         positions = replace(motion, position=sign * motion.position)
         directions = replace(positions, command=sign * motion.command, velocity=sign * motion.velocity)
-        as_given = _rms(motion.position[:, i] - predicted[:, i])
+        nominal_rms = _rms(motion.position[:, i] - predicted[:, i])
         changed: tuple[tuple[Quantity, CommandedMotion], ...]
         changed = (("position sign", positions), ("joint direction", directions))
         for quantity, other in changed:
             try:
-                yield Tested(quantity, -1.0, _rms((other.position - predict(plant, other))[:, i]), as_given, joint)
+                yield Tested(quantity, -1.0, _rms((other.position - predict(plant, other))[:, i]), nominal_rms, joint)
             except DataError:  # the robot leaves its commands
                 continue
 
@@ -242,8 +242,8 @@ def pooled_tests(replays: Sequence[Replay]) -> tuple[Tested, ...]:
     pooled = []
     for rows in families.values():
         value = float(np.median([test.value for test in rows]))
-        rms, as_given = np.sqrt(np.mean([(test.rms**2, test.rms_as_given**2) for test in rows], axis=0)).tolist()
-        pooled.append(replace(rows[0], value=value, rms=rms, rms_as_given=as_given))
+        rms, nominal_rms = np.sqrt(np.mean([(test.rms**2, test.rms_as_given**2) for test in rows], axis=0)).tolist()
+        pooled.append(replace(rows[0], value=value, rms=rms, rms_as_given=nominal_rms))
     return tuple(sorted(pooled, key=lambda test: -test.removed))
 
 
@@ -263,8 +263,8 @@ def pooled_joints(replays: Sequence[Replay]) -> tuple[JointError, ...]:
 def pooled_octaves(rows: Sequence[JointError]) -> tuple[Octave, ...]:
     """Return errors by octave over all rows with the same octaves as the first row."""
     ends = [octave[:2] for octave in rows[0].octaves]
-    alike = [row.octaves for row in rows if [octave[:2] for octave in row.octaves] == ends]
-    errors = (_mean_square_root([octave[2] for octave in members]) for members in zip(*alike, strict=True))
+    octaves = [row.octaves for row in rows if [octave[:2] for octave in row.octaves] == ends]
+    errors = (_mean_square_root([octave[2] for octave in members]) for members in zip(*octaves, strict=True))
     return tuple((low, high, rms) for (low, high), rms in zip(ends, errors, strict=True))
 
 

@@ -159,7 +159,7 @@ def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterato
         ):
             new = [model for model in candidates if model not in visited]
             rows = fit([now, *new])
-            chosen, before = _chosen(rows, now, new), rows[now].mean_misfit
+            chosen, before = _best_step(rows, now, new), rows[now].mean_misfit
             for model in new:
                 changed = tuple(name for name in coordinates if (name in model) != (name in now))
                 becomes: Literal["free", "rigid"] = "free" if len(model) > len(now) else "rigid"
@@ -199,11 +199,11 @@ def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
     return gain > standard_error and free.criterion < rigid.criterion
 
 
-def _chosen(rows: Mapping[Elastic, ComparedModel], now: Elastic, tried: Sequence[Elastic]) -> Elastic | None:
+def _best_step(rows: Mapping[Elastic, ComparedModel], now: Elastic, candidates: Sequence[Elastic]) -> Elastic | None:
     """Return the model that predicts best of those tried whose step is justified; None without any."""
     good = [
         model
-        for model in tried
+        for model in candidates
         if (is_justified(rows[now], rows[model]) if len(model) > len(now) else not is_justified(rows[model], rows[now]))
     ]
     return min(good, key=lambda model: (rows[model].mean_misfit, rows[model].criterion), default=None)
@@ -261,8 +261,8 @@ def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
     variant_names, own_names = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 
     def is_gone(key: str) -> bool:
-        is_left = key in variant_names if key in own_names else matching(key, variant_names)
-        return bool(matching(key, own_names)) and not is_left
+        is_remaining = key in variant_names if key in own_names else matching(key, variant_names)
+        return bool(matching(key, own_names)) and not is_remaining
 
     parameters = {key: entry for key, entry in spec.parameters.items() if not is_gone(key)}
     if spec.parameters and not parameters:  # an empty list would mean every stiffness
@@ -274,7 +274,7 @@ def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
     return replace(spec, parameters=parameters)
 
 
-def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
+def fix(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     """Return a study's fit with these parameters fixed at their starts, for a model without them."""
     free = [parameter.name for parameter in choose(spec, robot).free]
     still = {

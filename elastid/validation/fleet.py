@@ -135,7 +135,7 @@ class _Parameter:
 
     def between_dates(self, own: _Series | None = None) -> _Excess:
         """Return excess of the dates; not of the two of a robot's own, of which the change is judged."""
-        return _together(s.excess for s in self.series if s is not own or len(s.day) > 2)
+        return _total_excess(s.excess for s in self.series if s is not own or len(s.day) > 2)
 
 
 def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
@@ -176,21 +176,21 @@ def _series(values: Sequence[FleetValue], robot: str, is_relative: bool) -> _Ser
         H = A @ np.linalg.pinv(A)
         e = x - H @ x
         sum_of_squares, dof = float(e @ e - variance @ (1 - np.diag(H))), float(len(x) - A.shape[1])
-    of_mean = float(1 / np.sum(1 / variance))
-    mean = of_mean * float(np.sum(x / variance))
-    return _Series(robot, day, x, variance, mean, of_mean, (sum_of_squares, dof))
+    mean_variance = float(1 / np.sum(1 / variance))
+    mean = mean_variance * float(np.sum(x / variance))
+    return _Series(robot, day, x, variance, mean, mean_variance, (sum_of_squares, dof))
 
 
 def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
     if len(parameter.series) < 3:  # of two, either may be the odd one
         return []
-    of_kind = [p.between_robots() for p in _same_kind(parameter, parameters) if len(p.series) > 1]
+    kind_excess = [p.between_robots() for p in _same_kind(parameter, parameters) if len(p.series) > 1]
     if parameter.is_relative and _letters(parameter.name) == "k":
-        of_kind.append((NATURAL_DOF * NATURAL_STIFFNESS**2, NATURAL_DOF))
+        kind_excess.append((NATURAL_DOF * NATURAL_STIFFNESS**2, NATURAL_DOF))
     findings = []
     for s in parameter.series:
         others = tuple(peer for peer in parameter.series if peer is not s)
-        spread, dof = _moderated(replace(parameter, series=others).between_robots(), of_kind)
+        spread, dof = _moderated(replace(parameter, series=others).between_robots(), kind_excess)
         mean, variance = np.mean([(peer.mean, peer.variance_of_mean) for peer in others], axis=0)
         std = math.sqrt(spread + s.variance_of_mean + (spread + variance) / len(others))
         findings.append(_finding("differs", s.robot, parameter, s.mean - float(mean), std, dof))
@@ -199,10 +199,10 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
 
 def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
     """Return straight lines over the dates of each robot with two or more, with scatter of dates or like parameters."""
-    of_kind = [p.between_dates() for p in _same_kind(parameter, parameters)]
+    kind_excess = [p.between_dates() for p in _same_kind(parameter, parameters)]
     findings = []
     for s in parameter.series:
-        (spread, dof), span = _moderated(parameter.between_dates(s), of_kind), float(np.ptp(s.day))
+        (spread, dof), span = _moderated(parameter.between_dates(s), kind_excess), float(np.ptp(s.day))
         if span == 0 or not dof:  # nothing says how far dates differ anyway
             continue
         w = 1 / (s.variance + spread)
@@ -213,23 +213,23 @@ def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Fin
     return findings
 
 
-def _together(parts: Iterable[_Excess]) -> _Excess:
+def _total_excess(parts: Iterable[_Excess]) -> _Excess:
     sums, dofs = zip((0.0, 0.0), *parts, strict=True)
     return sum(sums), sum(dofs)
 
 
-def _moderated(own: _Excess, of_kind: Iterable[_Excess]) -> tuple[float, float]:
+def _moderated(own: _Excess, kind_excess: Iterable[_Excess]) -> tuple[float, float]:
     """Return variance and dof of its own scatter and of its kind's, which counts `MAX_SHARED_DOF` at most."""
-    total, dof = _together(of_kind)
+    total, dof = _total_excess(kind_excess)
     worth = min(1.0, MAX_SHARED_DOF / dof) if dof else 0.0
-    total, dof = _together([own, (worth * total, worth * dof)])
+    total, dof = _total_excess([own, (worth * total, worth * dof)])
     return (max(total / dof, 0.0) if dof else 0.0), dof
 
 
 def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[_Parameter]:
     letters = _letters(parameter.name)
-    alike = [p for p in parameters if p is not parameter and _letters(p.name) == letters]
-    return [p for p in alike if p.is_relative and parameter.is_relative]
+    relatives = [p for p in parameters if p is not parameter and _letters(p.name) == letters]
+    return [p for p in relatives if p.is_relative and parameter.is_relative]
 
 
 def _letters(name: str) -> str:

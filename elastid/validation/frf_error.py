@@ -26,9 +26,9 @@ from elastid.validation.residual_tests import (
     FALSE_ALARM,
     above_2sigma,
     exceeds_by_chance,
+    fisher_p_value,
     power_over_noise,
     sigma_of,
-    together,
     white_by_chance,
     whitening,
     without_shifts,
@@ -143,7 +143,7 @@ def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
 
 def are_white(agreements: Sequence[FrfError]) -> bool:
     """Return True if the residuals of all configurations together are white; FALSE_ALARM is the false-alarm rate."""
-    return not together([result.white_p for result in agreements]) < FALSE_ALARM
+    return not fisher_p_value([result.white_p for result in agreements]) < FALSE_ALARM
 
 
 def noise_p(agreements: Sequence[FrfError]) -> float:
@@ -267,10 +267,10 @@ def _tests(
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
-    z, of_shifts = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
+    z, shift_dof = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
     if shifting := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
-        z, of_shifts = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(shifting))[..., None])[..., 0]))
-    return *power_over_noise(z, whiten, noise, of_shifts), white_by_chance(z)
+        z, shift_dof = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(shifting))[..., None])[..., 0]))
+    return *power_over_noise(z, whiten, noise, shift_dof), white_by_chance(z)
 
 
 def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:

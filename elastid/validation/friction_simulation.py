@@ -96,15 +96,15 @@ TRACKING_HZ = 0.5
 
 @frozen_value
 class _Log:
-    """A log of n samples along which the joints `moving`, of n_u, move: their regressions, records and signals.
+    """A log of n samples along which the joints `moving_motors`, of n_u, move: their regressions, records and signals.
 
-    rest (n_u,): angles of the posture, at which the others are held.  E (n_u, n_u): `robot.mixing`.
+    posture (n_u,): angles at which the other joints rest.  E (n_u, n_u): `robot.mixing`.
     """
 
     n: int
-    rest: FloatArray
+    posture: FloatArray
     E: FloatArray
-    moving: tuple[int, ...]
+    moving_motors: tuple[int, ...]
     regressions: tuple[MotionFriction, ...]
     records: tuple[FrictionRecord, ...]
     signals: tuple[MotionSignals, ...]
@@ -113,26 +113,28 @@ class _Log:
     def of(cls, robot: Robot, members: Sequence[tuple[MotionFriction, FrictionRecord]]) -> "_Log":
         """Return the log of joints that moved together, up to LONGEST_S."""
         names, (regressions, records) = robot.driven_names, zip(*members, strict=True)
-        n, rest = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
+        n, posture = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
         signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
-        moving = tuple(names.index(record.joint) for record in records)
-        return cls(min(len(records[0].position), n), rest, robot.mixing, moving, regressions, records, signals)
+        moving_motors = tuple(names.index(record.joint) for record in records)
+        return cls(
+            min(len(records[0].position), n), posture, robot.mixing, moving_motors, regressions, records, signals
+        )
 
-    def whole(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
-        """Return motions (n, n_u) of all joints from the moving motors. rest: values of the other joints."""
-        values = np.full((self.n, len(self.rest)), self.E @ rest if np.ndim(rest) else rest)
-        for i, column in zip(self.moving, columns, strict=True):
+    def joint_values(self, columns: Iterable[FloatArray], others: FloatArray | float = 0.0) -> FloatArray:
+        """Return motions (n, n_u) of all joints from the moving motors. others: values of the other joints."""
+        values = np.full((self.n, len(self.posture)), self.E @ others if np.ndim(others) else others)
+        for i, column in zip(self.moving_motors, columns, strict=True):
             values[:, i] = column[: self.n]
         return np.asarray(np.linalg.solve(self.E, values.T).T)
 
     def torques(self, columns: Iterable[FloatArray]) -> FloatArray:
         """Return torques (n, n_u) on all joints from the moving motors."""
-        return self.whole(columns) @ self.E.T @ self.E
+        return self.joint_values(columns) @ self.E.T @ self.E
 
     @property
     def position(self) -> FloatArray:
         """Angles (n, n_u) of the motors."""
-        return self.whole((signals.position for signals in self.signals), self.rest)
+        return self.joint_values((signals.position for signals in self.signals), self.posture)
 
 
 def compare_friction_logs(
@@ -172,10 +174,10 @@ def _commanded_runs(
         log = {name: record for name, record in records.items() if name in fits}
         if not log:
             continue
-        first, moved = next(iter(log.values())), simulated_commands(robot, log, fits)
+        first, trajectory = next(iter(log.values())), simulated_commands(robot, log, fits)
         signals = tuple(
             ComparedSignal(MOTION, f"motor {name}", record.unit, record.position, simulated)
-            for (name, record), simulated in zip(log.items(), moved.T, strict=True)
+            for (name, record), simulated in zip(log.items(), trajectory.T, strict=True)
         )
         yield LogSimulation(first.name, "reference", 0.0, first.duration_s, first.rate_hz, signals)
 
@@ -205,9 +207,11 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> LogSimulation
 
 def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[ComparedSignal]:
     """Yield signals of a plant under reference, torque and gains; joints that rest have the same in all."""
-    q, moving = plant.point.q, np.isin(np.arange(len(log.rest)), log.moving)
+    q, moving_motors = plant.point.q, np.isin(np.arange(len(log.posture)), log.moving_motors)
     smooth, path = formulate(without_friction(plant.model.robot)), log.position
-    rate, curvature = (log.whole(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration"))
+    rate, curvature = (
+        log.joint_values(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration")
+    )
     torque = log.torques(record.torque for record in log.records)
     demand = feed_forward(smooth, q, path - path[0], rate, curvature)
     rigid = log.torques(map(_rigid_torque, log.regressions, log.signals, log.records))
@@ -219,21 +223,23 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
         gains, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
-        position = log.whole((record.reference for record in log.records if record.reference is not None), log.rest)
+        position = log.joint_values(
+            (record.reference for record in log.records if record.reference is not None), log.posture
+        )
         load = log.torques(still if record.disturbance is None else record.disturbance for record in log.records)
         velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
         error = gains.kp * (position[0] - path[0]) + gains.kd * (velocity[0] - rate[0])
         acting = load + np.where(gains.ki > 0, torque[0] - load[0] - error, 0.0)
-    lacking = np.where(moving, demand - rigid, 0.0)
-    commands = Commands(position, velocity, np.where(moving, acting, demand), lacking, np.zeros_like(demand))
-    return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving, gains, path[0], rate[0]))
+    lacking = np.where(moving_motors, demand - rigid, 0.0)
+    commands = Commands(position, velocity, np.where(moving_motors, acting, demand), lacking, np.zeros_like(demand))
+    return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving_motors, gains, path[0], rate[0]))
 
 
-def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[ComparedSignal]:
+def _in_passband(log: _Log, model: ElasticModel, trajectory: Trajectory) -> Iterator[ComparedSignal]:
     """Yield motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
-    reading, u = moved.reading @ log.E.T, moved.u @ np.linalg.inv(log.E)
-    for i, record, signals in zip(log.moving, log.records, log.signals, strict=True):
+    reading, u = trajectory.reading @ log.E.T, trajectory.u @ np.linalg.inv(log.E)
+    for i, record, signals in zip(log.moving_motors, log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
         kept = replace(
             signals,
@@ -244,7 +250,7 @@ def _in_passband(log: _Log, model: ElasticModel, moved: Trajectory) -> Iterator[
         rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
             (MOTION, motor, turning, record.position, reading[:, i]),
             (TORQUE, motor, driving, record.torque, u[:, i]),
-            (LINK, link, turning, record.link_position, moved.q[:, model.index(link)]),
+            (LINK, link, turning, record.link_position, trajectory.q[:, model.index(link)]),
         )
         for kind, place, unit, y, y_twin in rows:
             if y is not None:
@@ -283,7 +289,7 @@ def _along(
         raise DataError("predict/mismatch", "it slides in one of the two robots and turns in the other")
     fit = source.motion
     signals = motion_log(robot, log, fit.passband_hz)
-    motion = signals.of_joints[record.joint].motion
+    motion = signals.signals[record.joint].motion
     if fit.rigid_body is not None:
         rigid = rigid_body_torques(robot, fit.rigid_body, signals)
         motion = replace(motion, torque=motion.torque - rigid[record.joint])

@@ -71,10 +71,12 @@ class TorqueBalance:
     @property
     def sentence(self) -> str:
         """Shares of the parts in a sentence."""
-        shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(self.parts, self.fractions, strict=True))
+        fractions = ", ".join(
+            f"{part} {fraction:.1%}" for part, fraction in zip(self.parts, self.fractions, strict=True)
+        )
         worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
         return (
-            f"{self.place}, {self.log}: contributions to the mean-square torque: {shares}. Unexplained: "
+            f"{self.place}, {self.log}: contributions to the mean-square torque: {fractions}. Unexplained: "
             f"{self.unexplained_fraction:.1%}, at most "
             f"{worst.unexplained_fraction:.0%} from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}."
         )
@@ -84,7 +86,7 @@ class TorqueBalance:
         """Measured less modelled torque (n,)."""
         return np.asarray(self.measured - self.torques.sum(axis=0))
 
-    def part(self, names: Sequence[str]) -> FloatArray:
+    def torque_sum(self, names: Sequence[str]) -> FloatArray:
         """Return the torque (n,) of these parts together, 0 of those that the model lacks."""
         return np.asarray(self.torques[[name in names for name in self.parts]].sum(axis=0))
 

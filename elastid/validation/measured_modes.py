@@ -86,20 +86,22 @@ class MeasuredModes:
 
 def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
     """Return measured modes of each configuration, compared with the model's."""
-    return tuple(map(_beside, fitted.measured, fitted.responses, fitted.linear))
+    return tuple(map(_compare_modes, fitted.measured, fitted.responses, fitted.linear))
 
 
-def _beside(response: Response, modelled: Response, linear: LinearModel) -> MeasuredModes:
+def _compare_modes(response: Response, modelled: Response, linear: LinearModel) -> MeasuredModes:
     from elastid.linear.modes import modes as modes_of_model
-    from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra, which a page does without
+    from elastid.modal.estimate import estimate_all_modes  # SciPy's linear algebra, which a page does without
     from elastid.modal.modes import mac
 
-    (modes,), of_model = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
-    agreement = mac(modes.shapes, linear.C @ of_model.shapes) if len(of_model.freq_hz) else np.empty((modes.n_modes, 0))
-    partner = _partners(modes, of_model.freq_hz, of_model.zeta, agreement)
+    (modes,), model_modes = estimate_all_modes((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
+    agreement = (
+        mac(modes.shapes, linear.C @ model_modes.shapes) if len(model_modes.freq_hz) else np.empty((modes.n_modes, 0))
+    )
+    partner = _partners(modes, model_modes.freq_hz, model_modes.zeta, agreement)
     missed = np.array([_is_missed(modes, r, response, modelled) for r in range(modes.n_modes)], dtype=bool)
     # Without a partner, -1, the NaN behind the last mode.
-    model_hz, model_zeta = (np.append(values, np.nan)[partner] for values in (of_model.freq_hz, of_model.zeta))
+    model_hz, model_zeta = (np.append(values, np.nan)[partner] for values in (model_modes.freq_hz, model_modes.zeta))
     mac_of_each = np.pad(agreement, ((0, 0), (0, 1)), constant_values=np.nan)[np.arange(modes.n_modes), partner]
     largest = (size >= MIN_AMPLITUDE * size.max() for size in np.abs(modes.shapes.T))
     outputs = tuple(", ".join(name for name, has in zip(modes.outputs, rows, strict=True) if has) for rows in largest)

@@ -36,13 +36,13 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
 
 
 def power_over_noise(
-    z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, of_shifts: float = 0.0
+    z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, shift_dof: float = 0.0
 ) -> tuple[float, float]:
     r"""Return ratio of the power of whitened residuals z (F, m) to the noise power, and its degrees of freedom d.
 
     .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
 
-    S is the measured covariance and kappa its part in L (`smooth_covariance`); of_shifts: power of `without_shifts`,
+    S is the measured covariance and kappa its part in L (`smooth_covariance`); shift_dof: power of `without_shifts`,
     added to that of z.  Of a true model the ratio has mean 1 and variance 2 / d.
     """
     measured = noise.measured
@@ -50,7 +50,7 @@ def power_over_noise(
     variance = noise.own_variance if noise.is_diagonal else noise.own_matrix
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - variance / measured.dof, 0.1)))
     dof = 2 * int(np.count_nonzero(z)) / (1 + noise.repeats) / measured.averaging_lines
-    return (float(np.sum(np.abs(z) ** 2)) + of_shifts) / max(expected, 1e-300), dof
+    return (float(np.sum(np.abs(z) ** 2)) + shift_dof) / max(expected, 1e-300), dof
 
 
 def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray, float]:
@@ -104,7 +104,7 @@ def white_by_chance(z: ComplexArray) -> float:
     return float(gammaincc(shape, max(0.0, shape + math.sqrt(shape / variance) * (statistic - mean))))
 
 
-def together(p: Sequence[float] | FloatArray) -> float:
+def fisher_p_value(p: Sequence[float] | FloatArray) -> float:
     """Return P of independent tests jointly, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
     logarithms = [math.log(max(value, 1e-300)) for value in p if math.isfinite(value)]
     return float(chdtrc(2 * len(logarithms), -2 * sum(logarithms))) if logarithms else math.nan

@@ -52,7 +52,7 @@ def torque_balance(
     """Return shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
     names, torques = tuple(parts), np.stack(list(parts.values()))
     dry = np.array([name not in FRICTION for name in names])
-    shares, ratio, without = _explained(measured[None], torques[:, None], dry)
+    fractions, ratio, without = _explained(measured[None], torques[:, None], dry)
     window = np.hanning(len(measured) + 1)[:-1]
     U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
     octaves = list(octave_lines(band_hz, rate_hz, len(measured)))
@@ -61,8 +61,8 @@ def torque_balance(
         BandBalance(low, high, float(np.sum(np.abs(U[inside]) ** 2)) / total, *_explained(U[inside], T[:, inside], dry))
         for low, high, inside in octaves
     )
-    of_log = place, log, unit, rate_hz, names, measured, torques
-    return TorqueBalance(*of_log, shares, ratio, without, bands, has_rate)
+    header = place, log, unit, rate_hz, names, measured, torques
+    return TorqueBalance(*header, fractions, ratio, without, bands, has_rate)
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:

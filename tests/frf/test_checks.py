@@ -10,7 +10,7 @@ from plants.two_mass import circular
 from elastid.base.arrays import ComplexArray
 from elastid.covariance import Covariance
 from elastid.frf import checks
-from elastid.frf.checks import hit_notes, inconsistency_notes, pulses, separated_lines
+from elastid.frf.checks import hit_notes, inconsistency_notes, pulses, separable_lines
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Configuration, Record
 from elastid.response import Response
@@ -30,7 +30,7 @@ def test_each_input_is_held_against_its_own_noise() -> None:
     mean, variance = X.mean(axis=1), X.var(axis=1, ddof=1).mean(axis=-1)
     block = Block(mean, mean, None, np.full(2, float(P)), variance, 2 * (P - 1))
     for method in ("arithmetic", "h1"):
-        flags = separated_lines(MeanSpectra((block,), np.zeros(0), 0), [[]], method).reshape(-1, 3)
+        flags = separable_lines(MeanSpectra((block,), np.zeros(0), 0), [[]], method).reshape(-1, 3)
         assert flags[:, :2].mean() > 0.99
         assert flags[:, 2].mean() < 0.02
 

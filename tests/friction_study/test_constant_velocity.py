@@ -22,7 +22,7 @@ from elastid.friction_study.result import (
     FrictionResult,
     SlidingFriction,
     identify_friction,
-    numbers_of_law,
+    law_numbers,
     true_numbers,
 )
 from elastid.friction_study.sliding_friction import identify_sliding_friction
@@ -232,7 +232,7 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
     speed = np.tile(np.geomspace(0.01, 1.0, 8), 2)
     way = np.repeat([1.0, -1.0], 8)
     levels = FrictionCurve("joint 1", speed, way, 22 + 2 * way + 9 * speed, 0.1 + 0 * speed, 0 * speed, np.nan * speed)
-    rows = {row.name: row for row in numbers_of_law("1", StaticLaw.of(levels, LawSpec()), {})}
+    rows = {row.name: row for row in law_numbers("1", StaticLaw.of(levels, LawSpec()), {})}
     mean, forwards, backwards = (rows[name] for name in ("Fc_m1", "Fc_m1+", "Fc_m1-"))
     assert (forwards.value, backwards.value) == (pytest.approx(24.0, abs=0.1), pytest.approx(20.0, abs=0.1))
     for row in (forwards, backwards):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastid.friction_study.least_squares import Equations, chance_of_terms, inverse_normal, minimise, solve
+from elastid.friction_study.least_squares import Equations, inverse_normal, minimise, solve, terms_p_value
 
 RATE_HZ = 50.0
 
@@ -74,7 +74,7 @@ def test_chance_of_terms_is_uniform_where_they_are_not_there() -> None:
     for _ in range(400):
         X, y = rng.standard_normal((40, 3)), rng.standard_normal(40)
         costs = [float(np.sum((y - X[:, :k] @ np.linalg.lstsq(X[:, :k], y, rcond=None)[0]) ** 2)) for k in (2, 3)]
-        chances.append(chance_of_terms(*costs, 1, 37))
+        chances.append(terms_p_value(*costs, 1, 37))
     assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.08
 
 

@@ -76,7 +76,7 @@ def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
 def test_a_rigid_body_is_not_stretched_beyond_the_motions_that_identified_it() -> None:
     """Of both axes it holds for the first alone; of the first alone not for both."""
     robot, both = ARM, MotionLog.of(motion(1), {}, 10.0)
-    first = MotionLog.of({"1": both.of_joints["1"].motion}, {"2": 0.4}, 10.0)
+    first = MotionLog.of({"1": both.signals["1"].motion}, {"2": 0.4}, 10.0)
     of_both, of_first = (regress_robot_motion(robot, [log])[0]["1"].rigid_body for log in (both, first))
     assert of_both is not None
     assert of_first is not None

@@ -9,7 +9,7 @@ from plants.refusals import refused
 
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.constant_velocity import FrictionCurve
-from elastid.friction_study.result import numbers_of_law
+from elastid.friction_study.result import law_numbers
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw, Terms, fit_curve
 from elastid.robot import Body, Joint, Motor, Robot
@@ -95,7 +95,7 @@ def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
     assert uneven <= 5
     law = StaticLaw.of(drawn(plain(uneven=37.0), 1), LawSpec())
     assert law.values["directions.viscous"] == pytest.approx(-37.0, abs=3 * 1.3)
-    assert {n.symbol: n.unit for n in numbers_of_law("1", law, {})}["delta_v"] == "N*s/m"
+    assert {n.symbol: n.unit for n in law_numbers("1", law, {})}["delta_v"] == "N*s/m"
     assert "stiction" not in law.names
 
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from elastid.base.arrays import FloatArray
 from elastid.friction_record import WarmUpLog
 from elastid.friction_study.motion_signals import alike_speeds
-from elastid.friction_study.result import numbers_of_heat
+from elastid.friction_study.result import thermal_numbers
 from elastid.friction_study.warm_up import WarmUp, fit_warm_up, warm_up_note
 
 # 45 min and 8 W/K; the published law in Nm on the link side, speeds of the motor in rad/s.
@@ -75,7 +75,7 @@ def test_half_of_four_hours_has_the_numbers(thermometer: bool, tests: bool) -> N
     model = fit_warm_up(first if tests else without_tests(first))
     assert model.time_constants[0] == pytest.approx(TIME_CONSTANT, rel=0.1)
     assert warm_up_note(model, first, "1") == ()
-    assert [number.symbol for number in numbers_of_heat("1", model, first)] == ["h", "C / h"][not thermometer :]
+    assert [number.symbol for number in thermal_numbers("1", model, first)] == ["h", "C / h"][not thermometer :]
     if thermometer:
         assert model.h == pytest.approx(H, rel=0.05)
     else:

@@ -12,7 +12,7 @@ from elastid.base.errors import Note
 from elastid.experiment.simulated.plant import shake, true_modes
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.modal.estimate import estimate_modes, modes_of_responses
+from elastid.modal.estimate import estimate_all_modes, estimate_modes
 from elastid.modal.spec import ModalSpec
 from elastid.record import Record
 from elastid.response import Covariance, Response
@@ -78,7 +78,7 @@ def test_a_band_without_lines_is_refused_and_a_study_goes_on() -> None:
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)))
     with refused("modal/lines", place="configuration bench"):
         estimate_modes(response, band_hz=(40, 41))
-    (none,) = modes_of_responses([response], ModalSpec(band_hz=(40.0, 41.0)))
+    (none,) = estimate_all_modes([response], ModalSpec(band_hz=(40.0, 41.0)))
     assert none.shape_std.shape == none.shapes.shape == (1, 0)
 
 
@@ -86,7 +86,7 @@ def test_overloaded_hits_have_no_modes_but_those_that_are_named() -> None:
     """A note on clipped hits at the response; of a band alone its modes are found."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
     clipped = replace(response, notes=(Note("frf/overload", "3 of 5 hits stay at 20", "record a"),))
-    (none,) = modes_of_responses([clipped], ModalSpec())
+    (none,) = estimate_all_modes([clipped], ModalSpec())
     assert none.n_modes == 0
     np.testing.assert_allclose(estimate_modes(clipped, poles_hz=tuple(NATURAL)).freq_hz, NATURAL, rtol=1e-3)
 

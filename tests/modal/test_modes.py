@@ -11,7 +11,7 @@ from plants.two_mass import circular
 from elastid.modal.estimate import by_differences, line_variance, modal_data, smoothed
 from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import LIMITS, drops, levels, separate_determinations
+from elastid.modal.poles import LIMITS, drops, noise_levels, separate_determinations
 from elastid.record import MOTION_ORDER
 from elastid.response import Covariance
 
@@ -41,7 +41,7 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
     np.testing.assert_allclose(
         exact.residues.T * data.basis.scale, expected, rtol=1e-6, atol=1e-8 * abs(expected).max()
     )
-    level, lines = levels(exact)
+    level, lines = noise_levels(exact)
     assert np.all((level >= data.variance.min(axis=0)) & (level <= data.variance.max(axis=0)))
     about = 2 * np.maximum(LIMITS.lines, LIMITS.half_widths * zeta * natural / 0.5)
     assert np.all((lines <= about + 1) & (lines >= 2 * LIMITS.lines - n - 2.5))

@@ -91,7 +91,7 @@ def power(good: Case) -> np.ndarray:
 
 def counts(good: Case, part: float) -> Case:
     """The case with encoder counts of a part of the rms deflection of its gear."""
-    bent = np.sqrt(np.sum(np.mean(np.abs(good.drives[0].moved("gear", 0, good.data.lines[0].U)) ** 2, axis=1)) / 2)
+    bent = np.sqrt(np.sum(np.mean(np.abs(good.drives[0].motion("gear", 0, good.data.lines[0].U)) ** 2, axis=1)) / 2)
     return with_lines(good, count=np.array([part * bent]))
 
 

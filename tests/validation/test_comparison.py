@@ -23,7 +23,7 @@ from elastid.validation.comparison import (
     describe_search,
     divide,
     final_model,
-    held,
+    fix,
     rank,
     refit,
     search,
@@ -160,9 +160,9 @@ def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
 def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -> None:
     """The others stay free, also without a list of parameters in the study."""
     for spec in (FitSpec(parameters={"k_*": ParameterSpec()}), FitSpec()):
-        before, after = choose(spec, robot).free_names, choose(held(spec, robot, ["k_2x", "k_9"]), robot).free_names
+        before, after = choose(spec, robot).free_names, choose(fix(spec, robot, ["k_2x", "k_9"]), robot).free_names
         assert set(before) - set(after) == {"k_2x"}
-    assert held(FitSpec(), robot, ["k_9"]).parameters.keys() == {p.name for p in choose(FitSpec(), robot).free}
+    assert fix(FitSpec(), robot, ["k_9"]).parameters.keys() == {p.name for p in choose(FitSpec(), robot).free}
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from elastid.response import Response
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
     exceeds_by_chance,
+    fisher_p_value,
     power_over_noise,
-    together,
     white_by_chance,
     whitening,
     without_shifts,
@@ -31,7 +31,7 @@ def test_white_residuals_are_called_coloured_as_often_as_the_test_says(scatter):
     )
     assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.05)
     assert np.mean(p < FALSE_ALARM) < 0.04
-    assert np.mean([together(some) < 0.05 for some in p.reshape(20, 5)]) < 0.21
+    assert np.mean([fisher_p_value(some) < 0.05 for some in p.reshape(20, 5)]) < 0.21
 
 
 def test_the_tail_is_that_of_random_phases():
@@ -69,7 +69,7 @@ def test_nothing_is_tested_where_nothing_is_known():
     """Too few lines, no noise, and no p at all."""
     assert math.isnan(exceeds_by_chance(2.0, 0.0))
     assert math.isnan(white_by_chance(np.zeros((3, 2), complex)))
-    assert math.isnan(together([math.nan]))
+    assert math.isnan(fisher_p_value([math.nan]))
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_par
     assert found.worst is bands[16.0, 32.0]
     assert found.worst.unexplained_fraction == pytest.approx(1.0, rel=1e-3)
     np.testing.assert_allclose(found.residual, fast, atol=1e-12)
-    np.testing.assert_allclose(found.part((DRY, VISCOUS)), middle, atol=1e-12)
+    np.testing.assert_allclose(found.torque_sum((DRY, VISCOUS)), middle, atol=1e-12)
 
 
 def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left() -> None:

@@ -89,14 +89,14 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     """The page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
     from elastid.logs.responses.table import geometry_of_files
-    from elastid.modal.estimate import modes_of_responses
+    from elastid.modal.estimate import estimate_all_modes
     from elastid.report.content import ResponsesContent
     from elastid.report.run_summary import questions_of_responses
     from elastid.targets.csv import write_modes_csv
 
     estimates, modal = work.sources["estimate"], study.modal
     responses, friction = read_responses(estimates), read_friction(estimates)
-    modes = modes_of_responses(responses, modal)
+    modes = estimate_all_modes(responses, modal)
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
     if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None

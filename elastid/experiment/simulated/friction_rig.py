@@ -27,7 +27,7 @@ from elastid.experiment.simulated.hardware import Noise, draw_noise, loads_of
 from elastid.experiment.simulated.plant import Plant, holding_torque, limit_notes, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import HeatSpec, SimulatedSpec
-from elastid.friction.robot_friction import laws_of_joint
+from elastid.friction.robot_friction import joint_laws
 from elastid.friction_record import FrictionRecord, WarmUpLog
 from elastid.linear.equilibrium import equilibrium
 from elastid.robot import Robot
@@ -111,7 +111,7 @@ def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> tup
     its tests, is the mean of tau_f v at the law's torque and the temperature at the beginning of the step.
     """
     viscous = robot.driven[robot.driven_names.index(joint)].all_viscous
-    laws = laws_of_joint(robot, joint)
+    laws = joint_laws(robot, joint)
     times, temperatures, powers = [0.0], [spec.start_degc], list[float]()
     for start, end, speed in _activities(plan, joint):
         steps = max(1, math.ceil((end - start) / 30.0))  # s of constant power

@@ -98,18 +98,18 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
     G = B[:, :n_y] @ inverse
     N = np.concatenate([np.broadcast_to(np.eye(n_y), (F, n_y, n_y)), -G], axis=2)
     left = np.swapaxes(inverse, 1, 2) @ fit.input_factor[usable] @ inverse.conj()
-    of_fit = N if closed else N[:, :, :n_y]
-    M = of_fit[:, None] @ fit.M[usable] @ inverse[:, None]
+    fit_noise = N if closed else N[:, :, :n_y]
+    M = fit_noise[:, None] @ fit.M[usable] @ inverse[:, None]
     poles = (M, fit.A_cov[usable])
-    C_total = of_fit @ (fit.scatter[usable] / fit.dof) @ of_fit.mT.conj()
+    C_total = fit_noise @ (fit.scatter[usable] / fit.dof) @ fit_noise.mT.conj()
     total = _covariance(left, C_total, fit.dof, poles)
     if experiments.C_Z is None:
         return FittedResponse(G, None, total, B_u, left, C_total)
     C_Z = experiments.C_Z[usable]
     C_noise = N @ C_Z @ N.mT.conj()
     # The part of cov(A) that noise explains, by its share in the total.
-    share = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
-    noise = _covariance(left, C_noise, dof, (M, fit.A_cov[usable] * share[:, None, None]))
+    ratio = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
+    noise = _covariance(left, C_noise, dof, (M, fit.A_cov[usable] * ratio[:, None, None]))
     return FittedResponse(G, noise, total, B_u, left, C_total, C_Z, C_noise)
 
 
@@ -180,8 +180,8 @@ def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArr
     C_V, noise = power(fitted.C_total), np.zeros(S_uu.shape[:2])
     output_noise = C_V
     if fitted.C_Z is not None and fitted.C_noise is not None:
-        of_noise = power(fitted.C_noise)
-        C_V = of_noise + (C_V - of_noise) / periods.mean()
+        noise_power = power(fitted.C_noise)
+        C_V = noise_power + (C_V - noise_power) / periods.mean()
         output_noise, noise = np.split(power(fitted.C_Z), [n_y], axis=1)
     *both, signal = _coherences(fitted, S_uu, C_V)
     noise_of_mean = output_noise * np.mean(1 / periods)
@@ -196,8 +196,10 @@ def _coherences(
     G, left, C_total = fitted.G, fitted.input_factor, power(fitted.C_total)
     S_yu = G @ S_uu
     # Powers that the error of G brings into G U and S_yu.
-    of_signal = np.einsum("fjk,fjk->f", S_uu, left).real[:, None] * C_total
-    of_cross = np.einsum("fkj,fkl,flj->fj", S_uu, left, S_uu.conj(), optimize=True).real[:, None] * C_total[:, :, None]
-    signal = np.maximum(np.sum(S_yu * G.conj(), axis=2).real - of_signal, 0.0)
-    cross = np.maximum(np.abs(S_yu) ** 2 - of_cross, 0.0)
+    signal_error = np.einsum("fjk,fjk->f", S_uu, left).real[:, None] * C_total
+    cross_error = (
+        np.einsum("fkj,fkl,flj->fj", S_uu, left, S_uu.conj(), optimize=True).real[:, None] * C_total[:, :, None]
+    )
+    signal = np.maximum(np.sum(S_yu * G.conj(), axis=2).real - signal_error, 0.0)
+    cross = np.maximum(np.abs(S_yu) ** 2 - cross_error, 0.0)
     return *coherences_of_powers(cross, signal, signal + C_V, power(S_uu)), signal

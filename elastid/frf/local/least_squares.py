@@ -177,7 +177,7 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequenc
     for i, fit in enumerate(fits[1:], 1):
         clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LOG_GAIN
         power, taken = np.where(clear[:, None], _power(fit), power), np.where(clear, i, taken)
-        chosen = _chosen(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
+        chosen = _select_fits(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
     return LadderFit(chosen, fits, taken, where, ladder[-1])
 
 
@@ -217,7 +217,7 @@ def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
     )
 
 
-def _chosen(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
+def _select_fits(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
     """Return a at the lines taken (F,), b elsewhere."""
     arrays = {name: getattr(b, name).copy() for name in _ARRAYS}
     for name, array in arrays.items():
@@ -273,11 +273,11 @@ def _regressors(R: ComplexArray, r: FloatArray, terms: WindowTerms) -> ComplexAr
     """Return Phi (f, E n_w, columns + E transient columns) from R (E, f, n_w, n_u): R, r R, ..., then 1, r, ..."""
     E, f, n_w, _ = R.shape
     powers = r[..., None] ** np.arange(terms.order + 1)
-    of_R = np.asarray(np.einsum("efwu,fwp->fewpu", R, powers).reshape(f, E * n_w, terms.columns))
+    reference_columns = np.asarray(np.einsum("efwu,fwp->fewpu", R, powers).reshape(f, E * n_w, terms.columns))
     if not terms.transient:
-        return of_R
-    of_T = np.einsum("fwp,ed->fewdp", powers, np.eye(E)).reshape(f, E * n_w, -1)
-    return np.concatenate([of_R, of_T.astype(np.complex128)], axis=2)
+        return reference_columns
+    transient_columns = np.einsum("fwp,ed->fewdp", powers, np.eye(E)).reshape(f, E * n_w, -1)
+    return np.concatenate([reference_columns, transient_columns.astype(np.complex128)], axis=2)
 
 
 def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: FloatArray) -> ComplexArray:
@@ -304,18 +304,18 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     first = np.concatenate([np.arange(n_u), constants])
     # Their rows (f, wanted, rows) of the pseudo-inverse of the weighted regressors.
     inverse = (np.linalg.inv(L)[:, first] @ Q.mT.conj()) / np.swapaxes(size, 1, 2)[:, first]
-    of_B, of_T = inverse[:, :n_u], inverse[:, n_u:]
+    input_columns, transient_columns = inverse[:, :n_u], inverse[:, n_u:]
     AZ = solution.Z + np.einsum("fp,fprz->frz", solution.a, solution.X)
     scatter = np.swapaxes(solution.V, 1, 2) @ solution.V.conj()
     return LocalFit(
-        B=np.swapaxes(of_B @ AZ, 1, 2),
-        T=of_T @ AZ,
+        B=np.swapaxes(input_columns @ AZ, 1, 2),
+        T=transient_columns @ AZ,
         scatter=scatter,
         dof=dof,
-        input_factor=of_B @ of_B.mT.conj(),
-        M=np.swapaxes(of_B[:, None] @ solution.X, 2, 3),
+        input_factor=input_columns @ input_columns.mT.conj(),
+        M=np.swapaxes(input_columns[:, None] @ solution.X, 2, 3),
         A_cov=_denominator_covariance(solution.V_X, solution.scale, scatter / dof),
-        transient_factor=np.sum(np.abs(of_T) ** 2, axis=2),
+        transient_factor=np.sum(np.abs(transient_columns) ** 2, axis=2),
         condition=condition,
     )
 

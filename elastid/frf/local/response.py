@@ -116,7 +116,7 @@ def local_response(
     Raises DataError where a sample or period is missing, the lines are too few or the experiments do not separate the
     inputs.
     """
-    records, cut = _of_one_length(records)
+    records, cut = _cut_to_one_length(records)
     logs = undivided_logs(records)
     first = logs[0]
     all_lines = analysed_lines([RecordSpectra(log) for log in logs], spec, planned_lines)
@@ -166,7 +166,7 @@ def local_response(
     return replace(response, correlated_lines=max(1.0, 4 / 9 * n_w / signals.step) / thinning)
 
 
-def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[Note, ...]]:
+def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[Note, ...]]:
     """Return records without a period cut to the shortest, since their lines are compared, and a note on it."""
     lengths = np.array([record.n_samples for record in records])
     n = int(lengths.min())
@@ -199,7 +199,7 @@ def spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> Comp
     """
     N, amplitudes = (used.stop - used.start) // P, np.empty((len(bins), signals.shape[1]), np.complex128)
     r = (bins + P // 2) % P - P // 2
-    offsets, of_bin = np.unique(r, return_inverse=True)
+    offsets, bin_index = np.unique(r, return_inverse=True)
     turns = np.exp(-2j * np.pi / P * np.outer(offsets, np.arange(P)))
     turns, step = np.concatenate([turns.real, turns.imag]), max(1, PIECE_VALUES // N)
     for i in range(signals.shape[1]):
@@ -213,7 +213,7 @@ def spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> Comp
                 release(signals)
             real, imaginary = np.split(sums, 2)
             turned = (real + 1j * imaginary) * np.exp(-2j * np.pi / (P * N) * np.outer(offsets, np.arange(N)))
-            amplitudes[:, i] = np.fft.fft(turned, axis=1)[of_bin, (bins - r) // P % N]
+            amplitudes[:, i] = np.fft.fft(turned, axis=1)[bin_index, (bins - r) // P % N]
         release(signals)
     return np.asarray(amplitudes * (2 / (P * N)))
 
@@ -231,10 +231,10 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: i
     else:
         inner = np.arange(1, n // 2)
     rest = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
-    wanted = np.concatenate([bins, rest])
-    Y, U, R = (None if x is None else spectra_at(x, used, wanted, P) for x in (record.y, record.u, record.r))
+    indices = np.concatenate([bins, rest])
+    Y, U, R = (None if x is None else spectra_at(x, used, indices, P) for x in (record.y, record.u, record.r))
     with np.errstate(divide="ignore", invalid="ignore"):
-        Z = np.concatenate([Y, U], axis=1) * unit_scale(record, wanted * record.rate_hz / n, quantity)
+        Z = np.concatenate([Y, U], axis=1) * unit_scale(record, indices * record.rate_hz / n, quantity)
     at_lines, between = np.split(Z, [len(bins)])
     fit = fitted_transient(between, rest, bins, n_y)
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0

@@ -301,7 +301,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     modelled = balance.measured - balance.residual
     whole = [(balance.measured, style.MEASURED, "measured"), (modelled, style.FITTED, "model")]
     if any(name in FRICTION for name in balance.parts):
-        whole.insert(0, (modelled - balance.part(FRICTION), style.WEAK, "model without friction"))
+        whole.insert(0, (modelled - balance.torque_sum(FRICTION), style.WEAK, "model without friction"))
     whole.append((balance.residual, style.RESIDUAL, "measured − model"))
     total = [Curve(t, torque[part], text, ink) for torque, ink, text in whole]
     parts = [
