@@ -135,7 +135,7 @@ class CommandedJoint:
         )
 
     def to_friction(self) -> tuple[Friction, float]:
-        """Return friction law and viscous friction for a robot model."""
+        """Return friction law and viscous friction, N*m*s/rad, for a robot model; ValueError if that is negative."""
         numbers = named(self.names, self.values)
         if self["viscous"] < LEAST_VISCOUS * float(np.sqrt(self.covariance[1, 1])):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")

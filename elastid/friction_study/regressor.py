@@ -283,7 +283,7 @@ def equations_of(
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
-    """Return columns behind the filter; derivatives of the logged position, whose filter reaches no further.
+    """Return columns (n,) by name, behind the filter; derivatives of the logged position, whose filter is as long.
 
     The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
     errors of the model in it, and makes all numbers wrong.  The inertia has the spring of the robot model in it.

@@ -92,7 +92,7 @@ def has_variance(response: Response) -> bool:
 
 
 def floored(variance: FloatArray, power: FloatArray) -> FloatArray:
-    """Return variance, at least the variance of rounding, so that it is positive."""
+    """Return variance (F, n_y, n_u), at least the positive variance of rounding; power (F, n_y, n_u): |G|^2."""
     mean = power.mean(axis=0)
     floor = MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)
     return np.asarray(np.maximum(variance, floor))
@@ -269,7 +269,7 @@ def _residual_variance(response: Response, fit: ModalFit) -> FloatArray:
 
 
 def modal_data(response: Response, variance: FloatArray | None = None) -> ModalData:
-    """Return the response as weighted columns; variance: by default that stated, or by neighbouring lines."""
+    """Return the response as weighted columns; variance (F, n_y, n_u): by default as stated, or by neighbours."""
     return ModalData.of(Basis.of(response), response.G, line_variance(response) if variance is None else variance)
 
 

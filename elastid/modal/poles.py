@@ -128,7 +128,7 @@ def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:
 
 
 def stabilisation(orders: tuple[tuple[int, ComplexArray], ...]) -> StabilisationDiagram:
-    """Return all poles, stable where the order before has one within 1 % of its frequency and 5 % of its damping."""
+    """Return all poles; stable: the previous order has one within 1 % of the frequency and 5 % of the damping ratio."""
     parts, before = [], np.empty((0, 2))
     for n, poles in orders:
         numbers = np.stack([np.abs(poles), -poles.real / np.abs(poles)], axis=1)
@@ -256,7 +256,7 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
 
 
 def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
-    """Return the model with the candidates that lower its squares most, in turn, as long as noise would not."""
+    """Return the model with those candidates (n,) that lower its squares most, in turn, and more than noise would."""
     trials = LIMITS.trials_per_line * len(fit.data.weight)
     while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
@@ -304,7 +304,7 @@ def _unresolved(fit: ModalFit) -> int | None:
 
 
 def residual_peaks(fit: ModalFit) -> ComplexArray:
-    """Return candidates at the highest residual peaks of the model, with several dampings."""
+    """Return candidates (n,), rad/s, at the six highest residual peaks, each with three dampings."""
     power = np.mean(np.abs(unstacked(fit.residual)) ** 2, axis=1)
     smooth = np.convolve(power, np.ones(3), "same")
     tops = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
