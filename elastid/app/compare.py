@@ -37,7 +37,7 @@ from elastid.validation.comparison import (
     fix,
     rank,
     refit,
-    restricted,
+    restrict,
     search,
 )
 from elastid.validation.spec import VariantSpec
@@ -154,7 +154,7 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else given
     robot = study.as_robot() if spec.motor_coupling else without_motor_coupling(study.as_robot())
     robot = stiffened(robot, spec.rigid)
-    fit = restricted(_weighed_as(given, study), robot, study.as_robot())
+    fit = restrict(_weighed_as(given, study), robot, study.as_robot())
     if study.model != given.model:
         fit = fix(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)

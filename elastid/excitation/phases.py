@@ -25,7 +25,7 @@ Orthogonal: TypeAlias = Literal["dft", "hadamard", "zippered"]
 
 
 def random_phases(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Return independent phases, uniform over a turn."""
+    """Return independent phases of this shape, rad, uniform over a turn."""
     return 2 * np.pi * rng.random(shape)
 
 

@@ -45,7 +45,7 @@ from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power, squared_magnitude
-from elastid.frf.moved_sensors import by_outputs, stacked
+from elastid.frf.moved_sensors import by_outputs, stack_outputs
 from elastid.frf.quality import (
     described_lines,
     discarded_lines_note,
@@ -84,7 +84,7 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
     together or do not suffice, the experiments do not separate the inputs, or no line is excited.
     """
     if len(sets := by_outputs(records) if isinstance(records, Sequence) else []) > 1:
-        return stacked([estimate(part, spec, planned_lines) for part in sets])
+        return stack_outputs([estimate(part, spec, planned_lines) for part in sets])
     refuse_mismatch(records)
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}

@@ -67,7 +67,7 @@ def h1(data: MeanSpectra) -> Estimate:
 
 
 def joint(data: MeanSpectra) -> Estimate:
-    """Return G = (sum Y R^H)(sum U R^H)^-1, the ratio of the responses to the injected torque (joint i/o)."""
+    """Return G = (sum Y R^H)(sum U R^H)^-1, the ratio of the responses to the injected torque; DataError without it."""
     R = [block.R for block in data.blocks if block.R is not None]
     if len(R) < len(data.blocks):
         raise DataError(

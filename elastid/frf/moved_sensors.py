@@ -27,7 +27,7 @@ def by_outputs(records: Sequence[Record]) -> list[list[Record]]:
     return list(sets.values())
 
 
-def stacked(responses: Sequence[Response]) -> Response:
+def stack_outputs(responses: Sequence[Response]) -> Response:
     """Return the response (F, n_y, n_u) of all outputs, on the lines that all responses have.
 
     A sensor that two of them have counts in the first. Errors of different outputs are taken as independent. Quality,

@@ -87,7 +87,7 @@ class Compared:
         squares = power[:, :, None] + power[:, None, references] - 2 * X @ np.swapaxes(X[:, references], 1, 2)
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
-    def weighed(self, good: IntArray) -> "Compared":
+    def weigh(self, good: IntArray) -> "Compared":
         """Divide spectra by the noise of the good periods at each line and its neighbours; good (k,): their indices."""
         c, _, n = self.X.shape
         of_good = self.X[:, good]
@@ -96,8 +96,8 @@ class Compared:
         size = self.power[:, good].sum(axis=1) / (n // 2)
         smooth = mean_of_neighbours(noise) + NEGLIGIBLE_DISTANCE**2 * size
         weight = np.repeat(1 / np.sqrt(np.maximum(smooth, 1e-300)), 2, axis=0).T
-        weighed = self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma)
-        return replace(weighed, is_weighed=True)
+        compared = self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma)
+        return replace(compared, is_weighed=True)
 
     @cached_property
     def agree(self) -> bool:
@@ -228,7 +228,7 @@ def _transient(
     if len(later) == P:
         return np.zeros(P, dtype=np.bool_), ()
     leading, notes = _leading(spectra, compared, logs, halves, later)
-    return (leading, notes) if leading.any() else _leading(spectra, compared.weighed(later), logs, halves, later)
+    return (leading, notes) if leading.any() else _leading(spectra, compared.weigh(later), logs, halves, later)
 
 
 def _leading(

@@ -220,7 +220,10 @@ def period_spectra(
 def period_groups(
     spectra: RecordSpectra, lines: IntArray, quantity: Motion, scale: ComplexArray | None = None
 ) -> Iterator[PeriodSpectra]:
-    """Yield spectra of all periods; a large record is processed in pieces to save memory."""
+    """Yield spectra of all periods at lines (F,), scale (F, n_z); a large record comes in pieces to save memory.
+
+    DataError for samples without a computable spectrum.
+    """
     record = spectra.record
     scale = amplitude_scale(record, lines, quantity) if scale is None else scale
     drifts = np.array([logged != "acceleration" for logged in record.quantities])

@@ -135,7 +135,7 @@ class CommandedJoint:
         )
 
     def to_friction(self) -> tuple[Friction, float]:
-        """Return friction law and viscous friction for a robot model."""
+        """Return friction law and viscous friction, N*m*s/rad, for a robot model; ValueError if that is negative."""
         numbers = named(self.names, self.values)
         if self["viscous"] < LEAST_VISCOUS * float(np.sqrt(self.covariance[1, 1])):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
@@ -321,7 +321,7 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
 
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
     """Return numbers (m, 6) and delay of the best of START_DELAYS, each with its regression of the gains' torque."""
-    candidates = np.stack([_regressed(problem, delay) for delay in START_DELAYS.tolist()])
+    candidates = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     simulated = problem.simulated(candidates, START_DELAYS)
     costs = [
         _log_squares(problem, [q - sim[:, k] for q, sim in zip(problem.measured, simulated, strict=True)])
@@ -337,7 +337,7 @@ def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArr
     return [savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)], width
 
 
-def _regressed(problem: _Problem, delay_s: float) -> FloatArray:
+def _regress(problem: _Problem, delay_s: float) -> FloatArray:
     """Return start values (m, 6) by regression of the torque of gains and encoder, the commands late by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:

@@ -251,7 +251,7 @@ class Track:
 def first_estimate(
     joint: TrackedJoint, angle: float, load: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[FloatArray, FloatArray]:
-    """Return x and P of `filter_step` at an angle, spring bent by the load, bristle anywhere, friction by PRIOR.
+    """Return x (n,), P (n, n) of `filter_step` at an angle, spring bent by the load, any bristle, friction by PRIOR.
 
     velocity: with its standard deviation.
     """

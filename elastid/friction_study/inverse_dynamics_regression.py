@@ -45,7 +45,7 @@ from elastid.friction_study.regressor import (
     change_of,
     equations_of,
     noise_bias,
-    regressed,
+    regress,
     select_terms,
 )
 from elastid.friction_study.rigid_body_columns import (
@@ -150,7 +150,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     agree better with a rigid joint have no such spring.
     """
     for _ in range(3):
-        fit = _regressed(motions, passband_hz, passband_hz)
+        fit = _regress(motions, passband_hz, passband_hz)
         spring = fit.motion.spring
         if spring is None or 2 * abs(fit.regression["inertia"] - spring.inertia) < SPRING_STD * spring.inertia:
             return fit
@@ -159,7 +159,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     return fit
 
 
-def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) -> MotionFriction:
+def _regress(motions: Sequence[Motion], passband_hz: float, widest_hz: float) -> MotionFriction:
     """Return friction in the passband, or in a half or quarter of it if noise of the position requires this."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for signal in signals:
@@ -172,10 +172,10 @@ def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) 
                     f"motion of {signal.motion.place}",
                 )
     terms = select_terms(signals)
-    chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
+    chosen = add_curve_uncertainty(signals, terms, regress(signals, terms))
     if terms.by_direction and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
         terms = replace(terms, by_direction=False)
-        chosen = add_curve_uncertainty(signals, terms, regressed(signals, terms))
+        chosen = add_curve_uncertainty(signals, terms, regress(signals, terms))
     bias = noise_bias(signals, terms.at(chosen), chosen)
     if _is_biased_by_noise(chosen, bias) and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
         try:
@@ -184,13 +184,13 @@ def _regressed(motions: Sequence[Motion], passband_hz: float, widest_hz: float) 
             slow = signals
         if not any(signal.used.all() for signal in slow):
             del signals, slow  # before others are made
-            return _regressed(motions, half_hz, widest_hz)
+            return _regress(motions, half_hz, widest_hz)
     chosen = chosen.widened(bias)
     if motions[0].spring is not None:
         stiff = [replace(motion, spring=None) for motion in motions]
-        rigid = regressed([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
+        rigid = regress([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
         if rigid.sum_of_squares < chosen.sum_of_squares:
-            return _regressed(stiff, passband_hz, widest_hz)
+            return _regress(stiff, passband_hz, widest_hz)
         chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
     return fit if fit.motion.is_run_down else _with_model_errors(fit, motions, widest_hz)
@@ -294,7 +294,7 @@ def _by_spring(fit: MotionFriction, slow: Sequence[MotionSignals]) -> tuple[Moti
     The change is zero if the spring is within chance.
     """
     numbers, terms = fit.regression, fit.terms
-    rigid, elastic = (regressed(slow, replace(terms, spring=shows), steps=0) for shows in (False, True))
+    rigid, elastic = (regress(slow, replace(terms, spring=shows), steps=0) for shows in (False, True))
     if elastic.chance("spring", 1) > FALSE_ALARM:
         return fit, ""
     change = change_of(rigid, elastic)

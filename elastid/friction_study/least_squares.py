@@ -81,7 +81,7 @@ class Optimum:
 def minimise(
     residual: Callable[[FloatArray], FloatArray], starts: Iterable[FloatArray], **settings: Any
 ) -> tuple[Optimum, ...]:
-    """Return the ends of the searches from some starts, without those that fail; settings: of SciPy's least_squares."""
+    """Return the optima from several starts (n_x,), without failed searches; settings: of SciPy's `least_squares`."""
     ends = []
     for start in starts:
         try:

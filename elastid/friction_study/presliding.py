@@ -247,7 +247,7 @@ class _Model:
         return np.asarray(1 / (bristles + 1j * omega * self.viscous + self.reaction(x, omega)))
 
     def start(self) -> FloatArray:
-        """Return start from the smallest amplitude by linear regression of 1 / G."""
+        """Return x (n,) of the smallest amplitude by linear regression of 1 / G."""
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
         is_rigid, file_deviation = self.joint is None, np.zeros(len(OF_FILE))
@@ -262,7 +262,7 @@ class _Model:
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def covariance(self, fit: Optimum) -> FloatArray:
-        """Return the covariance of x, whatever the residual variances; numbers of the robot model keep their std."""
+        """Return covariance (n, n) of x, whatever the residual variances; numbers of the robot model keep their std."""
         n_file = len(fit.r) - sum(2 * len(G.G) for G in self.responses)
         expansion = [np.tile(G.expansion / G.variance, 2) for G in self.responses]
         correlated = [np.full(2 * len(G.G), G.correlated_lines) for G in self.responses]
@@ -270,7 +270,7 @@ class _Model:
         return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Return residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
+        """Return residuals (m,) of the responses and of the file's numbers of an elastic joint, of variance 1."""
         file_deviation, residuals = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
         for response in self.responses:
             error = (response.G - self.receptance(x, response)) / np.sqrt(response.variance / 2)

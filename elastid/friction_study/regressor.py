@@ -90,12 +90,12 @@ def select_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
         return _curve(signals, MotionTerms(by_direction=False, friction_only=True))
     terms = MotionTerms(load=len({signal.motion.load for signal in signals}) > 1)
     if terms.load:
-        terms = replace(terms, load=regressed(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
+        terms = replace(terms, load=regress(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
     # Within less than a turn of the motor its waves are near to each other, and to what else depends on the angle.
     if 0 < signals[0].motion.turn <= max(float(np.ptp(axis.position)) for axis in signals):
         terms = replace(terms, waves=_waves(signals, terms))
     delayed = replace(terms, delay=True)
-    fit = regressed(signals, delayed)
+    fit = regress(signals, delayed)
     # Of more than a sample it is an error of the model, to which the motion has reacted in closed loop.
     if fit.chance("delay", 0) < FALSE_ALARM and abs(fit["delay"]) * signals[0].motion.rate_hz < 1:
         terms = delayed
@@ -106,7 +106,7 @@ def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTer
     """Return terms with dry friction over the angle, if a Legendre polynomial shows, and all change it enough."""
     ends = min(float(axis.position.min()) for axis in signals), max(float(axis.position.max()) for axis in signals)
     wider = replace(terms, angles=ends)
-    fit = regressed(signals, wider)
+    fit = regress(signals, wider)
     chance = min(fit.chance(name, 0) for name in ANGLE)
     change = np.ptp(legval(np.linspace(-1, 1, 101), [0.0, *(fit[name] for name in ANGLE)]))
     matters = change > MIN_CHANGE * abs(fit["coulomb"])
@@ -119,7 +119,7 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     if not velocity:
         return terms
     falling = [replace(terms, stribeck_velocity=velocity, exponent=exponent) for exponent in EXPONENTS]
-    fits = {speed: regressed(signals, speed) for speed in falling}
+    fits = {speed: regress(signals, speed) for speed in falling}
     best, slowest = min(falling, key=lambda speed: fits[speed].sum_of_squares), falling[-1]
     is_other = fits[slowest].sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / fits[slowest].independent)
     chosen = best if is_other else slowest
@@ -134,12 +134,12 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
     settled, place, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
     limit = 1 + MAX_COST / fit.independent
     if terms.stribeck_velocity:
-        others = [regressed(signals, replace(settled, exponent=exponent)) for exponent in EXPONENTS]
+        others = [regress(signals, replace(settled, exponent=exponent)) for exponent in EXPONENTS]
         changes += [change_of(fit, trial) for trial in others if trial.sum_of_squares < limit * fit.sum_of_squares]
     else:
         fastest = max(float(np.abs(signal.velocity).max()) for signal in signals)
         velocity = _best_velocity(signals, settled, _VELOCITIES * fastest)
-        unseen = regressed(signals, replace(settled, stribeck_velocity=velocity), steps=0)
+        unseen = regress(signals, replace(settled, stribeck_velocity=velocity), steps=0)
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
     change = max(changes, key=lambda shift: float(abs(shift[place])))
@@ -177,21 +177,21 @@ def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     terms = replace(terms, reference=float(every.mean()), measured=(low, high))
     if np.ptp(every) < TEMPERATURE_STEP_K:
         return terms
-    alone = [regressed(signals, replace(terms, heat=(name,))).chance(name, 0) for name in HEAT]
+    alone = [regress(signals, replace(terms, heat=(name,))).chance(name, 0) for name in HEAT]
     if min(alone) * len(HEAT) > FALSE_ALARM:
         return terms
     # Two temperatures identify no decay; held at one that was not measured, it makes f at the mean temperature wrong.
     between = np.mean(np.abs(every - (low + high) / 2) < (high - low) / 6)
     # Three temperatures at least have 5 % of the time in the middle third of all.
     terms = replace(terms, heat=HEAT, is_decay_free=bool(between > 0.05))
-    return terms.at(regressed(signals, terms))
+    return terms.at(regress(signals, terms))
 
 
 def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
     """Return the best one; 0 if two tests, for correlated residuals and for their sum of squares, show chance alone."""
     fastest = max(float(np.abs(axis.velocity).max()) for axis in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(signals, terms, _VELOCITIES * fastest))
-    without, fit = regressed(signals, terms), regressed(signals, best, steps=0)
+    without, fit = regress(signals, terms), regress(signals, best, steps=0)
     drop = without.sum_of_squares - fit.sum_of_squares
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, without.independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
@@ -200,7 +200,7 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
     excess = replace(fit, names=("excess",), values=values, covariance=variance, dof=fit.dof.max(keepdims=True))
     if max(chance, excess.chance("excess", 1)) * len(_VELOCITIES) > FALSE_ALARM:
         return 0.0
-    return regressed(signals, best)["stribeck_velocity"]
+    return regress(signals, best)["stribeck_velocity"]
 
 
 def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
@@ -219,7 +219,7 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
 
 def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
     """Return waves of the motor's turns that stand out of the residuals, and significantly of neighbours in time."""
-    fit, errors, waves = regressed(signals, terms), [], []
+    fit, errors, waves = regress(signals, terms), [], []
     for log in signals:
         columns = columns_of(log, terms)
         errors.append((log.filtered(log.motion.torque) - sum(fit[name] * columns[name] for name in columns))[log.used])
@@ -228,12 +228,12 @@ def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, .
     peaks = tuple(np.flatnonzero(harmonic_peaks(np.concatenate(errors), np.concatenate(waves))).tolist())
     if not peaks:
         return ()
-    fit = regressed(signals, replace(terms, waves=peaks))
+    fit = regress(signals, replace(terms, waves=peaks))
     chances = {wave: min(fit.chance(name, 0) for name in wave_names(wave)) for wave in peaks}
     return tuple(wave for wave, chance in chances.items() if chance * 2 * N_WAVES < FALSE_ALARM)
 
 
-def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = 12) -> Regression:
+def regress(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = 12) -> Regression:
     """Regress the signals; steps: most Gauss-Newton steps of the search for the nonlinear numbers."""
 
     def solved(about: Regression | None) -> Regression:
@@ -283,7 +283,7 @@ def equations_of(
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
-    """Return columns behind the filter; derivatives of the logged position, whose filter reaches no further.
+    """Return columns (n,) by name, behind the filter; derivatives of the logged position, whose filter is as long.
 
     The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
     errors of the model in it, and makes all numbers wrong.  The inertia has the spring of the robot model in it.

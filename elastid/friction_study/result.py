@@ -305,10 +305,10 @@ def _joint(
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
     notes = list(sliding.notes)
-    at_rest = noted(notes, "friction/presliding-test", _at_rest, robot, measured.of(name, "presliding_test"), static)
+    at_rest = attempt(notes, "friction/presliding-test", _at_rest, robot, measured.of(name, "presliding_test"), static)
     loops = measured.of(name, "presliding_loops")
-    presliding = noted(notes, "friction/presliding-loops", _presliding, loops, at_rest, spec)
-    warmed = noted(notes, "friction/warm-up", _heat, name, measured)
+    presliding = attempt(notes, "friction/presliding-loops", _presliding, loops, at_rest, spec)
+    warmed = attempt(notes, "friction/warm-up", _heat, name, measured)
     friction, viscous, refused = _law(sliding, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {row.name: row for row in _numbers(sliding, None if refused else static, at_rest, true)}
@@ -331,7 +331,9 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: P.args, **kwargs: P.kwargs) -> T | None:
+def attempt(
+    notes: list[Note], code: str, identify: Callable[P, T | None], *args: P.args, **kwargs: P.kwargs
+) -> T | None:
     """Return a part of the friction; None, and the note on why, where the data do not identify it."""
     try:
         return identify(*args, **kwargs)

@@ -192,7 +192,7 @@ class RigidColumns:
         return np.concatenate([self.at(log, slice(i, i + PIECE)) @ numbers for i in starts]).T
 
     def filtered(self, log: MotionLog) -> FloatArray:
-        """Return columns behind the filter of both sides, at the samples that are kept."""
+        """Return columns (n, n_y, n_b) behind the filter of both sides, at the samples that are kept."""
         return np.concatenate([part.filtered(self.at(log, here)) for part, here in log.first.pieces()])
 
 

@@ -45,7 +45,7 @@ from elastid.friction_study.inverse_dynamics_regression import (
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.motion_signals import MAX_STEADY_CHANGE, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.regressor import full_rate_columns
-from elastid.friction_study.result import RIGID_TERMS, SlidingFriction, joint_spring, noted
+from elastid.friction_study.result import RIGID_TERMS, SlidingFriction, attempt, joint_spring
 from elastid.friction_study.rigid_body_columns import torques_in_file
 from elastid.friction_study.static_model_fit import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.model.rigid_body import inverse_dynamics
@@ -319,9 +319,9 @@ def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionR
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
     passes = _sufficient_runs(
-        [part for record in records for part in noted(notes, code, detect_passes, record, against) or ()]
+        [part for record in records for part in attempt(notes, code, detect_passes, record, against) or ()]
     )
-    friction = noted(notes, code, _regressed, robot, joint, records, against)
+    friction = attempt(notes, code, _regress, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
     if friction is not None and not robot.loops and friction.regression.chance("inertia", 1) < FALSE_ALARM:
@@ -333,7 +333,7 @@ def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionR
     return JointMotion(friction, passes, (*(friction.notes if friction is not None else ()), *notes))
 
 
-def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], against: bool) -> MotionFriction:
+def _regress(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], against: bool) -> MotionFriction:
     spring = joint_spring(robot, records[0])
     motions = [replace(_motion(record, against, _turn(joint)), spring=spring) for record in records]
     if len({record.payload for record in records}) > 1:

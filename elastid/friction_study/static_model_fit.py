@@ -203,7 +203,7 @@ class _Search:
     T_0: float
 
     def eta(self, x: FloatArray) -> dict[str, float]:
-        """Return the nonlinear numbers at x, held ones included."""
+        """Return the nonlinear numbers at their logarithms x (n,), fixed ones included."""
         eta = dict(self.terms.fixed) | named(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
@@ -214,7 +214,7 @@ class _Search:
         return eta
 
     def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-        """Return the best linear numbers at eta, and the residual."""
+        """Return the best linear numbers (n,) at eta, and the residual (m,) over its std (variable projection)."""
         W = 1 / self.levels.std
         Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
@@ -222,7 +222,7 @@ class _Search:
         return np.linalg.lstsq(R, projection, rcond=None)[0], y - Q @ projection
 
     def starts(self) -> Iterator[FloatArray]:
-        """Yield Stribeck velocities over the speeds, exponents, one decay."""
+        """Yield logarithms (n,): Stribeck velocities over the speeds, exponents, one decay."""
         speeds = np.log(self.levels.speed)
         velocities = speeds.min() + np.array((0.15, 0.35, 0.6)) * np.ptp(speeds)
         choices: dict[str, tuple[float, ...]] = {

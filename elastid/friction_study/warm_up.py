@@ -100,7 +100,7 @@ class _Problem:
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
 
     def thermal_parameters(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
-        """Return time constants, shares of the thermometer and of the levels, h, start."""
+        """Return time constants (nodes,), s, fractions (nodes,) of thermometer and friction torques, h, start, degC."""
         value, log = named(self.names, x), self.warm_up.log
         ratio = math.exp(value.get("ratio", 0.0))
         constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
@@ -110,7 +110,7 @@ class _Problem:
         return constants, fractions, torque_fractions, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Return residual of readings, levels and the start, of variance 1."""
+        """Return residuals (n,) of temperatures, friction torques and the start, of variance 1."""
         warm_up, (constants, fractions, torque_fractions, h, start) = self.warm_up, self.thermal_parameters(x)
         parts = []
         if self.is_kelvin:

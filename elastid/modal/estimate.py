@@ -38,14 +38,14 @@ from elastid.modal.fitted_mode import (
     window_notes,
     without_twins,
 )
-from elastid.modal.model import Basis, ModalData, ModalFit, unstacked
+from elastid.modal.model import Basis, ModalData, ModalFit, complex_columns
 from elastid.modal.modes import Modes, phase_collinearity, without_modes
 from elastid.modal.poles import (
     StabilisationDiagram,
     clusters,
-    eliminated,
+    eliminate_poles,
     poles_over_orders,
-    pursued,
+    pursue_poles,
     residual_peaks,
     stabilisation,
 )
@@ -69,12 +69,12 @@ def line_variance(response: Response) -> FloatArray:
     if response.window and response.noise is not None:
         covariance = response.noise
     if covariance is None or not has_variance(response):
-        return floored(by_differences(response.freq_hz, response.G), power)
+        return floor_variance(by_differences(response.freq_hz, response.G), power)
     if covariance.dof > MANY_DOF:
-        return floored(covariance.variance, power)
+        return floor_variance(covariance.variance, power)
     # The part by the inputs is known line by line: of hits it is as uneven as their spectrum.
     input_scale = _input_variance(covariance)
-    return floored(input_scale * smoothed(covariance.variance / input_scale, power), power)
+    return floor_variance(input_scale * smooth_variance(covariance.variance / input_scale, power), power)
 
 
 def _input_variance(covariance: Covariance) -> FloatArray:
@@ -91,8 +91,8 @@ def has_variance(response: Response) -> bool:
     return covariance is not None and bool(np.any(covariance.variance > 0))
 
 
-def floored(variance: FloatArray, power: FloatArray) -> FloatArray:
-    """Return variance, at least the variance of rounding, so that it is positive."""
+def floor_variance(variance: FloatArray, power: FloatArray) -> FloatArray:
+    """Return variance (F, n_y, n_u), at least the positive variance of rounding; power (F, n_y, n_u): |G|^2."""
     mean = power.mean(axis=0)
     floor = MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)
     return np.asarray(np.maximum(variance, floor))
@@ -115,7 +115,7 @@ def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:
     return np.asarray(np.einsum("ki,k...i->k...", c, np.lib.stride_tricks.sliding_window_view(G, 5, axis=0)))
 
 
-def smoothed(variance: FloatArray, power: FloatArray) -> FloatArray:
+def smooth_variance(variance: FloatArray, power: FloatArray) -> FloatArray:
     """Smooth variances (F, n_y, n_u) of few dof as (a + b |G|^2) c: a by outputs, b by inputs, c a local mean.
 
     a, b >= 0 of each element by least squares relative to their sum; single variances would weigh lines by chance.
@@ -186,7 +186,10 @@ def _search(
     """Return poles of all orders, and the fit with those that are modes."""
     data, correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
-        response.freq_hz, weighted(response, data), data.weight, max_order or int(np.clip(response.n_lines // 6, 8, 60))
+        response.freq_hz,
+        normalise_response(response, data),
+        data.weight,
+        max_order or int(np.clip(response.n_lines // 6, 8, 60)),
     )
     stable = clusters(orders)
     fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz)
@@ -264,16 +267,16 @@ def _residual_variance(response: Response, fit: ModalFit) -> FloatArray:
     """Return variance (F, n_y, n_u) of the residuals of a model, smoothed over frequency."""
     power = np.abs(response.G) ** 2
     model = fit.synthesis().reshape(response.G.shape)
-    free = np.maximum(1 - np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2, 0.1)[:, None, None]
-    return floored(smoothed(np.abs(response.G - model) ** 2 / free, np.abs(model) ** 2), power)
+    free = np.maximum(1 - np.sum(np.abs(complex_columns(fit.Q)) ** 2, axis=1) / 2, 0.1)[:, None, None]
+    return floor_variance(smooth_variance(np.abs(response.G - model) ** 2 / free, np.abs(model) ** 2), power)
 
 
 def modal_data(response: Response, variance: FloatArray | None = None) -> ModalData:
-    """Return the response as weighted columns; variance: by default that stated, or by neighbouring lines."""
+    """Return the response as weighted columns; variance (F, n_y, n_u): by default as stated, or by neighbours."""
     return ModalData.of(Basis.of(response), response.G, line_variance(response) if variance is None else variance)
 
 
-def weighted(response: Response, data: ModalData) -> ComplexArray:
+def normalise_response(response: Response, data: ModalData) -> ComplexArray:
     """Return G (F, n_y, n_u) over the scale of its elements, or over one scale per input so that G = B / A holds."""
     scale = data.scale.reshape(response.G.shape[1:])
     output_scale = np.exp(np.log(scale).mean(axis=1, keepdims=True))
@@ -291,13 +294,13 @@ def _fitted(
     """Return the chosen poles, refined; else those that noise has not by chance, from `start` on."""
     if poles_hz is not None:
         return ModalFit(data, _nearest(candidates, np.asarray(poles_hz), data)).refined(30, 1e-4)
-    fit = pursued(ModalFit(data, start).refined(), candidates, correlated_lines)
+    fit = pursue_poles(ModalFit(data, start).refined(), candidates, correlated_lines)
     for _ in range(3):
-        more = pursued(fit, residual_peaks(fit), correlated_lines)
+        more = pursue_poles(fit, residual_peaks(fit), correlated_lines)
         if len(more.poles) == len(fit.poles):
             break
         fit = more
-    return eliminated(fit, correlated_lines)
+    return eliminate_poles(fit, correlated_lines)
 
 
 def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
@@ -328,12 +331,12 @@ def _modes(
         chosen = [mode for mode in within if not mode.is_background(response)]
     else:
         chosen = [mode for mode in fitted if mode.is_near(poles_hz)]
-    modes = _gathered(response, fit, chosen, diagram, influences)
+    modes = _collect_modes(response, fit, chosen, diagram, influences)
     notes = (*lost_notes(chosen, response, poles_hz), *window_notes(fitted, shift, response))
     return replace(modes, notes=(*modes.notes, *notes))
 
 
-def _gathered(
+def _collect_modes(
     response: Response,
     fit: ModalFit,
     modes: Sequence[FittedMode],

@@ -20,7 +20,7 @@ from scipy.ndimage import uniform_filter1d
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import Note
 from elastid.base.statistics import small_sample_factors
-from elastid.modal.model import ModalFit, unstacked
+from elastid.modal.model import ModalFit, complex_columns
 from elastid.modal.poles import LIMITS as POLES
 from elastid.response import Response
 
@@ -232,7 +232,7 @@ class Influences:
     @cached_property
     def _normalised(self) -> ComplexArray:
         """Residuals (F, C) over their stated standard deviation."""
-        return unstacked(self.fit.residual) / np.sqrt(self.fit.data.variance) * self._phase.conj()
+        return complex_columns(self.fit.residual) / np.sqrt(self.fit.data.variance) * self._phase.conj()
 
     @property
     def _shared_error_lines(self) -> float:
@@ -246,7 +246,7 @@ class Influences:
     @cached_property
     def _free(self) -> FloatArray:
         """Fraction (F,) of the noise that a fit leaves in the residuals near a line; correlated lines lose more."""
-        taken = np.sum(np.abs(unstacked(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
+        taken = np.sum(np.abs(complex_columns(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
         mean = uniform_filter1d(self._shared_error_lines * taken, 2 * self._half + 1, mode="reflect")
         return np.asarray(np.maximum(1 - mean, LEAST_FREE))
 
@@ -263,7 +263,7 @@ class Influences:
             return np.zeros(len(fit.data.weight))
         a = fit.coefficients[: 2 * n].reshape(n, 2, -1)
         energy = np.einsum("ric,ric->r", a, a)
-        slopes = np.abs(unstacked(fit.free_slopes)) ** 2
+        slopes = np.abs(complex_columns(fit.free_slopes)) ** 2
         summed = slopes.reshape(len(slopes), n, 2).sum(axis=2)
         fraction = summed / np.maximum(summed.sum(axis=0), 1e-300)
         # Two real parameters a pole of 2 C real rows a line.
@@ -279,7 +279,7 @@ class Influences:
         b = fit.directions
         rows = self._inverse[2 * r : 2 * r + 2].reshape(2, n, 2)
         weights = np.einsum("pnq,nqic->pnic", rows, b).reshape(2, 2 * n, -1)
-        slopes = unstacked(fit.free_slopes)
+        slopes = complex_columns(fit.free_slopes)
         return np.stack([slopes @ weight for weight in weights])
 
     @cached_property
@@ -312,10 +312,10 @@ class Influences:
         rows = slice(2 * r, 2 * r + 2)
         Q, R, norms = fit.factors
         pair = np.linalg.pinv(R, rcond=1e-12)[rows] @ Q.T / norms[rows, None]
-        power = np.abs(unstacked(pair.T)) ** 2  # (F, 2)
+        power = np.abs(complex_columns(pair.T)) ** 2  # (F, 2)
         seen = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
         local = np.einsum("fp,fc->c", power, seen / self._free[:, None] * fit.data.variance) / 2
-        variance = local * self._line_factor(unstacked(pair.T).T[:, :, None])
+        variance = local * self._line_factor(complex_columns(pair.T).T[:, :, None])
         D = fit.data.columns(fit.poles[[r]], derivative=True)
         slope = (np.linalg.lstsq(R, Q.T @ D, rcond=1e-12)[0] / norms[:, None]).T
         b, C = fit.directions[r], self.pole_covariances[r]

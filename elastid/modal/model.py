@@ -99,12 +99,12 @@ def window_correlation(response: Response) -> FloatArray:
     return np.asarray(correlation / correlation[0])
 
 
-def stacked(columns: ComplexArray) -> FloatArray:
+def stack_real(columns: ComplexArray) -> FloatArray:
     """Return real parts over imaginary parts (2 F, ...)."""
     return np.concatenate([columns.real, columns.imag], axis=0)
 
 
-def unstacked(columns: FloatArray) -> ComplexArray:
+def complex_columns(columns: FloatArray) -> ComplexArray:
     """Return complex (F, ...) of real over imaginary parts."""
     real, imaginary = np.split(columns, 2)
     return real + 1j * imaginary
@@ -150,13 +150,13 @@ class ModalData:
         scale = np.exp(log.mean(axis=0) / 2)
         # Elements with little of a mode in them say little of the weight of a line.
         weight = np.exp(-(log - log.mean(axis=0)).mean(axis=1) / 2)
-        y = stacked(weight[:, None] * flat / scale)
+        y = stack_real(weight[:, None] * flat / scale)
         return cls(basis, y, scale, weight, np.exp(log) * (weight[:, None] / scale) ** 2)
 
     @cached_property
     def residuals(self) -> FloatArray:
         """Weighted columns (2 F, 5), real over imaginary parts, of the residuals."""
-        return stacked(self.weight[:, None] * self.basis.residuals())
+        return stack_real(self.weight[:, None] * self.basis.residuals())
 
     def columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
         """Return weighted columns (2 F, 2 n) of real and imaginary parts of each pole's residue, or slopes by the pole.
@@ -283,4 +283,4 @@ class ModalFit:
     def synthesis(self) -> ComplexArray:
         """Return G (F, C) of the model."""
         model = self.Q @ (self.Q.T @ self.data.y)
-        return unstacked(model) * self.data.scale / self.data.weight[:, None]
+        return complex_columns(model) * self.data.scale / self.data.weight[:, None]

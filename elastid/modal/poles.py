@@ -28,7 +28,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
-from elastid.modal.model import ModalFit, tall_qr, unstacked
+from elastid.modal.model import ModalFit, complex_columns, tall_qr
 
 # The highest line over half the rate of z: poles somewhat above the band can be found.
 HIGHEST = 0.9
@@ -128,7 +128,7 @@ def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:
 
 
 def stabilisation(orders: tuple[tuple[int, ComplexArray], ...]) -> StabilisationDiagram:
-    """Return all poles, stable where the order before has one within 1 % of its frequency and 5 % of its damping."""
+    """Return all poles; stable: the previous order has one within 1 % of the frequency and 5 % of the damping ratio."""
     parts, before = [], np.empty((0, 2))
     for n, poles in orders:
         numbers = np.stack([np.abs(poles), -poles.real / np.abs(poles)], axis=1)
@@ -199,7 +199,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
         whole[r] = np.sum((columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]) ** 2, axis=0)
         near = np.abs(omega - fit.poles[r].imag) < 2 * spacing
         if -2 * fit.poles.real[r] > spacing:
-            near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(unstacked(columns)) ** 2, axis=1))
+            near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(complex_columns(columns)) ** 2, axis=1))
         used = np.tile(~near, 2)
         A = Q[used] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
         basis, y = tall_qr(A)[0], fit.data.y[used]
@@ -233,8 +233,8 @@ def _about(fit: ModalFit, r: int) -> BoolArray:
 def noise_levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """Return s^2 (n, C) of complex residuals about each pole, at least as stated, and its number of lines (n,)."""
     variance, n = fit.data.variance, len(fit.poles)
-    power = np.abs(unstacked(fit.residual)) ** 2
-    leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
+    power = np.abs(complex_columns(fit.residual)) ** 2
+    leverage = np.sum(np.abs(complex_columns(fit.Q)) ** 2, axis=1) / 2
     s_r, n_r = np.ones((n, power.shape[1])), np.zeros(n)
     for r, pole in enumerate(fit.poles):
         window = _about(fit, r)
@@ -255,8 +255,8 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     )
 
 
-def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
-    """Return the model with the candidates that lower its squares most, in turn, as long as noise would not."""
+def pursue_poles(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
+    """Return the model with those candidates (n,) that lower its squares most, in turn, and more than noise would."""
     trials = LIMITS.trials_per_line * len(fit.data.weight)
     while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
@@ -279,7 +279,7 @@ def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) ->
     return fit.refined()
 
 
-def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
+def eliminate_poles(fit: ModalFit, correlated_lines: float) -> ModalFit:
     """Return the model without the poles that noise has by chance, the likeliest first."""
     while len(fit.poles):
         chance = p_values(fit, correlated_lines)
@@ -304,8 +304,8 @@ def _unresolved(fit: ModalFit) -> int | None:
 
 
 def residual_peaks(fit: ModalFit) -> ComplexArray:
-    """Return candidates at the highest residual peaks of the model, with several dampings."""
-    power = np.mean(np.abs(unstacked(fit.residual)) ** 2, axis=1)
+    """Return candidates (n,), rad/s, at the six highest residual peaks, each with three dampings."""
+    power = np.mean(np.abs(complex_columns(fit.residual)) ** 2, axis=1)
     smooth = np.convolve(power, np.ones(3), "same")
     tops = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
     tops = tops[np.argsort(-smooth[tops])][:6]

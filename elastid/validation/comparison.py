@@ -256,7 +256,7 @@ def rank(
     return Comparison(tuple(configurations), tuple(rows), _verdict(rows))
 
 
-def restricted(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
+def restrict(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
     """Return the fit section without the parameters that a variant lacks; raise StudyError if no parameter remains."""
     variant_names, own_names = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 

@@ -136,7 +136,7 @@ class FrfError:
 
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
-    """Return root mean square over elements or configurations of so many lines each, NaN without lines."""
+    """Return the mean-square sum of rms (...) weighted by the number of lines (...), as a root; NaN without lines."""
     mask = lines > 0
     return float(np.sqrt(np.average(rms[mask] ** 2, weights=lines[mask]))) if mask.any() else math.nan
 
@@ -206,7 +206,9 @@ def validate(
 ) -> Validation:
     """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
 
-    All are left out of a fit to other data.  shifts: as `agreement`, of configurations that were not fitted.
+    All are left out of a fit to other data.  shifts (n_x, F, n_y, n_u): as `agreement`, by name, of those not fitted.
+
+    ValueError if a pair differs in elements or lines.
     """
     agreements = tuple(
         agreement(Ghat, G, (name := Ghat.configuration.name) in left_out, (shifts or {}).get(name))

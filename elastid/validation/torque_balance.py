@@ -66,7 +66,7 @@ def torque_balance(
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
-    """Yield octaves below the top of band_hz, upwards, the lowest down to its bottom: ends, and lines of a DFT of n."""
+    """Yield octaves of band_hz upwards from its bottom: ends, Hz, and flags (n // 2 + 1,) of lines of a DFT of n."""
     low, high = band_hz
     edges = [high]
     # Below four lines, those of the window, a band is that of a neighbour.

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies
 from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.two_mass import circular
 
-from elastid.modal.estimate import by_differences, line_variance, modal_data, smoothed
+from elastid.modal.estimate import by_differences, line_variance, modal_data, smooth_variance
 from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
 from elastid.modal.poles import LIMITS, drops, noise_levels, separate_determinations
@@ -66,7 +66,7 @@ def test_variances_are_those_of_neighbours_or_of_outputs_and_inputs(seed: int) -
     assert np.median(by_differences(freq_hz, G), axis=0) == pytest.approx(std**2, rel=0.15)
     power = np.exp(rng.normal(size=(400, 2, 1)))
     variance = rng.uniform(1, 3, (2, 1)) + rng.uniform(0, 2, (2, 1)) * power
-    np.testing.assert_allclose(smoothed(variance, power), variance, rtol=1e-6)
+    np.testing.assert_allclose(smooth_variance(variance, power), variance, rtol=1e-6)
     response = modal_response(FREQ_HZ, NATURAL, ZETA, rng.normal(size=(2, 5)))
     stated = rng.uniform(1, 2, response.G.shape)
     np.testing.assert_array_equal(line_variance(replace(response, noise=Covariance(stated, np.inf))), stated)

@@ -141,7 +141,7 @@ def local_mean(x: FloatArray) -> FloatArray:
 def with_model_error(
     fitted: FittedResponse, richer: Sequence[tuple[LocalFit, BoolArray]], experiments: Experiments, usable: BoolArray
 ) -> Covariance:
-    """Return the total covariance of G at the usable lines with the error of its model, as richer ones show it.
+    """Return the total covariance of G at usable (F,) lines with the error of its model, as richer ones show it.
 
     A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
     their correlations stay.
