@@ -256,7 +256,7 @@ def predict(
 @click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
 @click.option("--grid", is_flag=False, flag_value=12, type=click.IntRange(2, 60), metavar="[N]",
     help="Grid over the workspace with N points along its longest side (default: 12).")  # fmt: skip
-@click.option("--random", type=click.IntRange(1, 100_000), metavar="N",
+@click.option("--random", type=click.IntRange(1, 1_000_000), metavar="N",
     help="Number of random postures (default without path and grid: 1000).")  # fmt: skip
 @click.option("--load", type=float, nargs=3, default=(0.0, 0.0, -100.0), show_default=True, metavar="X Y Z",
     help="Force at the frame in N, axes of the base.")  # fmt: skip

@@ -110,7 +110,11 @@ def map_study(
             angles = grid_postures(family.robot, family.frame, grid, seed)
         else:
             angles = random_postures(family.robot, random or 1000, seed)
-        workspace = map_workspace(family, angles, cut, name=run.study.name, is_path=path is not None)
+        with run.console.progress("map") as progress:
+            execution = Execution(run.jobs if len(angles) > 10_000 else 0, progress)
+            workspace = map_workspace(
+                family, angles, cut, name=run.study.name, is_path=path is not None, execution=execution
+            )
         files = {
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),

@@ -130,13 +130,23 @@ class Estimated:
         return slopes
 
     @cached_property
+    def axes(self) -> FloatArray:
+        """Changes of x (n_d, n_x + n_d) by one standard deviation in each of n_d independent directions.
+
+        A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
+        """
+        C = self.covariance
+        unreached = np.isinf(np.diag(C))
+        return principal_axes(np.where(unreached[:, None] | unreached, 0.0, C) + 1e4 * np.diag(unreached))
+
+    @cached_property
     def moved(self) -> IntArray:
         """Rows of theta that x moves."""
         return np.flatnonzero(np.any(self.slopes, axis=1))
 
 
-def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
+def deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
     unreached = np.isinf(np.diag(covariance))
     finite = np.where(unreached[:, None] | unreached, 0.0, covariance)
     variance = np.einsum("ni,ni->n", slopes @ finite, slopes)
@@ -297,18 +307,12 @@ class FittedModel:
             return self.response_band(freq_hz).std
         J = self._response_slopes(freq_hz)
         flat = J.reshape(len(J), -1).T
-        parts = (_deviation(part, self.estimated.covariance) for part in (flat.real, flat.imag))
+        parts = (deviation(part, self.estimated.covariance) for part in (flat.real, flat.imag))
         return np.hypot(*parts).reshape(J.shape[1:])
 
     def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
-        """Return changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions.
-
-        A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
-        """
-        C = self.estimated.covariance
-        unreached = np.isinf(np.diag(C))
-        axes = principal_axes(np.where(unreached[:, None] | unreached, 0.0, C) + 1e4 * np.diag(unreached))
-        return np.tensordot(axes, self._response_slopes(freq_hz), axes=1)
+        """Return changes of G (n_d, F, n_y, n_u) by each of the changes `Estimated.axes`."""
+        return np.tensordot(self.estimated.axes, self._response_slopes(freq_hz), axes=1)
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
         """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
@@ -338,7 +342,7 @@ class FittedModel:
         # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
         d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
         d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
-        freq_std, zeta_std = (_deviation(slope, self.estimated.covariance) for slope in (d_omega / (2 * np.pi), d_zeta))
+        freq_std, zeta_std = (deviation(slope, self.estimated.covariance) for slope in (d_omega / (2 * np.pi), d_zeta))
         return UncertainModes(
             natural.freq_hz, natural.zeta, shapes_of_all(linear, phi), natural.real_poles, freq_std, zeta_std,
             self.coordinates,

@@ -11,7 +11,6 @@ soften the mode, as the weight of an upright arm does.
 """
 
 import numpy as np
-import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.linear.equilibrium import OperatingPoint
@@ -44,15 +43,33 @@ class Modes:
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:
     """Return modes with the motors free, at theta (n_theta,): the poles of the frequency response."""
-    poles, shapes = _eigenvalues(*model.matrices(theta))
-    scale = np.abs(poles).max(initial=0.0)
-    poles = np.where(np.abs(poles) <= RIGID_RATE * scale, 0.0, poles)
-    is_real = np.abs(poles.imag) <= RIGID_RATE * scale
-    oscillating = np.flatnonzero(~is_real & (poles.imag > 0))
-    oscillating = oscillating[np.argsort(np.abs(poles[oscillating]))]
-    decaying, poles = poles[is_real].real, poles[oscillating]
+    poles, shapes, real = oscillations(*model.matrices(theta))
+    poles, decaying = poles[~np.isnan(poles)], real[~np.isnan(real)]
     freq_hz, zeta = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
-    return Modes(freq_hz, zeta, normalised(shapes[:, oscillating]), decaying[np.argsort(np.abs(decaying))])
+    return Modes(freq_hz, zeta, normalised(shapes[:, : len(poles)]), decaying[np.argsort(np.abs(decaying))])
+
+
+def oscillations(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+    """Return (lambda^2 M + lambda D + K) phi = 0: lambda (..., n) of oscillations by rising frequency, NaN beyond, phi.
+
+    M, D, K, phi (..., n, n).  Last, real lambda (..., 2 n), NaN in place of others.
+    """
+    n = M.shape[-1]
+    # In a frequency unit that brings M^-1 K and M^-1 D to order one.
+    rate = np.sqrt(np.abs(K).max((-2, -1), initial=0.0) / np.abs(M).max((-2, -1), initial=1e-300))[..., None, None]
+    rate = np.where(rate > 0, rate, 1.0)
+    A = np.zeros((*M.shape[:-2], 2 * n, 2 * n))
+    A[..., :n, n:] = np.eye(n)
+    A[..., n:, :] = np.linalg.solve(M, np.concatenate([-K / rate**2, -D / rate], axis=-1))
+    values, shapes = np.linalg.eig(A)
+    scale = np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
+    poles = np.where(np.abs(values) <= RIGID_RATE * scale, 0.0, values * rate[..., 0])
+    is_real = np.abs(values.imag) <= RIGID_RATE * scale
+    swings = ~is_real & (poles.imag > 0)
+    order = np.argsort(np.where(swings, np.abs(poles), np.inf), axis=-1, kind="stable")[..., :n]
+    ordered = np.take_along_axis(np.where(swings, poles, np.nan), order, -1).astype(complex)
+    shapes = np.take_along_axis(shapes[..., :n, :], order[..., None, :], -1).astype(complex)
+    return ordered, shapes, np.where(is_real, poles.real, np.nan)
 
 
 def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
@@ -67,21 +84,6 @@ def normalised(shapes: ComplexArray) -> ComplexArray:
         return shapes
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
     return shapes / largest
-
-
-def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """lambda (2 n,) in 1/s and phi (n, 2 n) of (lambda^2 M + lambda D + K) phi = 0."""
-    n = M.shape[0]
-    if n == 0:
-        return np.empty(0, complex), np.empty((0, 0), complex)
-    # In a frequency unit and a stiffness unit that bring M, D and K to order one.
-    rate = float(np.sqrt(np.abs(K).max() / np.abs(M).max())) or 1.0
-    stiffness = rate**2 * np.abs(M).max()
-    I, O = np.eye(n), np.zeros((n, n))  # noqa: E741
-    A = np.block([[O, I], [-K / stiffness, -D * rate / stiffness]])
-    E = np.block([[I, O], [O, M * rate**2 / stiffness]])
-    values, vectors = scipy.linalg.eig(A, E)
-    return rate * values, vectors[:n]
 
 
 @frozen_value

@@ -14,6 +14,7 @@ axes of the base.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -133,18 +134,31 @@ class LoadedRobot:
         raise np.linalg.LinAlgError("a robot finds no rest under its loads")
 
     def _at(self, function: ca.Function, z: FloatArray, theta: FloatArray) -> tuple[FloatArray, ...]:
-        """The outputs of a function for all rows of z, each (2 L, m, n)."""
-        parts = function.map(len(z))(z.T, self.locked.T, theta.T, self.wrench.T)
-        shapes = (function.size_out(i) for i in range(function.n_out()))
-        return tuple(
-            part.full().T.reshape(len(z), n, m).transpose(0, 2, 1) for part, (m, n) in zip(parts, shapes, strict=True)
-        )
+        return evaluate_rows(function, z, self.locked, theta, self.wrench)
 
     def _solved(self, K: FloatArray, right: FloatArray) -> FloatArray:
         """K^-1 right; for redundant constraints, with the smallest multipliers."""
         if not self.model.n_c:
             return np.asarray(np.linalg.solve(K, right), dtype=float)
         return np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right
+
+
+def evaluate_rows(function: ca.Function, *rows: FloatArray) -> tuple[FloatArray, ...]:
+    """Return the outputs (L, m, n) of a function of vectors for all rows (L, .) of its arguments, all of them dense."""
+    L, shapes = len(rows[0]), map(function.size_out, range(function.n_out()))
+    arguments, results = list(map(np.ascontiguousarray, rows)), [np.empty((L, n, m)) for m, n in shapes]
+    buffer: Any
+    buffer, evaluate = _for_rows(function, L).buffer()
+    for place, arrays in ((buffer.set_arg, arguments), (buffer.set_res, results)):
+        for i, values in enumerate(arrays):
+            place(i, values.data)
+    evaluate()
+    return tuple(values.swapaxes(1, 2) for values in results)
+
+
+@lru_cache(maxsize=16)
+def _for_rows(function: ca.Function, count: int) -> ca.Function:
+    return function.map(count)
 
 
 def _size(r: FloatArray, K: FloatArray) -> FloatArray:

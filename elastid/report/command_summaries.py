@@ -6,16 +6,14 @@ from elastid.base.display import Answer, Display, degrees, number, percent
 from elastid.report.figures.use import SHOWN
 from elastid.use.closed_loops import LIMIT_DB
 from elastid.use.loops import Loops, LoopState
-from elastid.use.map import WorkspaceMap
+from elastid.use.map import LISTED, WorkspaceMap
 from elastid.use.moves import KINDS
 from elastid.use.tune import TunedMove
 
-# Of the softest postures in a table.
-LISTED = 10
 
-
-def answer_of_map(m: WorkspaceMap) -> Answer:
+def answer_of_map(workspace: WorkspaceMap) -> Answer:
     """Softness of the robot: where, by which springs, the gain of each that were stiffer, and the softest postures."""
+    m = workspace.sample
     C, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
     where = ", ".join(number(float(c), 3) for c in m.position[soft])
@@ -39,12 +37,12 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
         )
         for i, name in enumerate(m.springs)
     ]
-    lost = f"; {len(m.refused)} postures without equilibrium excluded" if m.refused else ""
+    lost = f"; {len(m.refused)} postures without equilibrium excluded" if len(m.refused) else ""
     return Answer(
         f"Map of {m.name}",
         (
             ("Where is it soft?", (
-                f"{len(m)} postures: {_shown(C.value[stiff], 'm/N')} to {_shown(C.value[soft], 'm/N')} in the "
+                f"{len(workspace)} postures: {_shown(C.value[stiff], 'm/N')} to {_shown(C.value[soft], 'm/N')} in the "
                 f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
             )),
             ("What limits it, and what helps?", (
@@ -67,8 +65,8 @@ def answer_of_map(m: WorkspaceMap) -> Answer:
         ),
         (
             "Limits: fraction of postures in which the spring contributes most to the softest direction. Part: average "
-            "contribution to the static compliance there. Gain: reduction by twice its stiffness in the softest tenth. "
-            f"Load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
+            "contribution to the static compliance there. Gain: reduction by twice its stiffness in the softest tenth "
+            f"of {len(m)} postures. Load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
         ),
     )  # fmt: skip
 

@@ -7,8 +7,9 @@ import hashlib
 import json
 import math
 from collections import UserDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from pkgutil import resolve_name
 from types import MappingProxyType
@@ -110,12 +111,17 @@ def write_fit(
 
 def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
     """map.csv: a row for each posture with all quantities, SI, and their standard deviations and intervals."""
-    blocks = [(q.name, (q.value, q.std, *q.interval)) for q in workspace.quantities]
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
-    heads += [f"{name}{end}" for name, _ in blocks for end in ("", " std", " low", " high")]
-    numbers = [column for _, columns in blocks for column in columns]
-    columns = [workspace.asked + 1, *workspace.angles.T, *workspace.position.T, workspace.limiting_springs, *numbers]
-    write_rows(path, [heads, *zip(*(np.asarray(column).tolist() for column in columns), strict=True)])
+    heads += [f"{q.name}{end}" for q in workspace.quantities for end in ("", " std", " low", " high")]
+    every, step = len(workspace), 1000
+    pieces = (workspace.part(np.arange(first, min(every, first + step))) for first in range(0, every, step))
+
+    def rows(m: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
+        numbers = [column for q in m.quantities for column in (q.value, q.std, *q.interval)]
+        columns = [m.asked + 1, *m.angles.T, *m.position.T, m.limiting_springs, *numbers]
+        return zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+
+    write_rows(path, chain([heads], chain.from_iterable(map(rows, pieces))))
 
 
 def write_comparison(path: Path, comparison: "Comparison", stamp: Stamp) -> None:

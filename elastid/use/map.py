@@ -10,28 +10,37 @@ eigenvalue of Re G (Altintas, Manufacturing Automation, 2nd ed., 2012, eq. 4.20)
 `FittedModel.response_shifts`, of first order, at the line of the extremum, which moves in second order.
 """
 
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
+from elastid.base.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    empty_in_file,
+    frozen_value,
+    labelled,
+    release,
+)
 from elastid.base.errors import StudyError
+from elastid.base.execution import HERE, Execution
+from elastid.base.kernels import is_compiled
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
 from elastid.frf.matrices import singular_values
-from elastid.linear.equilibrium import equilibrium
-from elastid.linear.fitted_model import UncertainModes
-from elastid.linear.linear_model import LinearModel
-from elastid.linear.modes import strain_energy
-from elastid.linear.response.transfer import frequency_response
-from elastid.model.kinematics import frame_poses
-from elastid.record import Configuration
+from elastid.linear.fitted_model import deviation
+from elastid.linear.modes import oscillations
+from elastid.linear.response.kernel import Elimination, solved_products
+from elastid.use.locked_postures import LockedEquations, LockedPostures
 
 LINES, CURVE_LINES = 300, 120
-_QUASI_STATIC_FRACTION = 1e-5  # of the first natural frequency: a force so slow finds the robot at rest
+SAMPLE, LISTED = 2000, 10  # postures on a page: spread evenly over the map, and the softest
 
 
 @dataclass(frozen=True)
@@ -77,66 +86,90 @@ QUANTITIES: dict[str, tuple[str, str]] = {
 }
 
 
+@np.errstate(invalid="ignore")  # of modes that there are not
 def answers(
-    family: Family, configuration: Configuration, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut
-) -> dict[str, Any]:
-    """Quantities (2,) of a posture, values and standard deviations, and other fields of a map; StudyError without rest.
+    equations: LockedEquations, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut, angles: FloatArray
+) -> tuple[BoolArray, dict[str, FloatArray]]:
+    """Return whether each posture (N,) has an equilibrium, and the columns of a map of those that have one, Q.
 
-    axes (3, 3), share (n_s,), chatter_hz, position (3,), magnitude and magnitude_std (L,) on the lines of a curve.
+    angles (N, n_u).  curve_hz (L,): of a curve.  Quantities are (Q, 2): value and standard deviation.
     """
-    fitted, point = family.at(configuration), equilibrium(family.model, family.theta, configuration)
-    linear, theta, modes = fitted.linear, fitted.theta, fitted.modes()
-    freq_hz = modes.freq_hz
-    peak_hz, chatter_hz, (n, f) = _extremes(linear, theta, modes, lines_hz, cut)
-    grid_hz = np.append([_QUASI_STATIC_FRACTION * freq_hz.min(initial=lines_hz[0]), peak_hz, chatter_hz], curve_hz)
-    H, shifts = frequency_response(linear, theta, grid_hz), fitted.response_shifts(grid_hz)
+    q, has_rest = equations.rest(angles)
+    if not has_rest.any():
+        return has_rest, {}
+    at, e = equations.at(angles[has_rest], q[has_rest]), equations.family.estimated
+    (poles, shapes, _), moved = oscillations(at.M, at.D, at.K), e.slopes[equations.moved]
+    freq_hz, zeta, shifts = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles), e.axes @ moved.T
+    peak_hz, chatter_hz = _extremes(at, freq_hz, zeta, lines_hz, cut)
+    static_hz = 1e-5 * np.nanmin(freq_hz, axis=1, initial=lines_hz[0])  # a force so slow finds the robot at rest
+    s = (2j * np.pi * np.column_stack([static_hz, peak_hz, chatter_hz])).astype(complex)
+    X = at.motions(s, np.eye(3)[None])
+    H = at.J[:, None] @ X
 
-    def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> float:
-        """Standard deviation of Re a^T G b."""
-        return float(np.linalg.norm((a @ shifts[:, line] @ b).real))
+    def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
+        """Standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
+        pair = ((X[:, line] @ each[:, :, None]).mT for each in (a, b))
+        slopes = at.response_slopes(s[:, line, None], a, b, *pair)[:, 0]
+        return np.asarray(np.linalg.norm(slopes.real @ shifts.T, axis=1))
 
-    C = H[0].real
-    principal, axes = np.linalg.eigh((C + C.T) / 2)
-    principal, axes = principal[::-1], axes[:, ::-1]
-    softest, load = axes[:, 0], np.array(cut.load)
-    results = {"softest_compliance": (principal[0], std(0, softest, softest))}
-    results |= {f"compliance_{name}": (C[i, i], std(0, np.eye(3)[i], np.eye(3)[i])) for i, name in enumerate("xyz")}
-    deflection = float(np.linalg.norm(C @ load))
-    results["deflection"] = deflection, std(0, C @ load / max(deflection, 1e-300), load)
-    padded = np.full((3, 2), np.nan)
-    padded[: len(freq_hz)] = np.column_stack([freq_hz, modes.freq_std])[:3]
-    results |= {f"frequency_{i + 1}": tuple(padded[i]) for i in range(3)}
-    U, sizes, Vh = np.linalg.svd(H[1])
-    results["dynamic_compliance"] = sizes[0], std(1, U[:, 0].conj(), Vh[0].conj())
-    least = float((n @ H[2] @ f).real)
-    depth = -1 / (2 * cut.cutting_coefficient * least) if least < 0 else np.inf
-    results["depth_of_cut"] = depth, depth / -least * std(2, n, f) if least < 0 else np.nan
-    u = linear.Z @ np.linalg.solve(linear.matrices(theta)[2], linear.readout(theta)[0].T @ softest)
-    shares = strain_energy(family.model, family.theta, point, u[:, None].astype(complex)).share[:, 0]
-    along, moved = softest @ H[3:] @ softest, softest @ shifts[:, 3:] @ softest
-    magnitude = np.maximum(np.abs(along), 1e-300)
-    robot = family.model.robot_at(family.theta)
-    return {name: np.array(value) for name, value in results.items()} | {
-        "axes": axes, "chatter_hz": chatter_hz, "magnitude": magnitude,
-        "compliance_fraction": np.nan_to_num(shares),
-        "magnitude_std": np.linalg.norm((along.conj() * moved).real / magnitude, axis=0),
-        "position": frame_poses(robot, point.q[None, : len(robot.joints)], family.frame).position[0],
+    C = H[:, 0].real
+    principal, axes = (part[..., ::-1] for part in np.linalg.eigh((C + C.mT) / 2))
+    softest, load = axes[:, :, 0], np.broadcast_to(np.array(cut.load), (len(C), 3))
+    results = {"softest_compliance": (principal[:, 0], std(0, softest, softest))}
+    for i, name in enumerate("xyz"):
+        along = np.broadcast_to(np.eye(3)[i], (len(C), 3))
+        results[f"compliance_{name}"] = C[:, i, i], std(0, along, along)
+    deflected = C @ np.array(cut.load)
+    deflection = np.linalg.norm(deflected, axis=1)
+    results["deflection"] = deflection, std(0, deflected / np.maximum(deflection, 1e-300)[:, None], load)
+    lowest, phi = poles[:, :3], shapes[:, :, :3].mT
+    norm = np.einsum("qmi,qmij,qmj->qm", phi, 2 * lowest[..., None, None] * at.M[:, None] + at.D[:, None], phi)
+    slopes = -(lowest.conj() / norm / np.abs(lowest))[..., None] * at.slopes(lowest, phi, phi)
+    first, swings = np.full((3, 2, len(C)), np.nan), ~np.isnan(lowest)  # three even of a robot with one coordinate
+    first[: lowest.shape[1], 0] = freq_hz[:, :3].T
+    first[: lowest.shape[1], 1].T[swings] = deviation((slopes.real @ moved)[swings] / (2 * np.pi), e.covariance)
+    results |= {f"frequency_{i + 1}": (each[0], each[1]) for i, each in enumerate(first)}
+    U, sizes, Vh = np.linalg.svd(H[:, 1])
+    results["dynamic_compliance"] = sizes[:, 0], std(1, U[:, :, 0].conj(), Vh[:, 0].conj())
+    worst = np.linalg.eigh(H[:, 2].real)[1][:, :, 0]
+    n, f = (np.broadcast_to(each, worst.shape) for each in cut.directions or (worst, worst))
+    least = np.einsum("qi,qij,qj->q", n, H[:, 2].real, f)
+    least = np.where(least < 0, least, np.nan)
+    depth = -1 / (2 * cut.cutting_coefficient * least)
+    results["depth_of_cut"] = np.where(least < 0, depth, np.inf), depth / -least * std(2, n, f)
+    u = np.linalg.solve(at.K, at.J.mT @ softest[:, :, None])
+    energy = (u.mT @ at.K @ u)[:, :, 0]
+    shares = at.stiffness * (at.deflection @ u)[:, :, 0] ** 2 / np.where(energy > 0, energy, np.inf)
+    s = (2j * np.pi * curve_hz[None]).astype(complex)
+    x = at.motions(s, softest[:, :, None])[..., 0]
+    G, slopes = (x @ at.J.mT @ softest[:, :, None])[..., 0], at.response_slopes(s, softest, softest, x, x)
+    magnitude = np.maximum(np.abs(G), 1e-300)
+    of_magnitude = (G.conj()[..., None] * slopes).real / magnitude[..., None]
+    return has_rest, {name: np.stack(value, axis=1) for name, value in results.items()} | {
+        "angles": angles[has_rest], "axes": axes, "chatter_hz": chatter_hz, "compliance_fraction": shares,
+        "position": at.position, "magnitude": magnitude,
+        "magnitude_std": np.linalg.norm(of_magnitude @ shifts.T, axis=2),
     }  # fmt: skip
 
 
 def _extremes(
-    linear: LinearModel, theta: FloatArray, modes: UncertainModes, lines_hz: FloatArray, cut: Cut
-) -> tuple[float, float, tuple[FloatArray, FloatArray]]:
-    """Lines of the largest response and of the most negative real part, and the directions n and f (3,) of this."""
-    zeta = np.clip(modes.zeta, 0.0, 1.0)
+    at: LockedPostures, freq_hz: FloatArray, zeta: FloatArray, lines_hz: FloatArray, cut: Cut
+) -> tuple[FloatArray, FloatArray]:
+    """Lines (Q,) of the largest response and of the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
+    zeta = np.clip(zeta, 0.0, 1.0)
     # Where each mode peaks, and where its real part is most negative.
-    extremes = modes.freq_hz * np.array([np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)])
-    lines = np.append(lines_hz, np.clip(extremes, lines_hz[0], lines_hz[-1]))
-    G, directions = frequency_response(linear, theta, lines), cut.directions
-    real = np.linalg.eigvalsh(G.real)[:, 0] if directions is None else directions[0] @ G.real @ directions[1]
-    worst = int(np.argmin(real))
-    softest = np.linalg.eigh(G.real[worst])[1][:, 0]
-    return float(lines[np.argmax(largest_gain(G))]), float(lines[worst]), directions or (softest, softest)
+    extremes = [np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)]
+    near = np.nan_to_num(np.hstack([freq_hz * each for each in extremes])).clip(lines_hz[0], lines_hz[-1])
+    lines = np.hstack([np.broadcast_to(lines_hz, (len(near), len(lines_hz))), near])
+    elimination = Elimination.of(np.any([A.any(axis=0) for A in (at.M, at.D, at.K)], axis=0))
+    products, rows = elimination.products if is_compiled() else solved_products, np.arange(len(lines))
+    G = np.array([products(at.M[q], at.D[q], at.K[q], 2 * np.pi * lines[q], at.J[q].T, at.J[q].T) for q in rows])
+    if cut.directions is None:  # c I - Re G is positive, its largest eigenvalue c less the smallest of Re G
+        c = np.linalg.norm(G.real, axis=(2, 3))
+        real = c - largest_gain((c[:, :, None, None] * np.eye(3) - G.real).astype(complex))
+    else:
+        real = cut.directions[0] @ G.real @ cut.directions[1]
+    return lines[rows, np.argmax(largest_gain(G), axis=1)], lines[rows, np.argmin(real, axis=1)]
 
 
 def largest_gain(G: ComplexArray) -> FloatArray:
@@ -186,7 +219,7 @@ class WorkspaceMap:
     joints: tuple[str, ...]
     angles: FloatArray = labelled("angle of the driven joints", "rad, m", "posture joints")
     asked: IntArray = labelled("number of the posture among those asked for", "", "posture")
-    refused: tuple[int, ...] = labelled("postures without an equilibrium")
+    refused: IntArray = labelled("postures without an equilibrium")
     position: FloatArray = labelled("origin of the frame", "m", "posture axis")
     axes: FloatArray = labelled("directions of principal compliances, the softest first", "", "posture axis rank")
     springs: tuple[str, ...]
@@ -207,6 +240,34 @@ class WorkspaceMap:
 
     def __len__(self) -> int:
         return len(self.angles)
+
+    def part(self, rows: IntArray) -> "WorkspaceMap":
+        """Return the map of some postures, by their rising rows."""
+
+        def column(of: Any, name: str) -> Any:
+            values, pieces = getattr(of, name), []
+            for some in np.array_split(rows, 1 + len(rows) // 200):  # a system maps 64 KB about each row of a file
+                pieces.append(values[some])
+                release(values)
+            return np.concatenate(pieces)
+
+        names = "angles asked position axes compliance_fraction chatter_hz magnitude magnitude_std"
+        columns = {name: column(self, name) for name in names.split()}
+        quantities = tuple(replace(q, **{name: column(q, name) for name in ("value", "std")}) for q in self.quantities)
+        return replace(self, quantities=quantities, **columns)
+
+    @cached_property
+    def sample(self) -> "WorkspaceMap":
+        """The map of SAMPLE postures spread evenly, the LISTED softest and the stiffest, for pages and figures."""
+        if len(self) <= SAMPLE:
+            return self
+        C, ends = self["softest_compliance"].value, np.zeros(0, int)
+        for first in range(0, len(self), SAMPLE):
+            ends = np.append(ends, np.arange(first, min(first + SAMPLE, len(self))))
+            ends = ends[np.argsort(-C[ends], kind="stable")]
+            ends = np.append(ends[:LISTED], ends[-1])
+            release(C)
+        return self.part(np.union1d(np.linspace(0, len(self) - 1, SAMPLE).round().astype(int), ends))
 
     @property
     def softest(self) -> IntArray:
@@ -232,48 +293,64 @@ def map_workspace(
     lines_hz: FloatArray | None = None,
     name: str = "",
     is_path: bool = False,
+    execution: Execution = HERE,
 ) -> WorkspaceMap:
     """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
 
     fitted: or its family in the axes of the base, built before.  frame: by default `tool`, else the last one.
-    lines_hz (F,): by default LINES of them over the modes.
+    lines_hz (F,): by default LINES of them over the modes.  Maps of many postures are in temporary files.
     """
     cut = cut or Cut()
     family = fitted if isinstance(fitted, Family) else fitted.family(PredictionPorts(frame=frame, axes="world"))
-    lines = default_lines(family, angles) if lines_hz is None else np.asarray(lines_hz, float)
+    equations, N, columns = LockedEquations(family), len(angles), dict[str, Any]()
+    lines = default_lines(equations, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
-    rows, rests = [], np.zeros(len(angles), bool)
-    for i, point in enumerate(angles):
-        with suppress(StudyError):
-            rows.append(answers(family, _posture(family, point), lines, curve, cut))
-            rests[i] = True
-    if not rests.any():
+    work, has_rest = partial(_in_parts, partial(answers, equations, lines, curve, cut)), np.zeros(N, bool)
+    pieces = [np.asarray(angles[first : first + SAMPLE]) for first in range(0, N, SAMPLE)]
+    for i, (rests, part) in execution.unordered(work, pieces):
+        rows = SAMPLE * i + np.flatnonzero(rests)
+        has_rest[rows] = True
+        for key, values in (part | {"asked": rows}).items():
+            if key not in columns:
+                columns[key] = (empty_in_file if N > 5 * SAMPLE else np.empty)((N, *values.shape[1:]), values.dtype)
+            columns[key][rows] = values
+            release(columns[key])
+        release(angles)
+    if not has_rest.any():
         raise StudyError(
             "robot/no-equilibrium",
-            f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
+            f"robot {family.robot.name} finds no rest in any of the {N} postures; they may be outside the "
             "reach of its loops, or its springs too soft for its weight",
         )
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    for key, column in columns.items():
+        n = 0
+        for first in range(0, N, SAMPLE):
+            values = column[first : first + SAMPLE][has_rest[first : first + SAMPLE]]
+            column[n : (n := n + len(values))] = values
+            release(column)
+        column.flags.writeable = False
+        columns[key] = column[:n]
     quantities = tuple(Quantity(key, text, unit, *columns.pop(key).T) for key, (unit, text) in QUANTITIES.items())
     driven = family.robot.driven
     return WorkspaceMap(
         name=name or family.robot.name, frame=family.frame, joints=tuple(joint.name for joint in driven),
-        angles=angles[rests], asked=np.flatnonzero(rests), refused=tuple(np.flatnonzero(~rests).tolist()),
-        springs=family.model.springs, curve_hz=curve, quantities=quantities, load=cut.load,
-        cutting_coefficient=cut.cutting_coefficient, is_path=is_path, sliding=tuple(joint.slides for joint in driven),
-        **columns,
+        refused=np.flatnonzero(~has_rest), springs=family.model.springs, curve_hz=curve, quantities=quantities,
+        load=cut.load, cutting_coefficient=cut.cutting_coefficient, is_path=is_path,
+        sliding=tuple(joint.slides for joint in driven), **columns,
     )  # fmt: skip
 
 
-def _posture(family: Family, angles: FloatArray) -> Configuration:
-    return Configuration("posture", angles, family.request.payload is not False)
+def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
+    """`answers` of so many postures at a time as a cache takes."""
+    rests, parts = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
+    names = max(parts, key=len)
+    return np.concatenate(rests), {key: np.concatenate([part[key] for part in parts if part]) for key in names}
 
 
-def default_lines(family: Family, angles: FloatArray) -> FloatArray:
+def default_lines(equations: LockedEquations, angles: FloatArray) -> FloatArray:
     """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
-    samples: list[FloatArray] = []
-    for point in angles[:: max(1, len(angles) // 20)][:20]:
-        with suppress(StudyError):
-            samples.append(family.at(_posture(family, point)).modes().freq_hz[:6])
-    freq_hz = np.concatenate(samples) if samples else np.array([2.0, 50.0])
-    return np.geomspace(freq_hz.min() / 2, 2 * freq_hz.max(), LINES)
+    some = angles[:: max(1, len(angles) // 20)][:20]
+    q, rests = equations.rest(some)
+    at = equations.at(some[rests], q[rests]) if rests.any() else None
+    freq_hz = np.array([2.0, 50.0]) if at is None else np.abs(oscillations(at.M, at.D, at.K)[0][:, :6]) / (2 * np.pi)
+    return np.geomspace(np.nanmin(freq_hz) / 2, 2 * np.nanmax(freq_hz), LINES)

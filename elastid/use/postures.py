@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, empty_in_file, release
 from elastid.base.errors import DataError, StudyError
 from elastid.base.files import name_and_unit, read_table
 from elastid.model.closed_posture import are_closed, followed, rates
@@ -37,17 +37,22 @@ def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
 
 
 def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
-    """Angles (count, n_u), uniform within the limits, of postures in which the loops close."""
-    low, high = limits_of(robot).T
-    rng = np.random.default_rng(seed)
-    drawn = low + rng.random((count * (5 if robot.loops else 1), len(low))) * (high - low)
-    if robot.loops:
-        drawn = drawn[are_closed(robot, followed(robot, drawn))]
-    if not len(drawn):
+    """Angles (count, n_u), uniform within the limits, of postures in which the loops close; many are in a file."""
+    (low, high), rng, n = limits_of(robot).T, np.random.default_rng(seed), 0
+    tries, piece = count * (5 if robot.loops else 1), 10_000
+    angles = (np.empty if count <= piece else empty_in_file)((count, len(low)))
+    for first in range(0, tries, piece):
+        drawn = low + rng.random((min(piece, tries - first), len(low))) * (high - low)
+        drawn = drawn[are_closed(robot, followed(robot, drawn))][: count - n]
+        angles[n : (n := n + len(drawn))] = drawn
+        release(angles)
+        if n == count:
+            break
+    if not n:
         raise StudyError(
             "robot/loops", "its loops close in no posture within the limits of its joints", f"robot {robot.name}"
         )
-    return np.asarray(drawn[:count])
+    return angles[:n]
 
 
 def _seeds(robot: Robot, seed: int) -> FloatArray:

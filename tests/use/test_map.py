@@ -11,11 +11,14 @@ from plants.refusals import refused
 
 from elastid.base.statistics import propagate
 from elastid.fit.parameter_selection import choose, with_tolerances
+from elastid.fit.posture import PredictionPorts
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
 from elastid.robot import Tolerances
+from elastid.use import map as map_module
+from elastid.use.locked_postures import LockedEquations
 from elastid.use.map import Cut, map_workspace
 
 LINES = np.geomspace(2.0, 80.0, 100)
@@ -96,17 +99,29 @@ def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name:
     model = own.at(fitted.linear[0].configuration.angles, axes="world")
     assert workspace["compliance_z"].std[0] == pytest.approx(model.stiffness().compliance_std[2, 2], rel=0.05)
     assert workspace["frequency_1"].std[0] == pytest.approx(model.modes().freq_std[0], rel=0.05)
+    equations = LockedEquations(own.family(PredictionPorts(axes="world")))
+    at = equations.at(workspace.angles, equations.rest(workspace.angles)[0])
+    one = equations._linearised(workspace.angles[0], equations.rest(workspace.angles)[0][0])
+    for slopes, expected in zip((at.triangles[0], at.J_slopes[0]), one[4:6], strict=True):
+        np.testing.assert_allclose(slopes, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 
-def test_a_posture_without_rest_is_not_found_and_the_others_keep_their_order() -> None:
-    """Springs far too soft for the weight stretched out; hanging down the robot rests."""
+def test_a_map_in_pieces_keeps_the_order_of_postures_with_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Springs far too soft for the weight stretched out; hanging down the robot rests. Columns in files, one sample."""
     own = result()
     place = [own.parameters.free_names.index(name) for name in ("k_1", "k_2")]
     x = own.x.copy()
     x[place] = np.log([150.0, 60.0])
-    workspace = map_workspace(replace(own, x=x), np.array([[-np.pi / 2, 0.0], [np.pi / 2, 0.0]]), lines_hz=LINES)
-    assert workspace.asked.tolist() == [1]
-    assert workspace.refused == (0,)
+    angles = np.vstack([[[-np.pi / 2, 0], [np.pi / 2, 0]], np.random.default_rng(0).uniform(-3, 3, (120, 2))])
+    assert map_workspace(replace(own, x=x), angles[:2], lines_hz=LINES).refused.tolist() == [0]
+    whole = map_workspace(replace(own, x=x), angles, lines_hz=LINES)
+    monkeypatch.setattr(map_module, "SAMPLE", 12)
+    pieces = map_workspace(replace(own, x=x), angles, lines_hz=LINES)
+    np.testing.assert_array_equal(pieces.asked, whole.asked)
+    np.testing.assert_allclose(pieces["depth_of_cut"].value, whole["depth_of_cut"].value, rtol=1e-9)
+    sample, softest = pieces.sample, pieces.softest
+    assert len(sample) <= 12 + 11
+    assert {*pieces.asked[softest[:10]], pieces.asked[softest[-1]]} <= {*sample.asked}
 
 
 @pytest.mark.parametrize("wrong", [{"normal": (0, 0, 0)}, {"load": (np.nan, 0, 0)}, {"cutting_coefficient": 0.0}])

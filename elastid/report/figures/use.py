@@ -31,6 +31,7 @@ def loops_figure(loops: Loops) -> Figure:
 
 def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
     """Positions of the frame, each coloured by the quantity there; the softest posture is marked."""
+    workspace = workspace.sample
     shown, (x, y, z), soft = workspace[quantity], workspace.position.T, int(workspace.softest[0])
     unit, factor = SHOWN[shown.unit]
     value = factor * np.where(np.isfinite(shown.value), shown.value, np.nan)

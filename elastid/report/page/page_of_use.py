@@ -11,38 +11,32 @@ from matplotlib.figure import Figure
 from elastid.base.display import Answer
 from elastid.base.escape import embedded_json
 from elastid.base.files import write_atomically
-from elastid.report.command_summaries import LISTED
 from elastid.report.figures.style import own_style
 from elastid.report.figures.use import SHOWN
 from elastid.report.page.explorer import asset, packed
 from elastid.report.page.page import EmbeddedFigure, render, rendered
-from elastid.use.map import WorkspaceMap
+from elastid.use.map import LISTED, WorkspaceMap
 
 
 def map_data(workspace: WorkspaceMap) -> str:
     """Postures, quantities and curves as JSON, numbers as base64 of float32."""
-    m = workspace
-    # Of more postures, evenly thinned ones are on the page.
-    kept = np.unique(np.linspace(0, len(m) - 1, min(len(m), 2000)).round().astype(int))
-    kept = np.union1d(kept, m.softest[:LISTED])
-    place = {int(i): k for k, i in enumerate(kept)}
-    x, y, z = m.position[kept].T
+    m = workspace.sample
+    x, y, z = m.position.T
     quantities = []
     for quantity in m.quantities:
         unit, factor = SHOWN[quantity.unit]
         low, high = quantity.interval
-        columns = [packed(factor * part[kept]) for part in (quantity.value, low, high)]
+        columns = [packed(factor * part) for part in (quantity.value, low, high)]
         quantities.append({"name": quantity.name, "text": quantity.text, "unit": unit, "columns": columns})
     units = [(1.0, " m") if slides else (180 / np.pi, "°") for slides in m.sliding]
-    angles = m.angles[kept] * [factor for factor, _ in units]
+    angles = m.angles * [factor for factor, _ in units]
     content: dict[str, Any] = {
         "units": [unit for _, unit in units],
         "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
-        "count": len(kept), "angles": packed(angles), "asked": (m.asked[kept] + 1).tolist(),
-        "places": [packed(part) for part in (x, y, np.hypot(x, y), z)], "share": packed(m.compliance_fraction[kept]),
-        "quantities": quantities, "softest": [place[int(i)] for i in m.softest[:LISTED]],
-        "lines": packed(m.curve_hz), "curve": packed(1e6 * m.magnitude[kept]),
-        "std": packed(1e6 * m.magnitude_std[kept]),
+        "count": len(m), "angles": packed(angles), "asked": (m.asked + 1).tolist(),
+        "places": [packed(part) for part in (x, y, np.hypot(x, y), z)], "share": packed(m.compliance_fraction),
+        "quantities": quantities, "softest": m.softest[:LISTED].tolist(),
+        "lines": packed(m.curve_hz), "curve": packed(1e6 * m.magnitude), "std": packed(1e6 * m.magnitude_std),
     }  # fmt: skip
     return embedded_json(content)
 

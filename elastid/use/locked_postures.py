@@ -1,0 +1,160 @@
+r"""A fitted robot with locked motors in many postures at once: equilibria, matrices and slopes as stacked arrays.
+
+.. math:: \frac{d(M, D, K, J)}{d\theta} = \frac{\partial(M, D, K, J)}{\partial \theta}
+          - \frac{\partial(M, D, K, J)}{\partial q} K^{-1} \frac{\partial^2 V}{\partial q\, \partial \theta}
+
+The second term belongs to operating points that follow the parameters (`Linearisation.follows`). CasADi builds the
+equations once, with the fitted numbers as constants. Robots with loops are linearised posture by posture.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import StudyError
+from elastid.fit.posture import Family
+from elastid.linear.equilibrium import CONVERGED_STEP, MAX_STEP, MIN_INERTIA, equilibrium, free_coordinates
+from elastid.linear.linear_model import DELAY, Slope
+from elastid.linear.ports import locked_motor_motions
+from elastid.linear.static_deflection import evaluate_rows
+from elastid.model.kinematics import frame_poses
+from elastid.record import Configuration
+
+
+@dataclass(frozen=True, eq=False)
+class LockedPostures:
+    """Linear models of Q postures, between force and motion (3,) of a frame in the axes of the base.
+
+    M, D, K (Q, n, n), J (Q, 3, n), and their slopes to P parameters: triangles (Q, 3 n (n + 1) / 2, P), lower, of M, D,
+    K in turn, and J_slopes (Q, 3, n, P).  stiffness (Q, n_s), deflection (Q, n_s, n): of springs.
+    position (Q, 3): of the frame.
+    """
+
+    M: FloatArray
+    D: FloatArray
+    K: FloatArray
+    J: FloatArray
+    triangles: FloatArray
+    J_slopes: FloatArray
+    stiffness: FloatArray
+    deflection: FloatArray
+    position: FloatArray
+
+    def motions(self, s: ComplexArray, forces: FloatArray) -> ComplexArray:
+        """Return (s^2 M + s D + K)^-1 J^T F (Q, L, n, m) of forces F (Q or 1, 3, m) at s (Q or 1, L) in rad/s."""
+        s = s[:, :, None, None]
+        Z = s**2 * self.M[:, None] + s * self.D[:, None] + self.K[:, None]
+        return np.asarray(np.linalg.solve(Z, (self.J.mT @ forces).astype(complex)[:, None]), complex)
+
+    def response_slopes(
+        self, s: ComplexArray, a: FloatArray | ComplexArray, b: FloatArray | ComplexArray, x: ComplexArray,
+        y: ComplexArray,
+    ) -> ComplexArray:  # fmt: skip
+        """Return slopes (Q, L, P) of a^T G b of directions (Q, 3) with their motions x, y (Q, L, n) at s (Q, L)."""
+        of_J = sum(left @ (right[:, :, None, None] * self.J_slopes).sum(axis=1) for left, right in ((y, a), (x, b)))
+        return np.asarray(of_J - self.slopes(s, x, y))
+
+    def slopes(self, s: ComplexArray, left: ComplexArray, right: ComplexArray) -> ComplexArray:
+        """Return left^T d(s^2 M + s D + K) right (Q, L, P) at s (Q or 1, L); left, right (Q, L, n)."""
+        i, j = np.tril_indices(self.M.shape[1])
+        products = left[..., i] * right[..., j] + (i != j) * (left[..., j] * right[..., i])
+        weights = np.concatenate([s[..., None] ** 2 * products, s[..., None] * products, products], axis=2)
+        return np.asarray(weights.real @ self.triangles + 1j * (weights.imag @ self.triangles))
+
+
+@dataclass(frozen=True, eq=False)
+class LockedEquations:
+    """Equations of a fitted robot with locked motors and its own numbers.  family: its inputs are forces of a frame."""
+
+    family: Family
+
+    @cached_property
+    def moved(self) -> IntArray:
+        """Places (P,) in theta of the parameters that the fit moves."""
+        model, estimated = self.family.model, self.family.estimated
+        absent = (DELAY, *(model.of_payload if self.family.request.payload is False else ()))
+        return np.array([row for row in estimated.moved if estimated.names[row] not in absent], np.int64)
+
+    @cached_property
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
+        """q -> dV/dq, K of the free coordinates and M; q -> fields of `LockedPostures` with their slopes."""
+        model, moved, family = self.family.model, self.moved.tolist(), self.family
+        (q, lambda_, theta), free = model.symbols("q", "lambda", "theta"), free_coordinates(model).tolist()
+        M, D, K = model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta)
+        N = ca.sparsify(ca.DM(locked_motor_motions(model.B)))
+        rows, columns = np.tril_indices(N.shape[1])
+        lower = (columns * N.shape[1] + rows).tolist()  # CasADi counts column by column
+        J = model.readout(q, theta, [f"frame {family.frame} {axis}" for axis in "xyz"])[0] @ N
+        gradient, (c, b) = model.potential_gradient(q, theta)[free], model.strain(q, theta)
+        varied = ca.vertcat(*(ca.densify(N.T @ A @ N)[lower] for A in (M, D, K)), ca.vec(ca.densify(J)))
+        slopes = ca.jacobian(varied, theta)[:, moved], ca.jacobian(varied, q)[:, free]
+        parts = [varied, *slopes, ca.jacobian(gradient, theta)[:, moved], c, b @ N]
+        numbers = ca.DM(model.carried(family.theta, family.request.payload is not False))
+        named = (ca.Function("of", [q, lambda_, theta], each) for each in ([gradient, K[free, free], M], parts))
+        dense = ([ca.densify(part) for part in function(q, ca.DM(0, 1), numbers)] for function in named)
+        statics, linear = (ca.Function("at", [q], outputs, {"cse": True}) for outputs in dense)
+        return statics, linear
+
+    def _configuration(self, angles: FloatArray) -> Configuration:
+        return Configuration("posture", angles, self.family.request.payload is not False)
+
+    def rest(self, angles: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return q (N, n_q) at rest, and whether there is one (N,), at angles (N, n_u) of the motors.
+
+        Newton's steps of all postures together; where one of them ends far away or not at rest `equilibrium` decides.
+        """
+        model, free = self.family.model, free_coordinates(self.family.model)
+        q, has_rest = np.zeros((len(angles), model.n_q)), np.zeros(len(angles), bool)
+        with suppress(np.linalg.LinAlgError), np.errstate(invalid="ignore", over="ignore"):
+            q[:, : len(model.robot.joints)] = model.robot.opened(angles)
+            q[:, [model.index(motor) for motor in model.inputs]] = angles
+            rigid, step = q.copy(), np.ones((len(angles), len(free), 1))
+            for _ in range(0 if model.n_c else 10):
+                gradient, K, M = evaluate_rows(self._functions[0], q)
+                step[:] = -np.linalg.solve(K, gradient)
+                q[:, free] += step[:, :, 0]
+                if np.abs(step).max(initial=0.0) <= CONVERGED_STEP and np.abs(q - rigid).max() <= MAX_STEP:
+                    # LinAlgError for a posture that tips over, or moves no inertia.
+                    np.linalg.cholesky(K), np.linalg.cholesky(M * (1 - MIN_INERTIA * np.eye(model.n_q)))
+                    has_rest[:] = True
+                    break
+        for i in np.flatnonzero(~has_rest):
+            with suppress(StudyError):
+                q[i] = equilibrium(model, self.family.theta, self._configuration(angles[i])).q
+                has_rest[i] = True
+        return q, has_rest
+
+    def at(self, angles: FloatArray, q: FloatArray) -> LockedPostures:
+        """Return the models about q (Q, n_q), at rest with the motors at angles (Q, n_u)."""
+        model, follows = self.family.model, self.family.linearisation.follows
+        poses = frame_poses(model.robot_at(self.family.theta), q[:, : len(model.robot.joints)], self.family.frame)
+        if model.n_c or not locked_motor_motions(model.B).size:
+            rows = [self._linearised(*row) for row in zip(angles, q, strict=True)]
+            return LockedPostures(*(np.array(part) for part in (*zip(*rows, strict=True), poses.position)))
+        varied, slopes, of_q, pull, stiffness, deflection = evaluate_rows(self._functions[1], q)
+        if follows:
+            slopes = slopes - of_q @ np.linalg.solve(evaluate_rows(self._functions[0], q)[1], pull)
+        n, n_t = deflection.shape[2], varied.shape[1] - 3 * deflection.shape[2]
+        (i, j), A = np.tril_indices(n), np.zeros((3, len(q), n, n))
+        A[..., i, j] = A[..., j, i] = varied[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
+        J = poses.rotation @ varied[:, n_t:, 0].reshape(len(q), n, 3).mT
+        J_slopes = np.einsum("qij,qnjp->qinp", poses.rotation, follows * slopes[:, n_t:].reshape(len(q), n, 3, -1))
+        of_springs = stiffness[:, :, 0], deflection
+        return LockedPostures(A[0], A[1], A[2], J, slopes[:, :n_t], J_slopes, *of_springs, poses.position)
+
+    def _linearised(self, angles: FloatArray, q: FloatArray) -> tuple[FloatArray, ...]:
+        """The fields of `LockedPostures`, but the position, in one posture of a robot with loops."""
+        family, linear = self.family, self.family.at(self._configuration(angles)).linear
+        slopes = [linear.slopes.get(family.estimated.names[row], Slope()) for row in self.moved]
+
+        def stacked(letter: str) -> FloatArray:
+            parts, zero = [getattr(slope, letter) for slope in slopes], np.zeros_like(getattr(linear, letter))
+            return np.stack([zero if part is None else part for part in parts], axis=-1)
+
+        triangles = np.concatenate([stacked(letter)[np.tril_indices(linear.n)] for letter in "MDK"])
+        c, b = (part.full() for part in family.model.strain(q, family.theta))
+        return linear.M, linear.D, linear.K, linear.C, triangles, stacked("C"), c[:, 0], b @ np.asarray(linear.Z)
