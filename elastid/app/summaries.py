@@ -78,9 +78,9 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
         "warnings", "notes"
     )  # fmt: skip
     numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
-    numbers |= {"starts": starts, "n_converged_starts": 0}
     rest: dict[str, Any] = {"parameters": {}, "nuisance_parameters": {}, "friction": None, **{key: [] for key in lists}}
-    return {**_head(name, "failed", message), **numbers, **rest}
+    counts = {"starts": starts, "n_converged_starts": 0}
+    return {**_head(name, "failed", message), **numbers, **counts, **rest}
 
 
 def summary(
@@ -231,9 +231,10 @@ def _rigid_body(body: "RigidBody") -> dict[str, Any]:
 
 def failed_friction(name: str, message: str) -> dict[str, Any]:
     """summary.json of a friction study that failed: the same keys without the log comparison, no numbers."""
-    nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}
-    nothing |= {"rigid_bodies": [], "validation": None}
-    return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
+    return _head(name, "failed", message) | {
+        "parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}, "rigid_bodies": [],
+        "validation": None, "warnings": [], "notes": [],
+    }  # fmt: skip
 
 
 _ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "rms_sigma"))

@@ -165,8 +165,7 @@ class Axis:
     def slowest(self) -> float:
         """The slowest speed at which the joint slides steadily; below 0.03 nu_s passes only take more time."""
         lowest, highest = (factor * self.guess.stribeck_velocity for factor in (0.03, 20.0))
-        sticking = [v for v in np.geomspace(lowest, highest, 200).tolist() if self.sticks_at(v)]
-        return 1.05 * max(sticking, default=lowest)
+        return 1.05 * max([v for v in np.geomspace(lowest, highest, 200).tolist() if self.sticks_at(v)], default=lowest)
 
     @property
     def fastest(self) -> float:
@@ -175,8 +174,7 @@ class Axis:
         if room <= 0:
             return 0.0
         speeds = np.geomspace(1e-3 * room, room, 200).tolist()
-        within = [v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque]
-        return max(within, default=0.0)
+        return max([v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque], default=0.0)
 
     def check_speeds(self, speeds: FloatArray) -> None:
         """StudyError for the first speed that sticks and slips, or whose torque would be clipped."""

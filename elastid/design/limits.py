@@ -93,8 +93,7 @@ def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
     path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
     motion = path.position - configuration.angles, path.velocity, path.acceleration
-    rows = references(rig.plan, rig.simulated.carrier, experiment, 0.0)
-    played = _reference_peaks(rig, configuration, rows)
+    played = _reference_peaks(rig, configuration, references(rig.plan, rig.simulated.carrier, experiment, 0.0))
     return np.array([*np.abs([path.feed_forward, *motion, 0 * path.position]).max(axis=1), *played])
 
 
@@ -211,8 +210,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
     is_torque = plan.inject == "torque"
     x = np.asarray(s if is_torque else plan.S_inverse[q] / (s if plan.inject == "velocity" else 1.0), np.complex128)
     for gain in ((1.0, 1.0),) if is_torque else GAINS:
-        controller = rig.simulated.controller.scaled(*gain)
-        predict = closed_loop_of(rig.robot, controller, plan.rate_hz, plan.inject)
+        predict = closed_loop_of(rig.robot, rig.simulated.controller.scaled(*gain), plan.rate_hz, plan.inject)
         loop = predict(plan.configurations[q], plan.freq_hz)
         parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
         if not is_torque:  # the references are for the gains of the study

@@ -51,8 +51,7 @@ class Goal:
     def used(self, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> FloatArray:
         """r (n_goals,) at x (n_x,) with a covariance (n_x, n_x) of x; at most 1 where the goal is reached."""
         names, values = parameters.free_names, parameters.as_dict(x)
-        places = [names.index(name) for name in self.widths]
-        std = np.sqrt(np.maximum(np.diag(covariance)[places], 0.0))
+        std = np.sqrt(np.maximum(np.diag(covariance)[[names.index(name) for name in self.widths]], 0.0))
         size = [1.0 if parameters[name].log else max(abs(values[name]), 1e-300) for name in self.widths]
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
@@ -213,8 +212,7 @@ def _ranked(
         longer = replace(problem, experiment=replace(problem.experiment, periods=periods))
         prospect = replace(longer.prospect(longer.probe(longer.experiment), -1), parameters=state.parameters)
         H, rows = informations(prospect, configurations, state.x, execution)
-        n_u = len(problem.robot.driven)
-        time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
+        time_s = unit_time_s(problem.excitation, problem.experiment, len(problem.robot.driven), periods)
         places = zip(H, rows.tolist(), strict=True)
         return [_option(state, goal, design, configurations[i], periods, time_s) for design, i in places]
 

@@ -86,7 +86,9 @@ def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
     ET.SubElement(root, "option", gravity=in_full(robot.gravity), integrator="implicit", timestep="0.0005")
     elements = _bodies(ET.SubElement(root, "worldbody"), robot)
     add_loops(root, elements, robot, rods)
-    _tendons(root, robot)
+    for joint in robot.flexible:
+        if joint.viscous:
+            _tendon(root, joint).set("damping", repr(float(joint.viscous)))
     _add_lost_motion(root, robot)
     add_rod_springs(root, elements, robot)
     actuators = ET.SubElement(root, "actuator")
@@ -133,8 +135,7 @@ def _bodies(world: ET.Element, robot: Robot) -> Elements:
 
 def _seat(first: Placement, second: Placement) -> dict[str, str]:
     R = first.rotation
-    position = np.array(first.xyz) + R @ second.xyz
-    return {"pos": in_full(position), "quat": in_full(quaternion(R @ second.rotation))}
+    return {"pos": in_full(np.array(first.xyz) + R @ second.xyz), "quat": in_full(quaternion(R @ second.rotation))}
 
 
 def _inertial(element: ET.Element, body: Body) -> None:
@@ -171,12 +172,6 @@ def _driven(joint: Joint) -> str:
     return f"joint {joint.name}" if joint.motor is None else f"motor {joint.name}"
 
 
-def _tendons(root: ET.Element, robot: Robot) -> None:
-    for joint in robot.flexible:
-        if joint.viscous:
-            _tendon(root, joint).set("damping", repr(float(joint.viscous)))
-
-
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
     """The sum of motor angle and twist of a flexible joint, made where it is not there."""
     tendons = _tendon_list(root)
@@ -194,7 +189,7 @@ def _tendon_list(root: ET.Element) -> ET.Element:
 
 
 def _named_joints(root: ET.Element) -> dict[str | None, ET.Element]:
-    return {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+    return {element.get("name"): element for element in root.iter("joint")}
 
 
 def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
@@ -379,7 +374,7 @@ def _rod_pose(robot: Robot, loop: Loop, rod: Rod, q: FloatArray) -> RodPose:
     (R, p), (R_2, p_2) = (_frame(robot, q, end.body) for end in loop.ends)
     gap = p_2 + R_2 @ np.array(loop.ends[1].point) - p - R @ np.array(loop.ends[0].point)
     length = float(np.linalg.norm(gap))
-    return RodPose(np.asarray(R.T @ gap / length), length - rod.length)
+    return RodPose(R.T @ gap / length, length - rod.length)
 
 
 def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:

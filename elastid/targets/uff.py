@@ -106,8 +106,7 @@ def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Ite
         "type": 164, "units_code": 1, "units_description": "SI: m, N", "temp_mode": 1,
         "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
     }  # fmt: skip
-    coordinates = np.array([geometry.points[point] for point in points], dtype=float)
-    x, y, z = coordinates.T
+    x, y, z = np.array([geometry.points[point] for point in points], dtype=float).T
     yield {"type": 15, "node_nums": list(points.values()), "x": x, "y": y, "z": z}
     for i, (first, last) in enumerate(geometry.lines or pairwise(points), start=1):
         nodes = np.array([points[first], points[last]])

@@ -298,7 +298,7 @@ def _late_command(measured: FloatArray, command: FloatArray, rate_hz: float) -> 
     nearest = float(whole[int(np.argmin([error(float(d)) for d in whole]))])
     ends = max(nearest - 1, 0.0), nearest + 1
     samples = min(nearest, float(minimize_scalar(error, bounds=ends, method="bounded").x), key=error)
-    return samples / rate_hz, np.asarray(np.interp(rows - samples, rows, command))
+    return samples / rate_hz, np.interp(rows - samples, rows, command)
 
 
 def _by_octave(errors: FloatArray, rate_hz: float) -> Iterator[Octave]:

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
@@ -114,8 +115,7 @@ def fitted_rows(
     """A row for each parameter, with its truth where the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
     true = truth(robot, simulated, study.fit.parameters, friction)
-    contained = contents(robot, simulated is not None, friction, result.parameters, gears)
-    return parameter_rows(result, true, contained)
+    return parameter_rows(result, true, contents(robot, simulated is not None, friction, result.parameters, gears))
 
 
 def current_fit(run: Run) -> Result:
@@ -203,14 +203,14 @@ def _legend(
         groups += [f"{names} of {owner.format(next(iter(of_owner.values()))[1])}"] if of_owner else []
     if groups:
         yield f"Names: {'; '.join(groups)}"
-    errors = ["the assumed model error"] * (result.model_error > 0)
-    errors += ["residuals above the noise"] * (result.exceeds_noise and not result.is_within_declared)
-    errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
-    errors += ["unexplained distortion"] * (DISTORTED in result.verdicts)
-    meanings = {
-        **STD_PARTS,
-        "std_systematic": ", ".join([*errors, "contribution of the tolerances that longer measurements reduce"]),
+    errors = {
+        "the assumed model error": result.model_error > 0,
+        "residuals above the noise": result.exceeds_noise and not result.is_within_declared,
+        "errors of the friction compensation": friction and friction.shapes,
+        "unexplained distortion": DISTORTED in result.verdicts,
+        "contribution of the tolerances that longer measurements reduce": True,
     }
+    meanings = {**STD_PARTS, "std_systematic": ", ".join(compress(errors, errors.values()))}
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
         more = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
