@@ -161,10 +161,10 @@ def _text_table(log: TextLog) -> _Table | None:
     for words in _PAIRS if frequency else ():
         patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]
         first, second = ([h for h in log.headings if re.search(p, h, re.IGNORECASE)] for p in patterns)
-        places, others = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
+        places, second_places = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
         rows, columns = ([*dict.fromkeys(place[i] for place in places if len(place) == 2)] or ["1"] for i in (0, 1))
         is_matrix = len(first) in (1, len(set(places))) and len(first) == len(rows) * len(columns)
-        if not first or not is_matrix or places != others:
+        if not first or not is_matrix or places != second_places:
             continue
         labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))

@@ -79,8 +79,7 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     )  # fmt: skip
     numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
     rest: dict[str, Any] = {"parameters": {}, "nuisance_parameters": {}, "friction": None, **{key: [] for key in lists}}
-    counts = {"starts": starts, "n_converged_starts": 0}
-    return {**_head(name, "failed", message), **numbers, **counts, **rest}
+    return {**_head(name, "failed", message), **numbers, "starts": starts, "n_converged_starts": 0, **rest}
 
 
 def summary(
@@ -107,7 +106,18 @@ def summary(
             presliding="place unit stiffness stiffness_std rate rate_std amplitude",
         ),
         "parameters": _parameters(result, rows),
-        "nuisance_parameters": _nuisance_parameters(result),
+        # Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate.
+        "nuisance_parameters": {
+            p.name: {
+                "value": result.values[p.name],
+                "std": json_value(result.std[p.name]),
+                "unit": p.unit,
+                "file": p.prior.mean,
+                "tolerance": p.prior.std * (p.prior.mean if p.log else 1.0),
+            }
+            for p in result.parameters.free
+            if p.is_nuisance and p.prior is not None
+        },
         "friction": _friction_section(robot, friction, result.presliding_stiffness),
         "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
@@ -219,12 +229,11 @@ def predicted(prediction: LogComparison) -> dict[str, Any]:
 
 def _rigid_body(body: "RigidBody") -> dict[str, Any]:
     columns = (json_value(getattr(body, name)) for name in ("names", "units", "values", "std", "predicting"))
-    rows = zip(*columns, strict=True)
     return {
         "joints": list(body.joints),
         "base_parameters": {
             name: {"value": value, "std": std, "predicting": predicting, "unit": unit}
-            for name, unit, value, std, predicting in rows
+            for name, unit, value, std, predicting in zip(*columns, strict=True)
         },
     }
 
@@ -292,21 +301,6 @@ def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[
             if not np.isnan(ends).any()
         }
         for row in rows
-    }
-
-
-def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
-    """Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate."""
-    return {
-        p.name: {
-            "value": result.values[p.name],
-            "std": json_value(result.std[p.name]),
-            "unit": p.unit,
-            "file": p.prior.mean,
-            "tolerance": p.prior.std * (p.prior.mean if p.log else 1.0),
-        }
-        for p in result.parameters.free
-        if p.is_nuisance and p.prior is not None
     }
 
 

@@ -52,10 +52,9 @@ def gears(study: Study, work: Work) -> Artefacts:
         opened = identify_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
     final, summary = with_gears(result, opened), _summary(files_of["fit"].with_name("summary.json"))
     content = with_gear_section(summary, result, fitted_rows(study, final, friction, opened), opened)
-    robots = robot_files(study.name, robot, final, friction, every.names, opened)
     files: dict[str, Write] = {
         "summary.json": as_json(content),
-        **{file: text(spec) for file, spec in robots},
+        **{file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, every.names, opened)},
         "gears.h5": lambda path, stamp: write_gears(path, opened, stamp),
     }
 

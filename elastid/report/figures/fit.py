@@ -216,8 +216,7 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
     again = phase.copy()
     again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
     magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model")
-    phases = np.stack([phase, again], axis=1).ravel()
-    return [magnitude], [Curve(np.repeat(f, 2), phases, "model", style.FITTED)]
+    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, again], axis=1).ravel(), "model", style.FITTED)]
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
@@ -237,8 +236,7 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
         for i, part in enumerate(quality.multiple_coherence.T)
     ]
     panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
-    values = ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs"))
-    for sigma, name in values:
+    for sigma, name in ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs")):
         words = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
         panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=words, frequency=f))
     return style.matrix(title, style.in_columns(panels))

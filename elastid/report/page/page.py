@@ -71,8 +71,8 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
     ]
     x, y = points[0]
     parts.append(f'<path class="base" d="M{x - 16:.1f} {y:.1f}h32l-5 9h-22z"/>')
-    for point, names in zip(drawing.joints, joint_groups(robot), strict=True):
-        parts.append(_joint(points[point], names, by_name))
+    joints = zip(drawing.joints, joint_groups(robot), strict=True)
+    parts += [_joint(points[point], names, by_name) for point, names in joints]
     width, height = (float(np.ptp(points[:, axis])) + 2 * MARGIN for axis in (0, 1))
     box = f'viewBox="0 0 {width + 30:.0f} {height:.0f}" width="{width + 30:.0f}" height="{height:.0f}"'
     words = "The robot; colours of the points: widths of the intervals of their joints"
