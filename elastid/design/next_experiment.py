@@ -186,13 +186,13 @@ def next_experiment(
     options = [option for option in options if option.time_s <= left_s] or options
     refusals: list[str] = []
     for option in options[:TRIED]:
-        with_phases = replace(settled, seed=phase_seed)
         experiment = replace(settled.experiment, periods=option.periods)
         configuration = replace(option.configuration, name=name)
         configurations = [DesignedConfiguration(configuration, experiment.realisations)]
         try:
             spectra = best_spectra_of(settled, experiment, configurations, problem.excitation.torque_rms)
-            plan = replace(with_phases, excitation=problem.excitation).plan(experiment, configurations, spectra)
+            with_phases = replace(settled, seed=phase_seed, excitation=problem.excitation)
+            plan = with_phases.plan(experiment, configurations, spectra)
             plan, use = _within_envelope(problem, plan, robots, execution)
             _check_obstacles(problem, configuration, use)
             return NextExperiment(plan, option, use)
@@ -205,7 +205,6 @@ def _ranked(
     problem: DesignProblem, candidates: Candidates, state: PriorEstimate, goal: Goal, execution: Execution
 ) -> list[Option]:
     """Options, the best first: all candidates at the study's length, and the best of them at others."""
-    lengths = sorted({2, problem.experiment.periods, 2 * problem.experiment.periods})
     usual = problem.experiment.periods
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
@@ -218,7 +217,7 @@ def _ranked(
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
     best = [option.configuration for option in options[:TRIED]]
-    for periods in lengths:
+    for periods in sorted({2, usual, 2 * usual}):
         options += at(periods, best) if periods != usual else []
     return sorted(options, key=lambda option: option.order)
 

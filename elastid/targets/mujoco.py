@@ -27,7 +27,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -48,6 +48,8 @@ from elastid.targets.target import Target
 MIN_INERTIA = 1e-12
 # Bodies that may be given an element for a joint: the element, and the body's axes in it.
 Elements = Mapping[str, tuple[ET.Element, Placement]]
+# Of joints by name.
+Positions: TypeAlias = dict[str, list[float]]
 # A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
 _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
 _ALONG = np.array([1.0, 0.0, 0.0])  # a rod, in its own axes
@@ -242,9 +244,9 @@ def _keyframes(
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=in_full(q), ctrl=in_full(point.u))
 
 
-def _positions(model: FittedRobot, point: OperatingPoint) -> dict[str, list[float]]:
+def _positions(model: FittedRobot, point: OperatingPoint) -> Positions:
     angles = named(model.model.coordinates, point.q)
-    positions: dict[str, list[float]] = {}
+    positions: Positions = {}
     for joint in model.robot.joints:
         angle = angles[f"joint {joint.name}"]
         if joint.is_flexible:
@@ -283,9 +285,9 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
                 _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
 
 
-def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> dict[str, list[float]]:
+def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> Positions:
     """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
-    positions: dict[str, list[float]] = {}
+    positions: Positions = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue

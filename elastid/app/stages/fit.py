@@ -138,25 +138,25 @@ def conclude(run: Run) -> None:
     MisfitError for a significant model error, FitError for a fit without a usable optimum.
     """
     opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
-    linear = read_fit(run.path("fit"))
+    linear, say = read_fit(run.path("fit")), run.console.say
     result = linear if opened is None else with_gears(linear, opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction, opened)
     run.console.table(result_table(result.display, rows))
     for line in _legend(run.study.as_robot(), result, rows, friction):
-        run.console.say(line)
+        say(line)
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
-        run.console.say(f"gears: {gear_line(opened)}")
+        say(f"gears: {gear_line(opened)}")
     for note in result.notes:
         if note.code == COMBINATION:
-            run.console.say(note.text)
+            say(note.text)
     if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
-        run.console.say(f"{mixed}: {WITH_COULOMB}")
+        say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
-        run.console.say(line)
+        say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
     # Above this line the answers have the cause.
@@ -165,7 +165,7 @@ def conclude(run: Run) -> None:
         raise MisfitError("fit/misfit", failure, status)
     if result.status not in TRUSTED:
         raise FitError("fit/not-trusted", failure, status)
-    run.console.say(f"{status}: {result.message if explained else meaning}")
+    say(f"{status}: {result.message if explained else meaning}")
 
 
 OF_JOINTS = {"k": "stiffness", "d": "damping"}
