@@ -18,6 +18,7 @@ import click
 
 from elastid import __version__
 from elastid.app.options import (
+    FILE,
     POSITIVE,
     RATE,
     Finite,
@@ -120,17 +121,17 @@ def demo(**options: Any) -> None:
 
 
 @cli.command()
-@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("folder", type=FILE, metavar="DIR")
 @click.option(
     "--template", default="serial", show_default=True,
     type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction",
                        "position-reference"])
 )  # fmt: skip
 @click.option(
-    "--from", "logs", multiple=True, type=click.Path(path_type=Path),
+    "--from", "logs", multiple=True, type=FILE,
     help="Derive the study from these logs, a robot model (URDF, MJCF or robot.yml), or both."
 )  # fmt: skip
-@click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
+@click.argument("more", type=FILE, nargs=-1, metavar="")
 def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
     """Write a new study, its robot model and the schema for editors into a new folder.
 
@@ -180,7 +181,7 @@ def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any)
 
 
 @cli.command()
-@click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
+@click.argument("studies", type=FILE, nargs=-1, required=True, metavar="STUDY [STUDY ...]")
 @click.option("--search", is_flag=True, help="Search for the set of elastic gears, joints and rods.")
 @stage_options
 def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
@@ -204,7 +205,7 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 
 
 @cli.command()
-@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("model", type=FILE)
 @options_of("with", "log")
 @click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Sampling rate of the logs (default: by their clock).")
 @click.option("--kp", metavar="N[,N...]", callback=numbers_of,
@@ -212,7 +213,7 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 @click.option("--kd", metavar="N[,N...]", callback=numbers_of, help="Velocity gains in N*m*s/rad, likewise.")
 @click.option("--delay", type=Finite(min=0, max=1), metavar="S",
     help="Delay of the commands in s (default: the model's, else 0).")  # fmt: skip
-@click.option("--study", type=click.Path(path_type=Path), metavar="STUDY",
+@click.option("--study", type=FILE, metavar="STUDY",
     help="Study with the channels of the logs and the controller (default: by the names in the logs).")  # fmt: skip
 @stage_options
 def predict(
@@ -253,7 +254,7 @@ def predict(
 @cli.command(name="map")
 @study_argument
 @click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last).")
-@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
+@click.option("--path", type=FILE, metavar="FILE", help="CSV of joint angles, or of poses.")
 @click.option("--grid", is_flag=False, flag_value=12, type=click.IntRange(2, 60), metavar="[N]",
     help="Grid over the workspace with N points along its longest side (default: 12).")  # fmt: skip
 @click.option("--random", type=click.IntRange(1, 1_000_000), metavar="N",
@@ -280,7 +281,7 @@ def map_command(study: Path, **options: Any) -> None:
 
 @cli.command()
 @study_argument
-@click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
+@click.option("--path", type=FILE, required=True, metavar="FILE",
     help="CSV of joint angles or poses, optionally with a column t for the time.")  # fmt: skip
 @click.option("--time", "duration", type=POSITIVE, metavar="S", help="Duration in s.")
 @click.option("--fastest", is_flag=True, help="Find the shortest time that keeps the error.")
@@ -375,7 +376,7 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
 
 
 @cli.command()
-@click.argument("fleet", type=click.Path(path_type=Path))
+@click.argument("fleet", type=FILE)
 @options_of("run", "jobs", "dask", "verbose", "quiet")
 def fleet(fleet: Path, **options: Any) -> None:
     """Run one study for many robots and dates, and report the parameters that differ or drift.
@@ -399,7 +400,7 @@ def fleet(fleet: Path, **options: Any) -> None:
 
 
 @cli.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 def inspect(file: Path) -> None:
     """Show the content of a log or result file: names, shapes, units, sample rates, values."""
     from elastid.app.inspection import described
@@ -409,7 +410,7 @@ def inspect(file: Path) -> None:
 
 @cli.command()
 @click.argument("key", required=False)
-@click.argument("study", type=click.Path(path_type=Path), required=False)
+@click.argument("study", type=FILE, required=False)
 @options_of("run")
 def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
     """Explain a key of a study, a code of a message, or a parameter of the robot; without KEY, list all keys.

@@ -85,7 +85,7 @@ def variants(loaded: LoadedStudy, studies: Sequence[LoadedStudy] = ()) -> Iterat
     """Yield the model of the study, its variants and models of other studies; raise StudyError for an invalid one."""
     study = loaded.study
     yield ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
-    for spec in study.compare.variants or _default(study, bool(studies)):
+    for spec in study.compare.variants or (() if studies else _default(study)):
         try:
             yield variant(loaded, spec)
         except StudyError as error:
@@ -111,17 +111,14 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
     return rows
 
 
-def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
-    """Parts left out, and other equations of loops; none with further studies."""
-    if has_further:
-        return ()
+def _default(study: Study) -> tuple[VariantSpec, ...]:
+    """Parts left out, and other equations of loops, of a study that is compared with no other."""
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     # Elastic joints that are not driven make the flexible joint model an extended one.
     joints = [coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint"]
-    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in joints]
-    return (*_loop_variants(study), *coupling, *rigid)
+    return (*_loop_variants(study), *coupling, *[VariantSpec(f"{name} rigid", rigid=(name,)) for name in joints])
 
 
 def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
@@ -205,8 +202,7 @@ def search_elasticity(run: Run) -> None:
             # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
             new = [model for model in dict.fromkeys((everything, *models)) if model not in fits]
             fits.update(_fit_variant(run, coordinates, start, new, responses))
-            rows = rank(names, *zip(*fits.values(), strict=True)).rows
-            by_name = {row.name: row for row in rows}
+            by_name = {row.name: row for row in rank(names, *zip(*fits.values(), strict=True)).rows}
             return {model: by_name[variant.name] for model, (variant, _) in fits.items()}
 
         everything, trials = tuple(coordinates), []

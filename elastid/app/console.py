@@ -177,10 +177,9 @@ def _lines(title: str) -> Progress:
 def result_table(display: Display, rows: "Sequence[ParameterRow | FrictionNumber]") -> list[list[str]]:
     """Headings and lines of a result, a line for each of the rows; the truth where the rig is simulated."""
     simulated = any(row.truth is not None for row in rows)
-    lines = zip(display.rows, rows, strict=True)
     return [
         [*display.headings, *["true"] * simulated],
-        *([*cells, *[number(row.truth)] * simulated] for cells, row in lines),
+        *([*cells, *[number(row.truth)] * simulated] for cells, row in zip(display.rows, rows, strict=True)),
     ]
 
 

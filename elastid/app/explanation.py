@@ -33,7 +33,10 @@ def explain_name(name: str, study: Path | None = None, folder: Path | None = Non
         numbers = () if (opened := read_gears(gears)) is None else opened.numbers
         rows += [f"Stage gears: {row.sentence}." for row in numbers if row.name == name]
     if folder is not None and friction.is_file():
-        for row in filter(lambda row: row.name == name, read_friction_result(friction).numbers):
-            rows.append(f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}.")
+        friction_numbers = [row for row in read_friction_result(friction).numbers if row.name == name]
+        rows += [
+            f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}."
+            for row in friction_numbers
+        ]
     rows = [*filter(None, rows)]
     return "\n  ".join([name, *rows]) if rows else explain(name)

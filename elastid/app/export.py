@@ -1,6 +1,6 @@
 """export: results of a run -> export/<target>/ in its folder, for another tool."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -53,10 +53,13 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
     if gears is not None and gears.effects:
         omitted = "some effects of the gears are omitted (k and d are as estimated with them); robot and fmu have all"
         run.console.say(f"export: {tag}: {omitted}")
-    paths = tuple(_write_target(target, folder, values))
+    paths: list[Path] = []
+    for label in max(values.values(), key=len):
+        of_group = {need: value.get(label, value.get("")) for need, value in values.items()}
+        paths += target.write(folder / file_name(label), **of_group)
     for path in paths:
         run.console.say(f"export: {path}")
-    return paths
+    return tuple(paths)
 
 
 def _target(study: Study, tag: str, available: Collection[str]) -> Target:
@@ -66,12 +69,6 @@ def _target(study: Study, tag: str, available: Collection[str]) -> Target:
     names = renamed(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))
     code = "study/stage" if tag in tags() else "export/target"
     raise StudyError(code, f"study {study.name} of kind {study.kind}: {names}", f"--to {tag}")
-
-
-def _write_target(target: Target, folder: Path, values: Mapping[str, Values]) -> Iterator[Path]:
-    for label in max(values.values(), key=len):
-        of_group = {need: value.get(label, value.get("")) for need, value in values.items()}
-        yield from target.write(folder / file_name(label), **of_group)
 
 
 # Stages of values that do not depend on the stages of all others.

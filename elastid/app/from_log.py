@@ -252,9 +252,11 @@ def _command_files(
         end = [late, *_FIT, *[few] * (len(names) > 1)]
     else:
         lines, period = list(head_lines("friction", logs[0])), ()
-        lines += ["robot: robot.yml # guessed: geometry and ratios are not in the logs"]
-        lines += ["friction: {} # inertia, friction and command delay from commands and positions, without torque"]
-        lines += ["experiment:"]
+        lines += [
+            "robot: robot.yml # guessed: geometry and ratios are not in the logs",
+            "friction: {} # inertia, friction and command delay from commands and positions, without torque",
+            "experiment:",
+        ]
     lines += ["  recorded:", f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}", *period, "    channels:"]
     for name, (y, reference) in zip(names, pairs, strict=True):
         lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
@@ -341,9 +343,8 @@ def _study(
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}
-        channels = [("u", joint.torque) for joint in guess.joints]
-        channels += [("y", motion) for motion in (*motions.values(), *guess.further)]
-        for role, channel in channels:
+        drives = (("u", joint.torque) for joint in guess.joints)
+        for role, channel in (*drives, *(("y", motion) for motion in (*motions.values(), *guess.further))):
             number = columns.get(channel.name)
             named = channel if number is None else replace(channel, name="", column=number)
             place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
@@ -410,11 +411,8 @@ def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
     yield "bodies:"
     for i, (slides, inertia) in enumerate(joints, start=1):
         half = 0.5 * max(inertia, 1e-6)
-        yield f"  - name: body {i}"
-        yield "    parent: base"
-        yield "    joints:"
+        yield from (f"  - name: body {i}", "    parent: base", "    joints:")
         motion = "motion: translation, axis: x" if slides else "axis: y"
         yield f"      - {{name: {i}, {motion}, motor: {{inertia: {half:.3g}, ratio: 1}}}} # guessed"
-        yield "    mass: 1"
-        yield "    center_of_mass: [0.1, 0, 0]"
+        yield from ("    mass: 1", "    center_of_mass: [0.1, 0, 0]")
         yield f"    inertia: {half:.3g} # guessed: half of the inertia by {source}"

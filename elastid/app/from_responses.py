@@ -51,9 +51,11 @@ def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
     """The study of universal files, by name."""
     outputs, inputs = uff_places(paths[0])
     names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
-    lines = [*head_lines("responses", paths[0]), "experiment:"]
-    lines.append(f"  configurations: {{{', '.join(f'{name}: []' for name in names)}}} # guessed: a state each")
-    lines += ["  responses:", "    channels: # node and direction of each place; `at` is a name of your choice"]
+    states = ", ".join(f"{name}: []" for name in names)
+    lines = [
+        *(*head_lines("responses", paths[0]), "experiment:", f"  configurations: {{{states}}} # guessed: a state each"),
+        *("  responses:", "    channels: # node and direction of each place; `at` is a name of your choice"),
+    ]
     quantities = [*(("u", at, "torque" if "r" in at else "force") for at in inputs)]
     quantities += [("y", at, quantity) for at, quantity in outputs.items()]
     for role, at, quantity in quantities:
@@ -85,11 +87,13 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
     files = [(path, response) for path in relative_paths(paths, folder) for response in table.responses]
     names = ["bench"] if len(files) == 1 else [f"bench_{i + 1}" for i in range(len(files))]
     why = "a state each" if robot is None else "enter the angles of the joints"
-    lines += ["experiment:", f"  configurations: # guessed: {why}"]
-    lines += [f"    {name}: [{', '.join(['0'] * len(drives))}]" for name in names]
-    lines += ["  responses:", *(f"    {key}: {value}" for key, value in table.keys.items())]
-    lines += [f"    {described_format(form)}" if isinstance(log, TextLog) else "", "    channels:"]
-    lines += [*_channels(table, drives), "    files:"]
+    lines += [
+        "experiment:", f"  configurations: # guessed: {why}",
+        *(f"    {name}: [{', '.join(['0'] * len(drives))}]" for name in names),
+        "  responses:", *(f"    {key}: {value}" for key, value in table.keys.items()),
+        f"    {described_format(form)}" if isinstance(log, TextLog) else "", "    channels:",
+        *_channels(table, drives), "    files:",
+    ]  # fmt: skip
     for (path, response), name in zip(files, names, strict=True):
         lines.append(file_line(path, configuration=name, response=quoted(response) if response else None))
     return {"study.yml": joined(lines)}
@@ -134,8 +138,8 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
             matrix = np.moveaxis(G, G.shape.index(len(freq)), 0)
             matrix = matrix.reshape((*matrix.shape, 1, 1)[: max(matrix.ndim, 3)])
             unit = arrays[key].units or ("rad/s" if _RADIANS.fullmatch(key) else "Hz")
-            keys = {"columns": mapping({"response": quoted(name), "frequency": quoted(key)})}
-            keys["frequency_unit"] = f"{unit} # guessed by the name {key}"
+            columns = mapping({"response": quoted(name), "frequency": quoted(key)})
+            keys = {"columns": columns, "frequency_unit": f"{unit} # guessed by the name {key}"}
             outputs, inputs = (_named((), n, arrays, "") for n in matrix.shape[1:])
             return _table(freq.astype(float), matrix, keys, outputs, inputs)
     return None
@@ -157,10 +161,10 @@ def _text_table(log: TextLog) -> _Table | None:
     for words in _PAIRS if frequency else ():
         patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]
         first, second = ([h for h in log.headings if re.search(p, h, re.IGNORECASE)] for p in patterns)
-        places = [tuple(re.findall(r"\d+", name)[-2:]) for name in first]
+        places, second_places = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
         rows, columns = ([*dict.fromkeys(place[i] for place in places if len(place) == 2)] or ["1"] for i in (0, 1))
         is_matrix = len(first) in (1, len(set(places))) and len(first) == len(rows) * len(columns)
-        if not first or not is_matrix or places != [tuple(re.findall(r"\d+", name)[-2:]) for name in second]:
+        if not first or not is_matrix or places != second_places:
             continue
         labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
@@ -169,8 +173,8 @@ def _text_table(log: TextLog) -> _Table | None:
         x = 10 ** (x / 20) if parts.get("magnitude_unit") == "dB" else x
         G = (x + 1j * y if words is _PAIRS[0] else x).astype(np.complex128)
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
-        keys = {"columns": mapping({"frequency": quoted(frequency)} | parts)}
-        keys["frequency_unit"] = f"{unit} # guessed by the name {frequency}"
+        columns_text = mapping({"frequency": quoted(frequency)} | parts)
+        keys = {"columns": columns_text, "frequency_unit": f"{unit} # guessed by the name {frequency}"}
         outputs, inputs = (tuple(ChannelGuess("", int(n), "", "", 0, "") for n in side) for side in (rows, columns))
         freq = log.columns([log.headings.index(frequency)])[:, 0]
         return _table(freq, G.reshape(len(x), len(rows), len(columns)), keys, outputs, inputs)
@@ -179,9 +183,11 @@ def _text_table(log: TextLog) -> _Table | None:
 
 def _polar(labels: Sequence[str], magnitude: FloatArray, phase: FloatArray) -> dict[str, str]:
     """Names and units of magnitude and phase: dB if any is negative, degrees if any is beyond pi."""
-    units = {"magnitude_unit": "dB" if magnitude.min() < 0 else quoted("1")}
-    units["phase_unit"] = "deg" if np.abs(phase).max() > np.pi + 0.01 else "rad"
-    return dict(zip(("magnitude", "phase"), map(quoted, labels), strict=True)) | units
+    return {
+        **dict(zip(("magnitude", "phase"), map(quoted, labels), strict=True)),
+        "magnitude_unit": "dB" if magnitude.min() < 0 else quoted("1"),
+        "phase_unit": "deg" if np.abs(phase).max() > np.pi + 0.01 else "rad",
+    }
 
 
 def _table(

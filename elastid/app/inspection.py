@@ -50,25 +50,25 @@ def _signal_row(
 
 def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     named = log.named_columns()
-    if log.is_large:
-        return _large_text_rows(log)
     signals: list[Iterator[FloatArray]] = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(named))]
-    with suppress(DataError):  # which its column then shows
-        signals = signals if log.sample_ms else [iter([column]) for column in log.columns(range(len(named))).T]
+    if log.is_large:
+        signals = [iter(x) for x in _blocks(log, len(named))]
+    elif not log.sample_ms:
+        with suppress(DataError):  # which its column then shows
+            signals = [iter([column]) for column in log.columns(range(len(named))).T]
     units = log.units or [""] * len(named)
     return [_signal_row(*row, unit, x) for row, unit, x in zip(named, units, signals, strict=True)]
 
 
-def _large_text_rows(log: TextLog) -> list[tuple[str, ...]]:
-    """Rows of a large text, with values of blocks of lines that are evenly spread over it."""
-    named, n = log.named_columns(), len(log.number_lines) - log.first
+def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
+    """Values of each column of a large text in blocks of lines that are evenly spread over it."""
+    n = len(log.number_lines) - log.first
     starts = np.unique(np.linspace(0, max(0, n - BLOCK_LINES), _BLOCKS).astype(int)).tolist()
-    columns: list[list[FloatArray]] = [[] for _ in named]
+    columns: list[list[FloatArray]] = [[] for _ in range(n_columns)]
     for start in starts:
-        for column, x in zip(columns, log.columns(range(len(named)), slice(start, start + BLOCK_LINES)).T, strict=True):
+        for column, x in zip(columns, log.columns(range(n_columns), slice(start, start + BLOCK_LINES)).T, strict=True):
             column.append(np.array([x[0], np.nanmin(x), np.nanmax(x)]) if start else x)
-    units = log.units or [""] * len(named)
-    return [_signal_row(*row, unit, iter(x)) for row, unit, x in zip(named, units, columns, strict=True)]
+    return columns
 
 
 def _rise(start: NDArray[Any]) -> str:

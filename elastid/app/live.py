@@ -112,8 +112,7 @@ class Session:
             robot, study.excitation, experiment, study.seeded_fit, study.estimator.quantity, study.seed, design,
             model=study.model, friction=study.estimator.friction
         )  # fmt: skip
-        budget_s = robot_time or planned_time_s(run)
-        return cls(run, goal, run.folder / "live", outputs, problem, simulate, budget_s)
+        return cls(run, goal, run.folder / "live", outputs, problem, simulate, robot_time or planned_time_s(run))
 
     @cached_property
     def stamp(self) -> Stamp:
@@ -172,8 +171,7 @@ class Session:
         measured = read_responses(self.plan(len(plans)).with_suffix("") / "frf.h5")
         pairs = [(q.stochastic, q.excited.amplitude) for q in (G.quality for G in measured) if q is not None]
         ratios = [np.median((by_distortion / size) ** 2) for by_distortion, size in pairs if by_distortion is not None]
-        distortion = math.sqrt(np.mean(ratios)) if ratios else design.distortion
-        return replace(design, distortion=distortion)
+        return replace(design, distortion=math.sqrt(np.mean(ratios)) if ratios else design.distortion)
 
     def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
         """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
@@ -224,8 +222,7 @@ class Session:
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
         """Robots at the ends of the interval of a fit, or of a data sheet, on which the limits are kept as well."""
         if result is not None:
-            doubled = replace(result, covariance=4 * result.covariance)
-            return draw_robots(doubled, DRAWS, self._seed(step)).robots
+            return draw_robots(replace(result, covariance=4 * result.covariance), DRAWS, self._seed(step)).robots
         springs = {p.name: p.value for p in self.problem.parameters.free if p.name.startswith("k")}
         ends = [{name: k * factor for name, k in springs.items()} for factor in (1 / FACTOR, FACTOR)] if springs else []
         return tuple(map(self.problem.robot.with_parameters, ends))
@@ -295,13 +292,9 @@ class Session:
         path = self.log(run)
         return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
 
-    def _run(self, plans: Sequence[Plan]) -> Run:
-        study = self.write_study(plans)
-        loaded = load(study, ("fit.profile=[]", "fit.bootstrap=0"))
-        return replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))
-
     def _fitted(self, plans: Sequence[Plan], before: Result | None) -> Result:
-        run = self._run(plans)
+        loaded = load(self.write_study(plans), ("fit.profile=[]", "fit.bootstrap=0"))
+        run = replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))
         for name in ("measure", "estimate", "fit"):
             if name == "estimate" and not run.is_current("fit"):
                 self._check(plans[-1], run.path("measure"), self._at(before))

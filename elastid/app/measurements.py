@@ -62,8 +62,7 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
             clock = clock_of(log)
             signals = [(g, x) for g, x in signals_of(log, MAX_SAMPLES) if g.name != clock.name]
         by_file = quantity if is_alike else ""
-        named = [(replace(g, quantity=by_file or g.quantity or quantity), x) for g, x in signals]
-        parts.append((paths, named))
+        parts.append((paths, [(replace(g, quantity=by_file or g.quantity or quantity), x) for g, x in signals]))
     parts.sort(key=lambda part: not any(g.quantity in DRIVES for g, _ in part[1]))
     signals = [(replace(g, file=i), x) for i, part in enumerate(parts, start=1) for g, x in part[1]]
     if len({len(x) for _, x in signals}) != 1:  # rows of two clocks

@@ -33,6 +33,7 @@ class Finite(click.FloatRange):
         return number
 
 
+FILE = click.Path(path_type=Path)
 POSITIVE = Finite(min=0, min_open=True)
 RATE = Finite(min=0, max=1e5, min_open=True)
 
@@ -63,12 +64,12 @@ _OPTIONS: dict[str, Decorator] = {
     ),
     "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
     "with": click.option(
-        *("--with", "source"), type=click.Path(path_type=Path), metavar="RUN",
+        *("--with", "source"), type=FILE, metavar="RUN",
         help="Run folder with identified friction or elasticity, or its friction.h5 or fit.h5. The first argument is "
         "then the study whose torques are predicted."
     ),
     "log": click.option(
-        *("--log", "logs"), type=click.Path(path_type=Path), multiple=True, metavar="FILE",
+        *("--log", "logs"), type=FILE, multiple=True, metavar="FILE",
         help="Log file; replaces the logs of a study. Repeat the option for several logs."
     ),
     "dask": click.option("--dask", metavar="ADDRESS", default="", help="Run on the workers of this Dask scheduler."),
@@ -84,7 +85,7 @@ def options_of(*names: str) -> Decorator:
     return lambda command: reduce(lambda decorated, name: _OPTIONS[name](decorated), reversed(names), command)
 
 
-study_argument = click.argument("study", type=click.Path(path_type=Path))
+study_argument = click.argument("study", type=FILE)
 stage_options = options_of("run", "set", "jobs", "dask", "verbose", "quiet")
 
 

@@ -122,14 +122,16 @@ def predict_from_commands(
     with logged_in(folder, jobs, console):
         motions = [_motion(model, path, settings, console) for path in logs]
         tested = [i < MAX_TESTED for i in range(len(motions))]
-        work = [*zip(motions, tested, strict=True)]
-        replays = Execution(jobs).ordered(partial(_replay, model.robot), work)
+        replays = Execution(jobs).ordered(partial(_replay, model.robot), [*zip(motions, tested, strict=True)])
         joints, tests = pooled_joints(replays), pooled_tests(replays)
         problem = " ".join(_problems(joints, tests))
         _show(console, replays, joints, tests)
-        content = {"schema": SCHEMA, "model": str(model_path), "status": "misfit" if problem else "passed"}
-        content |= {"message": problem, "joints": [_joint(row) for row in joints], "tests": [_test(t) for t in tests]}
-        content |= {"logs": [_log(row) for row in replays], "rms": dict(zip(PREDICTORS, overall(joints), strict=True))}
+        content = {
+            "schema": SCHEMA, "model": str(model_path), "status": "misfit" if problem else "passed", "message": problem,
+            "joints": [_joint(row) for row in joints],
+            "tests": [asdict(t) | {"removed_fraction": t.removed, "in_doubt": t.is_in_doubt} for t in tests],
+            "logs": [_log(row) for row in replays], "rms": dict(zip(PREDICTORS, overall(joints), strict=True)),
+        }  # fmt: skip
         write_json(summary := folder / "prediction.json", content)
         command_errors_figure(joints).savefig(folder / "prediction.png")
         keep_checksums(folder, [summary.name])
@@ -166,10 +168,9 @@ def _motion(model: Model, path: Path, settings: CommandSettings, console: Consol
 def _gains(model: Model, log: CommandLog, settings: CommandSettings, path: Path, console: Console) -> JointLoop:
     """Gains of the options, else of the model's servos, else of the log; a warning if the last two differ."""
     names = model.robot.driven_names
-    gains, by_log = [], (log.kp, log.kd)
+    gains = []
     servos = np.array([model.servos[name] for name in names]).T if set(names) <= model.servos.keys() else None
-    for i, (name, option) in enumerate((("kp", settings.kp), ("kd", settings.kd))):
-        of_log = by_log[i]
+    for i, (name, option, of_log) in enumerate((("kp", settings.kp, log.kp), ("kd", settings.kd, log.kd))):
         if option:
             if len(option) not in (1, len(names)):
                 text = f"{len(option)} numbers for {len(names)} driven joints. Give one, or one for each"
@@ -262,10 +263,6 @@ def _joint(row: JointError) -> dict[str, Any]:
     ]
     rms = dict(zip(PREDICTORS, row.rms, strict=True))
     return {"joint": row.joint, "unit": row.unit, "rms": rms, "command_delay_s": row.delay_s, "octaves": octaves}
-
-
-def _test(test: Tested) -> dict[str, Any]:
-    return asdict(test) | {"removed_fraction": test.removed, "in_doubt": test.is_in_doubt}
 
 
 def _log(row: Replay) -> dict[str, Any]:

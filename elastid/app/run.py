@@ -207,11 +207,10 @@ class Run:
         row, stamp = self.stages[stage], self.stamps[stage]
         there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
         sources = {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)}
-        stamp_shown = stamp if "text" in row.keys.split() else replace(stamp, study="")
         return Work(
             stage,
             self.partial(stage),
-            stamp_shown,
+            stamp if "text" in row.keys.split() else replace(stamp, study=""),
             self.loaded.path.parent,
             sources,
             self.jobs,

@@ -78,7 +78,7 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
     model, theta = formulate(links), [value for value, _ in links.parameters().values()]
     # Inertia that each motor accelerates, others locked, mean over postures: kg m^2, kg of one that slides.
-    inertia = np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
+    inertia = np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0)
     if lacking := [joint.name for joint, value in zip(robot.driven, inertia, strict=True) if value <= _LEAST_INERTIA]:
         line = next((f":{joint.line}" for joint in urdf if joint.name == lacking[0]), "")
         text = "its links have no inertia about its axis. State their inertia, or make the joint fixed"
@@ -309,8 +309,7 @@ def write_elastic_joint(folder: Path) -> None:
     """logs/bench_1.csv and bench_2.csv of the template's robot with other numbers than its file has."""
     from elastid.api import read_robot, simulate
 
-    noise = {"torque_std": 1e-4, "angle_std": 2e-6}
-    rig = {"truth": dict(TRUTH), "outputs": ["motor 1", "joint 1"], "noise": noise}
+    rig = {"truth": dict(TRUTH), "outputs": ["motor 1", "joint 1"], "noise": {"torque_std": 1e-4, "angle_std": 2e-6}}
     experiment = {"configurations": {"bench": [0]}, "periods": 4, "simulated": rig}
     excitation = {"rate_hz": 1000, "period": 2, "band_hz": [1, 150], "torque_rms": 0.1}
     records = simulate(read_robot(folder / "robot.yml"), excitation=excitation, experiment=experiment, seed=1)

@@ -40,8 +40,9 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
     """A channel.  of_robot: torque or force, which a drive of a robot is taken for."""
     quantity, scale, why = guess.quantity, guess.scale, guess.why
     unit = guess.unit or DRIVE_UNIT.get(quantity, "")
-    keys: dict[str, object] = {"role": role, "at": quoted(place), "channel": quoted(guess.name) if guess.name else None}
-    keys["column"] = guess.column
+    keys: dict[str, object] = {
+        "role": role, "at": quoted(place), "channel": quoted(guess.name) if guess.name else None, "column": guess.column
+    }  # fmt: skip
     if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
         why = f"{why} a {quantity}; scale is the {DRIVE_UNIT[of_robot]} of one {unit}"
         keys |= {"quantity": of_robot, "unit": DRIVE_UNIT[of_robot], "scale": 1}
@@ -50,8 +51,10 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
     if of_robot and quantity == "current":
         keys["torque_constant"] = "1 N*m/A"
         why = f"{why}; torque_constant is that of your motor's data sheet"
-    keys |= {"rate_hz": guess.rate_hz, "file": guess.file if guess.file > 1 else None}
-    keys |= {"sign": -1 if guess.sign < 0 else None, "side": "motor" if guess.ratio != 1 else None}
+    keys |= {
+        "rate_hz": guess.rate_hz, "file": guess.file if guess.file > 1 else None,
+        "sign": -1 if guess.sign < 0 else None, "side": "motor" if guess.ratio != 1 else None,
+    }  # fmt: skip
     return f"      - {mapping(keys)} # guessed: {one_line(why)}"
 
 

@@ -4,7 +4,7 @@ Sections of them are made of fields and properties of a result; those that are n
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from elastid.validation.log_comparison import NO_COMPARISON, BandBalance, LogCom
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.result import FrictionResult
     from elastid.friction_study.rigid_body_columns import RigidBody
+
+# A part of a summary, as JSON.
+Content: TypeAlias = dict[str, Any]
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
@@ -58,7 +61,7 @@ def as_json(content: Mapping[str, Any]) -> Write:
     return lambda path, stamp: write_json(path, content)
 
 
-def section(value: Any, names: str, **of_each: str) -> dict[str, Any]:
+def section(value: Any, names: str, **of_each: str) -> Content:
     """Fields and properties of a value by name, or by `name=attribute` where a summary has another name for one.
 
     of_each: rows of each entry of a field.
@@ -71,16 +74,15 @@ def section(value: Any, names: str, **of_each: str) -> dict[str, Any]:
 _AGAINST = "ratio ratio_std chi_square dof cause"
 
 
-def failure(name: str, starts: int, message: str) -> dict[str, Any]:
+def failure(name: str, starts: int, message: str) -> Content:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = (
         "correlations_above_0.9", "modification_indices", "assumed_rigid", "presliding", "modes", "frf_error",
         "warnings", "notes"
     )  # fmt: skip
     numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
-    numbers |= {"starts": starts, "n_converged_starts": 0}
-    rest: dict[str, Any] = {"parameters": {}, "nuisance_parameters": {}, "friction": None, **{key: [] for key in lists}}
-    return {**_head(name, "failed", message), **numbers, **rest}
+    rest: Content = {"parameters": {}, "nuisance_parameters": {}, "friction": None, **{key: [] for key in lists}}
+    return {**_head(name, "failed", message), **numbers, "starts": starts, "n_converged_starts": 0, **rest}
 
 
 def summary(
@@ -92,7 +94,7 @@ def summary(
     agreements: Sequence[FrfError],
     notes: Sequence[Note],
     friction: CompensatedFriction | None = None,
-) -> dict[str, Any]:
+) -> Content:
     """Return the content of summary.json; notes of fit, friction and measured responses, in this order.
 
     name, robot: of the study.  rows: of the free parameters.
@@ -107,7 +109,18 @@ def summary(
             presliding="place unit stiffness stiffness_std rate rate_std amplitude",
         ),
         "parameters": _parameters(result, rows),
-        "nuisance_parameters": _nuisance_parameters(result),
+        # Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate.
+        "nuisance_parameters": {
+            p.name: {
+                "value": result.values[p.name],
+                "std": json_value(result.std[p.name]),
+                "unit": p.unit,
+                "file": p.prior.mean,
+                "tolerance": p.prior.std * (p.prior.mean if p.log else 1.0),
+            }
+            for p in result.parameters.free
+            if p.is_nuisance and p.prior is not None
+        },
         "friction": _friction_section(robot, friction, result.presliding_stiffness),
         "correlations_above_0.9": [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above],
         "modification_indices": [
@@ -144,9 +157,7 @@ def summary(
     }
 
 
-def validation_summary(
-    name: str, validation: Validation, log_comparison: LogComparison = NO_COMPARISON
-) -> dict[str, Any]:
+def validation_summary(name: str, validation: Validation, log_comparison: LogComparison = NO_COMPARISON) -> Content:
     """Return the content of validation.json: validation.h5 without curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  predictions: of responses at the
@@ -173,7 +184,7 @@ def friction_study_summary(
     result: "FrictionResult",
     log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
-) -> dict[str, Any]:
+) -> Content:
     """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
 
     log_comparison: torque fractions of the model's parts, and simulation errors along the logs.
@@ -212,38 +223,38 @@ def friction_study_summary(
     }
 
 
-def predicted(prediction: LogComparison) -> dict[str, Any]:
+def predicted(prediction: LogComparison) -> Content:
     """Return torque and simulation of logs that were predicted; not_predicted: reasons by joint."""
     return {"not_predicted": dict(prediction.missing)} | _log_comparison(prediction)
 
 
-def _rigid_body(body: "RigidBody") -> dict[str, Any]:
+def _rigid_body(body: "RigidBody") -> Content:
     columns = (json_value(getattr(body, name)) for name in ("names", "units", "values", "std", "predicting"))
-    rows = zip(*columns, strict=True)
     return {
         "joints": list(body.joints),
         "base_parameters": {
             name: {"value": value, "std": std, "predicting": predicting, "unit": unit}
-            for name, unit, value, std, predicting in rows
+            for name, unit, value, std, predicting in zip(*columns, strict=True)
         },
     }
 
 
-def failed_friction(name: str, message: str) -> dict[str, Any]:
+def failed_friction(name: str, message: str) -> Content:
     """summary.json of a friction study that failed: the same keys without the log comparison, no numbers."""
-    nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}}
-    nothing |= {"rigid_bodies": [], "validation": None}
-    return _head(name, "failed", message) | nothing | {"warnings": [], "notes": []}
+    return _head(name, "failed", message) | {
+        "parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}, "rigid_bodies": [],
+        "validation": None, "warnings": [], "notes": [],
+    }  # fmt: skip
 
 
 _ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "rms_sigma"))
 
 
-def _head(name: str, status: str, message: str) -> dict[str, Any]:
+def _head(name: str, status: str, message: str) -> Content:
     return {"schema": SCHEMA, "study": name, "status": status, "message": message}
 
 
-def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
+def listed(notes: Iterable[Note]) -> list[Content]:
     """Notes as a summary lists them, the same from many places once."""
     return [
         section(group.first, "code severity places=place text") | {"places": [place for place in group.places if place]}
@@ -251,7 +262,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
     ]
 
 
-def _log_comparison(log_comparison: LogComparison) -> dict[str, Any]:
+def _log_comparison(log_comparison: LogComparison) -> Content:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
     signal, fractions = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
     of_band = f"low_hz high_hz power {fractions}"
@@ -269,12 +280,12 @@ def _log_comparison(log_comparison: LogComparison) -> dict[str, Any]:
     }
 
 
-def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> dict[str, Any]:
+def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> Content:
     """Fields of a balance or of a band of it, and the share of each part."""
     return section(value, names) | {"fractions": dict(zip(balance.parts, value.fractions, strict=True))}
 
 
-def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
+def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, Content]:
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
         | {
@@ -294,24 +305,9 @@ def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[
     }
 
 
-def _nuisance_parameters(result: Result) -> dict[str, dict[str, Any]]:
-    """Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate."""
-    return {
-        p.name: {
-            "value": result.values[p.name],
-            "std": json_value(result.std[p.name]),
-            "unit": p.unit,
-            "file": p.prior.mean,
-            "tolerance": p.prior.std * (p.prior.mean if p.log else 1.0),
-        }
-        for p in result.parameters.free
-        if p.is_nuisance and p.prior is not None
-    }
-
-
 def _friction_section(
     robot: Robot, friction: CompensatedFriction | None, springs: Mapping[str, float]
-) -> list[dict[str, Any]] | None:
+) -> list[Content] | None:
     """Return the section `friction` of summary.json, one entry per motor; None without compensation.
 
     Torques in the motor's unit on the link side, thresholds in rad (m) there, of a sign in rad/s (m/s).  before, after:

@@ -197,8 +197,7 @@ def visible(
             "depends on it, fix it or add an output (experiment.simulated.outputs)",
             "design",
         )
-    ground = (blind * length[:, None]) @ (blind * length[:, None]).T
-    return replace(criterion, interest=columns), ground
+    return replace(criterion, interest=columns), (blind * length[:, None]) @ (blind * length[:, None]).T
 
 
 def _named(

@@ -124,8 +124,7 @@ def _expected(
         model = replace(prospect, parameters=parameters, presliding=tuple(springs))
         expected = model.expected(configuration, parameters.x)
         scatter = local_ratio_std(robot, dict(zip(robot.motor_locations, travel.tolist(), strict=True)))
-        response = ratio_within(replace(expected.response, ratio_std=scatter), robot)
-        responses.append(replace(expected, response=response))
+        responses.append(replace(expected, response=ratio_within(replace(expected.response, ratio_std=scatter), robot)))
     return responses
 
 

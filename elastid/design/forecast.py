@@ -112,8 +112,7 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     power = np.stack(uncertainty.power)[..., :n]
-    total = power.sum(axis=(0, 1))
-    fraction = quotient(power, total)
+    fraction = quotient(power, power.sum(axis=(0, 1)))
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)

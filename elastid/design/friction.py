@@ -165,8 +165,7 @@ class Axis:
     def slowest(self) -> float:
         """The slowest speed at which the joint slides steadily; below 0.03 nu_s passes only take more time."""
         lowest, highest = (factor * self.guess.stribeck_velocity for factor in (0.03, 20.0))
-        sticking = [v for v in np.geomspace(lowest, highest, 200).tolist() if self.sticks_at(v)]
-        return 1.05 * max(sticking, default=lowest)
+        return 1.05 * max([v for v in np.geomspace(lowest, highest, 200).tolist() if self.sticks_at(v)], default=lowest)
 
     @property
     def fastest(self) -> float:
@@ -175,8 +174,7 @@ class Axis:
         if room <= 0:
             return 0.0
         speeds = np.geomspace(1e-3 * room, room, 200).tolist()
-        within = [v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque]
-        return max(within, default=0.0)
+        return max([v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque], default=0.0)
 
     def check_speeds(self, speeds: FloatArray) -> None:
         """StudyError for the first speed that sticks and slips, or whose torque would be clipped."""
@@ -240,7 +238,7 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
         return limit
     room = 0.9 * limits.torque - holding - guess.stiction
     if room <= 0:
-        unit = "N" if joint.slides else "N*m"
+        unit = drive_unit(joint.slides)
         raise StudyError(
             "friction/plan",
             f"gravity needs {holding:.4g} {unit} and break-away about {guess.stiction:.3g} of the {limits.torque:.4g} "
@@ -322,12 +320,11 @@ def warm_up_of(
     places = sorted({round(place * (len(design.speed) - 1)) for place in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
     for number in range(int(spec.time / spec.test_every) + 1):
-        group = (planned_pass(design.speed[place], number, limits) for place in places)
         motions = (
             PlannedMotion(
                 f"j{joint}-test-{test.name}", joint, "constant_velocity", posture, planned=test, is_warm_up=True
             )
-            for test in group
+            for test in (planned_pass(design.speed[place], number, limits) for place in places)
         )
         tests += timed(motions, limits, start_s + number * spec.test_every, 1.0)[0]
     return warm_up, tuple(tests), start_s + spec.time
@@ -409,9 +406,9 @@ def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, Float
 def _known(axis: Axis, design: JointPassDesign) -> str:
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
-    slides = axis.limits.unit == "m"
     return (
         f"{axis.limits.place}: {design.passes.sum():.0f} constant-velocity runs from {design.speed[0]:.3g} to "
         f"{design.speed[-1]:.3g} {axis.limits.unit}/s{certificate} for the friction of {source} (F_c "
-        f"{printed(axis.guess.coulomb, 3)} {drive_unit(slides)}, nu_s {printed(axis.guess.stribeck_velocity, 3)})"
+        f"{printed(axis.guess.coulomb, 3)} {drive_unit(axis.joint.slides)}, nu_s "
+        f"{printed(axis.guess.stribeck_velocity, 3)})"
     )

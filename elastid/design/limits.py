@@ -9,7 +9,7 @@ simulated as a whole with the nominal robot, its friction and noise, and the con
 peaks are within the limits.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -39,16 +39,6 @@ def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
     motion = [room, [x.velocity for x in limits], [x.acceleration for x in limits]]
     of_reference = np.full((3, len(limits)), np.inf) if rig.plan.inject == "torque" else motion
     return np.array([[x.torque for x in limits], *motion, v, *of_reference])
-
-
-def rehearsed_peaks(
-    rig: SimulatedRig, factor: FloatArray, wanted: Collection[str], execution: Execution
-) -> dict[str, FloatArray]:
-    """Peaks (8, n_u) of every run that is wanted, by its name; amplitudes times factor (Q, n_u)."""
-    plan = rig.plan.scaled(factor)
-    runs = [e for e in plan.experiments if e.name in wanted]
-    peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=plan)), runs)
-    return {run.name: peak for run, peak in zip(runs, peaks, strict=True)}
 
 
 def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: int) -> dict[str, FloatArray]:
@@ -93,8 +83,7 @@ def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
     path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
     motion = path.position - configuration.angles, path.velocity, path.acceleration
-    rows = references(rig.plan, rig.simulated.carrier, experiment, 0.0)
-    played = _reference_peaks(rig, configuration, rows)
+    played = _reference_peaks(rig, configuration, references(rig.plan, rig.simulated.carrier, experiment, 0.0))
     return np.array([*np.abs([path.feed_forward, *motion, 0 * path.position]).max(axis=1), *played])
 
 
@@ -211,8 +200,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
     is_torque = plan.inject == "torque"
     x = np.asarray(s if is_torque else plan.S_inverse[q] / (s if plan.inject == "velocity" else 1.0), np.complex128)
     for gain in ((1.0, 1.0),) if is_torque else GAINS:
-        controller = rig.simulated.controller.scaled(*gain)
-        predict = closed_loop_of(rig.robot, controller, plan.rate_hz, plan.inject)
+        predict = closed_loop_of(rig.robot, rig.simulated.controller.scaled(*gain), plan.rate_hz, plan.inject)
         loop = predict(plan.configurations[q], plan.freq_hz)
         parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
         if not is_torque:  # the references are for the gains of the study
@@ -295,7 +283,10 @@ def _rehearse(
             least = min(MIN_ADVICE_FRACTION, max(used.values()))
             near |= {run for run, fraction in used.items() if fraction >= least > 0}
             runs |= expected
-        runs |= rehearsed_peaks(rig, factor, near, execution)
+        scaled = plan.scaled(factor)
+        near_runs = [run for run in scaled.experiments if run.name in near]
+        peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=scaled)), near_runs)
+        runs |= {run.name: peaks_near for run, peaks_near in zip(near_runs, peaks, strict=True)}
         peak = largest_peaks(plan, runs)
         with np.errstate(divide="ignore", invalid="ignore"):
             growth = np.where(peak > base, (allowed - base) / (peak - base), np.inf).min(axis=(1, 2))

@@ -51,8 +51,7 @@ class Goal:
     def used(self, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> FloatArray:
         """r (n_goals,) at x (n_x,) with a covariance (n_x, n_x) of x; at most 1 where the goal is reached."""
         names, values = parameters.free_names, parameters.as_dict(x)
-        places = [names.index(name) for name in self.widths]
-        std = np.sqrt(np.maximum(np.diag(covariance)[places], 0.0))
+        std = np.sqrt(np.maximum(np.diag(covariance)[[names.index(name) for name in self.widths]], 0.0))
         size = [1.0 if parameters[name].log else max(abs(values[name]), 1e-300) for name in self.widths]
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
@@ -187,13 +186,13 @@ def next_experiment(
     options = [option for option in options if option.time_s <= left_s] or options
     refusals: list[str] = []
     for option in options[:TRIED]:
-        with_phases = replace(settled, seed=phase_seed)
         experiment = replace(settled.experiment, periods=option.periods)
         configuration = replace(option.configuration, name=name)
         configurations = [DesignedConfiguration(configuration, experiment.realisations)]
         try:
             spectra = best_spectra_of(settled, experiment, configurations, problem.excitation.torque_rms)
-            plan = replace(with_phases, excitation=problem.excitation).plan(experiment, configurations, spectra)
+            with_phases = replace(settled, seed=phase_seed, excitation=problem.excitation)
+            plan = with_phases.plan(experiment, configurations, spectra)
             plan, use = _within_envelope(problem, plan, robots, execution)
             _check_obstacles(problem, configuration, use)
             return NextExperiment(plan, option, use)
@@ -206,21 +205,19 @@ def _ranked(
     problem: DesignProblem, candidates: Candidates, state: PriorEstimate, goal: Goal, execution: Execution
 ) -> list[Option]:
     """Options, the best first: all candidates at the study's length, and the best of them at others."""
-    lengths = sorted({2, problem.experiment.periods, 2 * problem.experiment.periods})
     usual = problem.experiment.periods
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
         longer = replace(problem, experiment=replace(problem.experiment, periods=periods))
         prospect = replace(longer.prospect(longer.probe(longer.experiment), -1), parameters=state.parameters)
         H, rows = informations(prospect, configurations, state.x, execution)
-        n_u = len(problem.robot.driven)
-        time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
+        time_s = unit_time_s(problem.excitation, problem.experiment, len(problem.robot.driven), periods)
         places = zip(H, rows.tolist(), strict=True)
         return [_option(state, goal, design, configurations[i], periods, time_s) for design, i in places]
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
     best = [option.configuration for option in options[:TRIED]]
-    for periods in lengths:
+    for periods in sorted({2, usual, 2 * usual}):
         options += at(periods, best) if periods != usual else []
     return sorted(options, key=lambda option: option.order)
 

@@ -214,8 +214,7 @@ def best_powers(
     powers, price, bound = (1 - least) * even, np.ones_like(room), np.inf
     for update in range(MAX_UPDATES):
         P = least * even + powers
-        M = _information(groups, P, prior)
-        value, gradient = criterion.slope(M)
+        value, gradient = criterion.slope(_information(groups, P, prior))
         if value > best.value:
             best = replace(best, P=P, value=value)
         g = _power_gains(groups, P, gradient)

@@ -171,8 +171,7 @@ class Prospect:
         M = self.realisations
         distortion = (self.distortion * np.abs(G)) ** 2 / M
         sensitivity, U = self._torques(configuration, motion)
-        power = self._power(U, sensitivity)
-        left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
+        left = (np.swapaxes(np.linalg.inv(self._power(U, sensitivity)), 1, 2) / M).astype(np.complex128)
         right = self._error(U, G, motion)
         noise = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
         factors = () if self.distortion > 0 else (left, right)
@@ -200,7 +199,7 @@ class Prospect:
         s = 2j * np.pi * self.plan.freq_hz[:, None, None]
         shafts = self.robot.mixing @ motion
         V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
-        return np.asarray(V.reshape(-1, *V.shape[2:]))
+        return V.reshape(-1, *V.shape[2:])
 
     def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
         """U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
@@ -275,8 +274,7 @@ class Prospect:
 def _gains(robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec) -> JointLoop:
     """Gains (n_u,) of the simulated joint controller in a configuration."""
     model = Linearisation.of_robot(robot, formulation).model
-    q = rigid_posture(model, Configuration("", np.array(angles)))
-    return gains_of(model, q, spec)
+    return gains_of(model, rigid_posture(model, Configuration("", np.array(angles))), spec)
 
 
 def _diagonal(matrices: ComplexArray) -> FloatArray:

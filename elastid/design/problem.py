@@ -171,8 +171,11 @@ class DesignProblem:
     def fitted(self, plan: Plan) -> list[Measurement]:
         """Prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
         measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
-        every = [(replace(self.prospect(plan, q), realisations=M), c) for q, (c, M) in measured]
-        return [(prospect, c) for prospect, c in every if c.name not in self.excluded_configurations]
+        return [
+            (replace(self.prospect(plan, q), realisations=M), c)
+            for q, (c, M) in measured
+            if c.name not in self.excluded_configurations
+        ]
 
     def prior_information(self) -> FloatArray:
         """Information (n_x, n_x) of priors."""
@@ -237,7 +240,7 @@ def _best(
     cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
     """
     x, first = problem.parameters.x, measurements[0][0]
-    E, n_u = first.R.shape[1], first.R.shape[3]
+    _, E, _, n_u = first.R.shape
     if n_u > E:
         raise StudyError(
             "excitation/power",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -78,7 +78,7 @@ class ReportContent:
     @property
     def repairs(self) -> dict[str, dict[str, int]]:
         """Configuration to repairs of its records and findings in them, with their counts; those that have any."""
-        return {measured.configuration.name: dict(measured.repairs) for measured, _ in self.frf if measured.repairs}
+        return _repairs(measured for measured, _ in self.frf)
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
@@ -128,12 +128,16 @@ class ResponsesContent:
     @property
     def repairs(self) -> dict[str, dict[str, int]]:
         """Configuration to repairs of its records and findings in them, with their counts; those that have any."""
-        return {r.configuration.name: dict(r.repairs) for r in self.responses if r.repairs}
+        return _repairs(self.responses)
 
     @property
     def has_rate(self) -> bool:
         """True where frequencies are in Hz, not in units of the sampling rate."""
         return all(response.has_rate for response in self.responses)
+
+
+def _repairs(responses: Iterable[Response]) -> dict[str, dict[str, int]]:
+    return {response.configuration.name: dict(response.repairs) for response in responses if response.repairs}
 
 
 # Lines over the whole band, and about each resonance, there at most so many half-widths (damping ratio times f) away.

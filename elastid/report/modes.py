@@ -45,15 +45,15 @@ class ModeDrawing:
         """Axes to the right and upwards of the view that shows most of a mode; and of the next, unless it is planar."""
         across = ((self.up + 1) % 3, (self.up + 2) % 3)
         planes = [(across[0], self.up), (across[1], self.up), across]
-        motion = (np.abs(self.moved[:, :, mode]) ** 2).sum(axis=0)
-        extent = np.ptp(self.points, axis=0) ** 2 / (np.ptp(self.points, axis=0) ** 2).sum()
+        distance, extent = np.abs(self.moved[:, :, mode]), np.ptp(self.points, axis=0) ** 2
+        motion, extent = (distance**2).sum(axis=0), extent / extent.sum()
 
         def visible(plane: tuple[int, int]) -> float:
             axes = list(plane)
             return float(motion[axes].sum() * (END_ON_WEIGHT + (1 - END_ON_WEIGHT) * extent[axes].sum()))
 
         planes.sort(key=visible, reverse=True)
-        largest = np.abs(self.moved[:, :, mode]).max(axis=0)
+        largest = distance.max(axis=0)
         (third,) = set(range(3)) - set(planes[0])
         # A mode needs a second view where a tenth of its largest motion is out of the best one.
         return tuple(planes[: 1 if largest[third] <= 0.1 * largest.max() else 2])
@@ -67,8 +67,7 @@ def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[fl
     """
     size = float(np.ptp(figure.points, axis=0).max())
     motion = np.einsum("pal,lm->pam", figure.jacobian, shapes)
-    reach = np.linalg.norm(motion, axis=1).max(axis=0, initial=0.0)
-    moving = reach > MIN_DISPLACEMENT * size
+    moving = np.linalg.norm(motion, axis=1).max(axis=0, initial=0.0) > MIN_DISPLACEMENT * size
     if not size > 0 or not moving.any():
         return None
     motion = np.where(moving, motion, 0.0)

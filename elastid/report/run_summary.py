@@ -298,8 +298,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
         )
     if result.is_within_declared:
         candidates.append(Action(f"{OTHER_AMPLITUDE}.", ""))
-    actions = [action for action in candidates if action is not None]
-    return tuple(actions[:MOST_ACTIONS] or [USE])
+    return tuple([action for action in candidates if action is not None][:MOST_ACTIONS] or [USE])
 
 
 # Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.

@@ -215,8 +215,7 @@ def _mjcf(actuators: Actuators) -> str:
         if row.delay is not None:
             _add_comment(defaults, f"delay {row.delay:g} s: attribute of actuators in new MuJoCo, else delay ctrl")
         of_joint = ET.SubElement(defaults, "default", {"class": row.joint})
-        drive = _numbers(armature=row.armature, damping=row.viscous, frictionloss=row.coulomb)
-        ET.SubElement(of_joint, "joint", drive)
+        ET.SubElement(of_joint, "joint", _numbers(armature=row.armature, damping=row.viscous, frictionloss=row.coulomb))
         if row.kp is not None:
             ET.SubElement(of_joint, "position", _numbers(kp=row.kp, kv=row.kd))
         if row.stiffness is not None:
@@ -304,21 +303,17 @@ def _ros2(actuators: Actuators) -> str:
     """Gains of a trajectory controller with effort commands, and limits of joints."""
     gains, limits = list[str](), list[str]()
     for row in actuators.rows:
-        name, words = _yaml(row.joint), actuators.interval_text(row, "kp", "kd")
+        name, words = one_line(row.joint).replace("'", "''"), actuators.interval_text(row, "kp", "kd")
         if row.kp is not None:
             gains += [f"      # {words}"] * bool(words)
-            gains.append(f"      {name}: {{p: {row.kp!r}, i: 0.0, d: {(row.kd or 0.0)!r}}}")
+            gains.append(f"      '{name}': {{p: {row.kp!r}, i: 0.0, d: {(row.kd or 0.0)!r}}}")
         finite = {key: value for key, value in (("effort", row.effort), ("velocity", row.velocity)) if value < math.inf}
         pairs = (f"has_{key}_limits: true, max_{key}: {float(value)!r}" for key, value in finite.items())
-        limits += [f"  {name}: {{{', '.join(pairs)}}}"] * bool(finite)
+        limits += [f"  '{name}': {{{', '.join(pairs)}}}"] * bool(finite)
     head = f"{actuators.name}: link side, SI. ROS 2 has no keys for armature, friction, elasticity and delay."
     text = [comment_lines(head) + "joint_trajectory_controller:", "  ros__parameters:"]
     text += ["    gains:", *gains] if gains else ["    gains: {} # unknown: give the controller in the study"]
     return "\n".join([*text, "joint_limits:", *limits] if limits else [*text, "joint_limits: {}"]) + "\n"
-
-
-def _yaml(name: str) -> str:
-    return "'" + one_line(name).replace("'", "''") + "'"
 
 
 def _readme(actuators: Actuators) -> str:

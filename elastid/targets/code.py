@@ -111,8 +111,8 @@ def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
         arguments = ", ".join(f"arg[{i}] {_sized(function, i, is_in=True)}" for i in range(function.n_in()))
         results = ", ".join(f"res[{i}] {_sized(function, i, is_in=False)}" for i in range(function.n_out()))
         lines.append(f"{function.name()}: {arguments or 'no arguments'} -> {results}")
-    lines += ["", *interval_lines(model), "", *_postures(model), ""]
-    lines += ["Matrices are dense, column by column. Each function returns 0. Entries:"]
+    end = "Matrices are dense, column by column. Each function returns 0. Entries:"
+    lines += ["", *interval_lines(model), "", *_postures(model), "", end]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         lines += [f"  {letter}[{i}]  {name} ({units.get(name.split(' ', 1)[1], 'SI')})" for i, name in enumerate(names)]
     return c_comment(lines)

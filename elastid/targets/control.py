@@ -31,7 +31,7 @@ def write_responses_control(
         system, place = mode.state_space(), mode.configuration
         arrays |= {f"{place}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}
         arrays |= dict(zip((f"{place}/num", f"{place}/den"), mode.transfer_polynomials(), strict=True))
-        arrays |= {f"{place}/numbers": np.stack([mode.freq_hz, mode.zeta], axis=1)}
+        arrays[f"{place}/numbers"] = np.stack([mode.freq_hz, mode.zeta], axis=1)
         arrays |= {f"{place}/covariance": mode.covariance, f"{place}/error": np.array(mode.state_space_error)}
     return _write(folder / "responses.npz", arrays, folder / "load_responses.py", name, responses[0])
 
@@ -45,8 +45,7 @@ def _measured(G: Response) -> dict[str, np.ndarray]:
 def _write(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, first: Response) -> tuple[Path, Path]:
     with replacing(data) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
-    example = docstring(repr(first.configuration.name))
-    texts = {"npz": data.name, "name": docstring(name), "first": example}
+    texts = {"npz": data.name, "name": docstring(name), "first": docstring(repr(first.configuration.name))}
     write_text(
         loader, from_template(f"targets/templates/{loader.name}.txt", **texts, quantity=first.quantity, unit=first.unit)
     )
@@ -61,13 +60,15 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """
     systems = [plant.state_space() for plant in model.models]
     first, numbers = systems[0], known_numbers(model)
-    arrays = {"configurations": np.array([system.configuration.name for system in systems])}
-    arrays |= {name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")}
-    arrays |= {"parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers])}
-    arrays |= {"known": np.array([[*n.row.values()] for n in numbers])}
     free, C = model.result.parameters.free, model.result.covariance
     slopes = np.where([p.log for p in free], model.result.parameters.natural(model.result.x), 1.0)
-    arrays |= {"free": np.array([p.name for p in free]), "covariance": slopes[:, None] * C * slopes}
+    arrays = {
+        "configurations": np.array([system.configuration.name for system in systems]),
+        **{name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")},
+        "parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers]),
+        "known": np.array([[*n.row.values()] for n in numbers]),
+        "free": np.array([p.name for p in free]), "covariance": slopes[:, None] * C * slopes,
+    }  # fmt: skip
     for system in systems:
         name = system.configuration.name
         arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}

@@ -52,8 +52,7 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     paths = [write_rows(folder / "parameters.csv", _parameters(model)), write_rows(folder / "modes.csv", _modes(model))]
     for plant, G in zip(model.models, model.measured, strict=True):
         fitted, std = plant.response(G.freq_hz, sampled=True).G, plant.response_std(G.freq_hz)
-        name = G.configuration.name
-        paths.append(write_rows(folder / f"{file_name(name)}-fitted.csv", _response(G, fitted, std**2)))
+        paths.append(write_rows(folder / f"{file_name(G.configuration.name)}-fitted.csv", _response(G, fitted, std**2)))
         paths.append(_measured(folder, G))
     return tuple(paths)
 

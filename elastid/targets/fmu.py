@@ -197,8 +197,10 @@ def description(
 ) -> str:  # fmt: skip
     """modelDescription.xml of FMI 2.0 or 3.0."""
     is_2, state = version == 2, "FMUstate" if version == 2 else "FMUState"
-    head = {"fmiVersion": f"{version}.0", "modelName": name, "guid" if is_2 else "instantiationToken": token}
-    head |= {"generationTool": "elastid", "variableNamingConvention": "flat"}
+    head = {
+        "fmiVersion": f"{version}.0", "modelName": name, "guid" if is_2 else "instantiationToken": token,
+        "generationTool": "elastid", "variableNamingConvention": "flat",
+    }  # fmt: skip
     root = ET.Element("fmiModelDescription", head | ({"numberOfEventIndicators": "0"} if is_2 else {}))
     can = ("canHandleVariableCommunicationStepSize", f"canGetAndSet{state}", f"canSerialize{state}")
     simulation = ET.SubElement(root, "CoSimulation", {"modelIdentifier": IDENTIFIER} | dict.fromkeys(can, "true"))
@@ -332,7 +334,9 @@ def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
             content["sources/buildDescription.xml"] = build_description(names)
         if compiler is not None:
             content[_library_path(version)] = compiled(compiler, sources, names)
-        _pack(path, content)
+        with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in sorted(content):
+                archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content[name], zipfile.ZIP_DEFLATED)
     return paths
 
 
@@ -346,16 +350,15 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     step_s = 1 / (rate_hz * max(2, int(np.ceil(fastest / rate_hz / MAX_STEP_RATE))))
     variables = layout(subject, sliding, points, rate_hz, step_s)
     functions = equations(equations_of, sliding)
-    sources = {name: (files(__package__) / "fmu_sources" / name).read_text("utf-8") for name in OWN}
-    sources |= c_sources("equations", functions)
-    sources["start.h"] = _start(variables, points)
-    if move is not None:
-        sources |= move_sources(move)
+    sources = {
+        **{name: (files(__package__) / "fmu_sources" / name).read_text("utf-8") for name in OWN},
+        **c_sources("equations", functions), "start.h": _start(variables, points),
+        **({} if move is None else move_sources(move)),
+    }  # fmt: skip
     sizes = _sizes(subject, sliding.n_states, functions, variables)
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
-    names = tuple(point.configuration.name for point in points)
-    described = (subject.name, token, variables, names, 1 / rate_hz)
+    described = (subject.name, token, variables, tuple(point.configuration.name for point in points), 1 / rate_hz)
     needed = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
     return sources, {version: description(version, needed[version], *described) for version in (2, 3)}
 
@@ -388,17 +391,18 @@ def _library_path(version: int) -> str:
 
 def _sizes(subject: Subject, n_z: int, functions: tuple[ca.Function, ...], variables: Layout) -> str:
     equations_of = subject.model
-    numbers = {"N_Q": equations_of.n_q, "N_U": equations_of.n_u, "N_L": len(equations_of.robot.joints), "N_Z": n_z}
-    numbers["N_P"] = 3 * len(framed(equations_of.robot).frames)
-    numbers |= {"N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables)}
-    numbers |= {"HAS_LOOPS": int(equations_of.n_c > 0), "HAS_MOVE": int(subject.move is not None)}
-    numbers |= {f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")}
     places = {"OUTPUTS": variables.places["ANGLE"], **variables.places}
-    numbers |= {f"OF_{name}": place for name, place in places.items()}
-    lines = [f"#define {name} {number}" for name, number in numbers.items()]
-    lines.append('#define START_REFUSED "no such configuration, or a rate or step that is not positive"')
-    lines.append('#define LOST "the motion has left all bounds: take a smaller largest_step, or gentler inputs"')
-    return "\n".join(lines) + "\n"
+    numbers = {
+        "N_Q": equations_of.n_q, "N_U": equations_of.n_u, "N_L": len(equations_of.robot.joints), "N_Z": n_z,
+        "N_P": 3 * len(framed(equations_of.robot).frames),
+        "N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables),
+        "HAS_LOOPS": int(equations_of.n_c > 0), "HAS_MOVE": int(subject.move is not None),
+        **{f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")},
+        **{f"OF_{name}": place for name, place in places.items()},
+        "START_REFUSED": '"no such configuration, or a rate or step that is not positive"',
+        "LOST": '"the motion has left all bounds: take a smaller largest_step, or gentler inputs"',
+    }  # fmt: skip
+    return "".join(f"#define {name} {number}\n" for name, number in numbers.items())
 
 
 def _start(variables: Layout, points: tuple[OperatingPoint, ...]) -> str:
@@ -412,12 +416,6 @@ def _start(variables: Layout, points: tuple[OperatingPoint, ...]) -> str:
 
 def _table(rows: Iterable[FloatArray]) -> str:
     return "{" + ", ".join(map(c_row, rows)) + "}"
-
-
-def _pack(path: Path, entries: Mapping[str, str | bytes]) -> None:
-    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in sorted(entries):
-            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), entries[name], zipfile.ZIP_DEFLATED)
 
 
 TARGETS = (

@@ -80,11 +80,13 @@ void {name}_follow(double x[{n}], double P[{size}], double torque, double load, 
 
 
 def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, str]) -> str:
-    lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
-    lines += ["torque and load (gravity) since the sample before, angle of the motor now; innovation and variance"]
-    lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
-    lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]) of n states. It has the errors of numbers"]
-    lines += ["that are fixed: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""]
+    lines = [
+        "Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:",
+        "torque and load (gravity) since the sample before, angle of the motor now; innovation and variance",
+        "say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are",
+        "logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]) of n states. It has the errors of numbers",
+        *("that are fixed: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""),
+    ]
     declared = []
     for name, observer in observers.items():
         states, key = observer.filtered.states, identifiers[name]
@@ -92,8 +94,8 @@ def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, 
         meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
         stds = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
-        lines.append(f"  fixed, with relative std: {', '.join(stds) or 'nothing'}")
-        lines.append(f"  starts with 95 % bands {_starts(observer.filtered)}")
+        lines += [f"  fixed, with relative std: {', '.join(stds) or 'nothing'}"]
+        lines += [f"  starts with 95 % bands {_starts(observer.filtered)}"]
         declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
         declared.append(
             f"void {key}_follow(double x[{n}], double P[{size}], double torque, double load, double angle,\n"

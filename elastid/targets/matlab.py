@@ -3,7 +3,7 @@
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.io import savemat
@@ -20,6 +20,8 @@ from elastid.store.files import write_text
 from elastid.targets.numbers import known_numbers
 from elastid.targets.target import Target
 
+# Fields of a struct of MATLAB.
+Fields: TypeAlias = dict[str, Any]
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 
@@ -49,9 +51,7 @@ def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response
     return _write(data, {"measured": list(map(_measured, responses))}, script, name, responses[0])
 
 
-def _write(
-    data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: Response
-) -> tuple[Path, Path]:
+def _write(data: Path, content: dict[str, list[Fields]], script: Path, name: str, first: Response) -> tuple[Path, Path]:
     structs = {}
     for key, rows in content.items():
         structs[key] = np.empty((len(rows), 1), dtype=[(name, object) for name in rows[0]])
@@ -69,11 +69,11 @@ def write_mat(path: Path, content: Mapping[str, Any]) -> None:
     write_atomically(path, HEADING + buffer.getvalue()[len(HEADING) :])
 
 
-def _measured(G: Response) -> dict[str, Any]:
+def _measured(G: Response) -> Fields:
     return _response(G.G, G, None if G.uncertainty is None else G.uncertainty.variance)
 
 
-def _system(system: Any) -> dict[str, Any]:
+def _system(system: Any) -> Fields:
     return {
         "configuration": system.configuration.name,
         "angles": system.configuration.angles,
@@ -85,10 +85,10 @@ def _system(system: Any) -> dict[str, Any]:
     }
 
 
-def _tool(model: FittedRobot) -> dict[str, Any]:
+def _tool(model: FittedRobot) -> Fields:
     """The robot at a frame with its motors locked, in all postures; the names alone of one that cannot bend."""
     configurations = [linear.configuration for linear in model.linear]
-    named: dict[str, Any] = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
+    named: Fields = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
     ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
     tool = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
@@ -105,7 +105,7 @@ def _tool(model: FittedRobot) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _response(G: Any, measured: Response, variance: FloatArray | None) -> dict[str, Any]:
+def _response(G: Any, measured: Response, variance: FloatArray | None) -> Fields:
     """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
     half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {

@@ -27,12 +27,13 @@ def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
 def move_sources(tuned: TunedMove) -> dict[str, str]:
     """The text of move.c and move.h."""
     n, m, step = len(tuned.time_s), len(tuned.joints), float(np.diff(tuned.time_s).mean())
-    lines = [f"{tuned.name}: a move of {tuned.duration:.6g} s, link side, SI, t in s from its first sample.", ""]
     motors = enumerate(zip(tuned.joints, tuned.units, strict=True))
-    lines += [f"Entries: {', '.join(f'[{i}] motor {name} ({unit})' for i, (name, unit) in motors)}"]
-    lines += ["move_at: position q, velocity v, feedforward torque u at t; returns 1 once the move is over."]
-    lines += ["Torque on the motor's side is u over the gear ratio, position and velocity times it."]
-    comment = c_comment(lines)
+    comment = c_comment([
+        f"{tuned.name}: a move of {tuned.duration:.6g} s, link side, SI, t in s from its first sample.", "",
+        f"Entries: {', '.join(f'[{i}] motor {name} ({unit})' for i, (name, unit) in motors)}",
+        "move_at: position q, velocity v, feedforward torque u at t; returns 1 once the move is over.",
+        "Torque on the motor's side is u over the gear ratio, position and velocity times it.",
+    ])  # fmt: skip
     rows = {
         name: "".join(f"  {c_row(row)},\n" for row in getattr(tuned, name))
         for name in ("position", "velocity", "torque")
@@ -49,8 +50,7 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     """A trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
     motion = {"positions": tuned.position, "velocities": tuned.velocity, "accelerations": tuned.acceleration}
-    path = folder / "trajectory.yaml"
-    return (write_trajectory(path, tuned.joints, tuned.time_s, **motion, effort=tuned.torque),)
+    return (write_trajectory(folder / "trajectory.yaml", tuned.joints, tuned.time_s, **motion, effort=tuned.torque),)
 
 
 def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:

@@ -27,7 +27,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -48,6 +48,8 @@ from elastid.targets.target import Target
 MIN_INERTIA = 1e-12
 # Bodies that may be given an element for a joint: the element, and the body's axes in it.
 Elements = Mapping[str, tuple[ET.Element, Placement]]
+# Of joints by name.
+Positions: TypeAlias = dict[str, list[float]]
 # A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
 _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
 _ALONG = np.array([1.0, 0.0, 0.0])  # a rod, in its own axes
@@ -86,7 +88,9 @@ def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
     ET.SubElement(root, "option", gravity=in_full(robot.gravity), integrator="implicit", timestep="0.0005")
     elements = _bodies(ET.SubElement(root, "worldbody"), robot)
     add_loops(root, elements, robot, rods)
-    _tendons(root, robot)
+    for joint in robot.flexible:
+        if joint.viscous:
+            _tendon(root, joint).set("damping", repr(float(joint.viscous)))
     _add_lost_motion(root, robot)
     add_rod_springs(root, elements, robot)
     actuators = ET.SubElement(root, "actuator")
@@ -133,8 +137,7 @@ def _bodies(world: ET.Element, robot: Robot) -> Elements:
 
 def _seat(first: Placement, second: Placement) -> dict[str, str]:
     R = first.rotation
-    position = np.array(first.xyz) + R @ second.xyz
-    return {"pos": in_full(position), "quat": in_full(quaternion(R @ second.rotation))}
+    return {"pos": in_full(np.array(first.xyz) + R @ second.xyz), "quat": in_full(quaternion(R @ second.rotation))}
 
 
 def _inertial(element: ET.Element, body: Body) -> None:
@@ -171,12 +174,6 @@ def _driven(joint: Joint) -> str:
     return f"joint {joint.name}" if joint.motor is None else f"motor {joint.name}"
 
 
-def _tendons(root: ET.Element, robot: Robot) -> None:
-    for joint in robot.flexible:
-        if joint.viscous:
-            _tendon(root, joint).set("damping", repr(float(joint.viscous)))
-
-
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
     """The sum of motor angle and twist of a flexible joint, made where it is not there."""
     tendons = _tendon_list(root)
@@ -194,7 +191,7 @@ def _tendon_list(root: ET.Element) -> ET.Element:
 
 
 def _named_joints(root: ET.Element) -> dict[str | None, ET.Element]:
-    return {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+    return {element.get("name"): element for element in root.iter("joint")}
 
 
 def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
@@ -247,9 +244,9 @@ def _keyframes(
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=in_full(q), ctrl=in_full(point.u))
 
 
-def _positions(model: FittedRobot, point: OperatingPoint) -> dict[str, list[float]]:
+def _positions(model: FittedRobot, point: OperatingPoint) -> Positions:
     angles = named(model.model.coordinates, point.q)
-    positions: dict[str, list[float]] = {}
+    positions: Positions = {}
     for joint in model.robot.joints:
         angle = angles[f"joint {joint.name}"]
         if joint.is_flexible:
@@ -288,9 +285,9 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
                 _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
 
 
-def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> dict[str, list[float]]:
+def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> Positions:
     """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
-    positions: dict[str, list[float]] = {}
+    positions: Positions = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue
@@ -379,7 +376,7 @@ def _rod_pose(robot: Robot, loop: Loop, rod: Rod, q: FloatArray) -> RodPose:
     (R, p), (R_2, p_2) = (_frame(robot, q, end.body) for end in loop.ends)
     gap = p_2 + R_2 @ np.array(loop.ends[1].point) - p - R @ np.array(loop.ends[0].point)
     length = float(np.linalg.norm(gap))
-    return RodPose(np.asarray(R.T @ gap / length), length - rod.length)
+    return RodPose(R.T @ gap / length, length - rod.length)
 
 
 def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from elastid.response import Response
 from elastid.store.files import write_rows
 from elastid.targets.target import Target
 
+# Node and direction of each place.
+Nodes: TypeAlias = dict[str, tuple[int, int]]
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 # Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.
 _ORDINATES: dict[Motion, int] = {"position": 8, "velocity": 11, "acceleration": 12}
@@ -66,7 +68,7 @@ def write_uff(
     return (*paths, table)
 
 
-def numbered(places: Iterable[str]) -> dict[str, tuple[int, int]]:
+def numbered(places: Iterable[str]) -> Nodes:
     """Node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
     names = list(dict.fromkeys(places))
     matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
@@ -82,7 +84,7 @@ def numbered(places: Iterable[str]) -> dict[str, tuple[int, int]]:
     return nodes
 
 
-def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[dict[str, tuple[int, int]], dict[str, int]]:
+def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[Nodes, dict[str, int]]:
     """Node and direction of each place, negative against an axis, and the node of each point of the geometry."""
     if geometry is None:
         return numbered(places), {}
@@ -106,18 +108,16 @@ def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Ite
         "type": 164, "units_code": 1, "units_description": "SI: m, N", "temp_mode": 1,
         "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
     }  # fmt: skip
-    coordinates = np.array([geometry.points[point] for point in points], dtype=float)
-    x, y, z = coordinates.T
+    x, y, z = np.array([geometry.points[point] for point in points], dtype=float).T
     yield {"type": 15, "node_nums": list(points.values()), "x": x, "y": y, "z": z}
     for i, (first, last) in enumerate(geometry.lines or pairwise(points), start=1):
         nodes = np.array([points[first], points[last]])
         yield {"type": 82, "trace_num": i, "n_nodes": 2, "id": f"line {i}", "nodes": nodes}
 
 
-def _sets(name: str, response: Response, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
+def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any]]:
     for i, output in enumerate(response.outputs):
         for j, input_ in enumerate(response.inputs):
-            unit = response.units_of_inputs[j]
             yield {
                 "type": 58,
                 "binary": 0,
@@ -135,7 +135,7 @@ def _sets(name: str, response: Response, nodes: dict[str, tuple[int, int]]) -> I
                 "ref_dir": nodes[input_][1],
                 "abscissa_spec_data_type": _FREQUENCY,
                 "ordinate_spec_data_type": _ORDINATES[response.quantity],
-                "orddenom_spec_data_type": _FORCE if unit in ("N", "N*m") else _UNKNOWN,
+                "orddenom_spec_data_type": _FORCE if response.units_of_inputs[j] in ("N", "N*m") else _UNKNOWN,
                 "ord_data_type": _COMPLEX_DOUBLE,
                 "abscissa_spacing": 0,
                 "abscissa_min": float(response.freq_hz[0]),
@@ -145,7 +145,7 @@ def _sets(name: str, response: Response, nodes: dict[str, tuple[int, int]]) -> I
             }
 
 
-def _mode_sets(name: str, modes: Modes, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
+def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]]:
     """Mode shapes along x, y and z of the nodes, without rotations and outputs without a direction."""
     translating = [(i, *nodes[place]) for i, place in enumerate(modes.places) if 1 <= abs(nodes[place][1]) <= 3]
     numbers = sorted({node for _, node, _ in translating})

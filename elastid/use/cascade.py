@@ -42,8 +42,7 @@ class Cascade:
     @property
     def vector(self) -> FloatArray:
         """x (n_x,): logarithms of all numbers."""
-        parts = self.position_gain, self.velocity_gain, self.low_pass_hz, self.notches.ravel()
-        return np.log(np.concatenate(parts))
+        return np.log(np.concatenate((self.position_gain, self.velocity_gain, self.low_pass_hz, self.notches.ravel())))
 
     @property
     def owners(self) -> IntArray:
@@ -101,7 +100,7 @@ class Cascade:
 
         def slope(s: ComplexArray, w: FloatArray | float) -> ComplexArray:
             """d ln (s^2 + w s + 1) / d ln s."""
-            return np.asarray((2 * s**2 + w * s) / (s**2 + w * s + 1))
+            return (2 * s**2 + w * s) / (s**2 + w * s + 1)
 
         integral = self.position_gain / rate_hz * (1 - backward) / backward
         of_position = self.position_gain / (self.position_gain + rate_hz * backward) + integral / (1 + integral)

@@ -237,7 +237,7 @@ class Closed:
         freq_hz, rate_hz = self.scene.freq_hz, self.scene.plants.rate_hz
         stack = self.gains.gain_derivatives(lambda part: np.atleast_2d(part)[:, None])
         H = 1.0 if self.filters is None else self.filters.response(freq_hz, rate_hz)
-        return np.asarray(replace(stack, kd=has_damping * stack.kd).response(freq_hz, rate_hz) * H)
+        return replace(stack, kd=has_damping * stack.kd).response(freq_hz, rate_hz) * H
 
     @cached_property
     def S(self) -> ComplexArray:

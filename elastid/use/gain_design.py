@@ -45,8 +45,7 @@ def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: in
                 return cascade.slower(_SLOWER**steps, _SLOWER ** (factor * steps))
 
             if is_accepted(at(step)):
-                finer = (at(step - part) for part in (0.75, 0.5, 0.25) if step)
-                return next(filter(is_accepted, finer), at(step))
+                return next(filter(is_accepted, (at(step - part) for part in (0.75, 0.5, 0.25) if step)), at(step))
     return None
 
 
@@ -57,8 +56,7 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
     corner = np.full(len(inertia), 0.3 * plants.rate_hz)
     for omega in top * np.geomspace(2.0, 1 / 30, 13):
         for ratio in (4.0, 8.0, 16.0, 32.0):
-            gain = np.full(len(inertia), omega / ratio)
-            yield Cascade(gain, inertia * omega, corner, delay, np.zeros((0, 3)))
+            yield Cascade(np.full(len(inertia), omega / ratio), inertia * omega, corner, delay, np.zeros((0, 3)))
 
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
@@ -150,7 +148,7 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     slopes = -(through[:, owners] * form.log_slopes(freq_hz[rows, lines], rate_hz)).real / sigma[:, :1]
     if not closed.stable.all():  # a step too far counts as farther than any limit
         left_db = left_db - 60
-    return left_db, np.asarray(-20 / np.log(10) * slopes)
+    return left_db, -20 / np.log(10) * slopes
 
 
 def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:

@@ -62,8 +62,7 @@ def _seeds(robot: Robot, seed: int) -> FloatArray:
 
 def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> FloatArray:
     """Angles (Q, n_u) that bring a frame onto a cubic grid over its workspace, `points` along the longest side."""
-    seeds = _seeds(robot, seed)
-    reached = frame_poses(robot, followed(robot, seeds), frame).position
+    reached = frame_poses(robot, followed(robot, _seeds(robot, seed)), frame).position
     low, high = reached.min(axis=0), reached.max(axis=0)
     spacing = max(float((high - low).max()) / max(points - 1, 1), _REACHED)
     sides = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
@@ -128,8 +127,7 @@ def _descend(
         if rotation is None:
             J = J[:, :3]
         else:
-            away = Rotation.from_matrix(rotation @ pose.rotation.transpose(0, 2, 1))
-            e = np.hstack([e, away.as_rotvec()])
+            e = np.hstack([e, Rotation.from_matrix(rotation @ pose.rotation.transpose(0, 2, 1)).as_rotvec()])
         distance = np.abs(e).max(axis=1)
         if np.all(distance < _REACHED / 10):
             break

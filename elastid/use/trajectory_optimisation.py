@@ -99,8 +99,7 @@ class CommandedRobot:
         q, p, R = ca.SX.sym("q", self.model.n_q), ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
         layout = tree(self.robot)
         joint_turns = turns(layout, q[: len(self.robot.joints)])
-        names = [frame.name for frame in self.robot.frames]
-        seat = layout.named[names.index(self.frame)]
+        seat = layout.named[[frame.name for frame in self.robot.frames].index(self.frame)]
         error = position(layout, joint_turns, seat) - p
         if self.model.n_u > 3:  # the orientation is followed, too
             axes = rotation(layout, joint_turns, seat)
@@ -203,8 +202,7 @@ def plan(
         raise KeyboardInterrupt
     g = solution["g"].full()[:, 0]
     violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=0.0))
-    spline = BSpline(problem.knots, problem.coefficients(solution["x"]).full().T, DEGREE)
-    return Planned(spline, status, violation)
+    return Planned(BSpline(problem.knots, problem.coefficients(solution["x"]).full().T, DEGREE), status, violation)
 
 
 class _Problem:
@@ -278,8 +276,7 @@ class _Problem:
         arguments = [x, ca.MX(0, 1), lam_f, lam_g]
         names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
         self.hessian = ca.Function("nlp_hess_l", arguments, [ca.triu(H)], *names)
-        equal = np.zeros((n_q + n_c) * n)
-        self.high = np.concatenate([equal, np.ones(bounded.size1())])
+        self.high = np.concatenate([np.zeros((n_q + n_c) * n), np.ones(bounded.size1())])
         self.low = -self.high
         torque = np.tile(self.limits.torque / self.u_0, n)
         self.upper = np.concatenate([np.full(sizes[0], np.inf), torque, np.full(sizes[2], np.inf)])
@@ -318,8 +315,7 @@ def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margi
         away = float(planned_error(commanded, move, planned).max())
         if planned.has_converged and away < TOOL_M * 20:
             break
-        scale = max(TOOL_M, min(away, 1.0) / 40)
-        planned = plan(commanded, move, limits, margin_s, scale)
+        planned = plan(commanded, move, limits, margin_s, max(TOOL_M, min(away, 1.0) / 40))
     return planned
 
 
@@ -400,8 +396,7 @@ def coulomb_torque_along(robot: Robot, model: ElasticModel, velocity: FloatArray
     v, z = ca.SX.sym("v", model.n_q), ca.SX.sym("z", placed.n_states)
     curves = ca.SX(placed.curves)
     step = ca.Function("friction", [z, v], [placed.advanced(v, z, curves, 1 / rate_hz), placed.torque(v, z, curves)])
-    states = model.B @ velocity.T
-    _, torque = step.mapaccum(len(velocity))(np.zeros(placed.n_states), states)
+    _, torque = step.mapaccum(len(velocity))(np.zeros(placed.n_states), model.B @ velocity.T)
     return np.asarray((np.linalg.pinv(model.B) @ torque.full()).T)
 
 

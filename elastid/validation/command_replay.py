@@ -14,8 +14,9 @@ the mean square error, and differs by more than the unknown sampling of the driv
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -197,7 +198,7 @@ def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iter
     from scipy.optimize import minimize_scalar  # takes a while
 
     for name, grid in _GRIDS.items():
-        error = _error_with(plant, motion, name)
+        error = partial(_error_with, plant, motion, name)
         nominal_rms, nominal = _rms(motion.position - predicted), getattr(Change(), name)
         errors = [nominal_rms if x == nominal else error(x) for x in grid]
         i = int(np.argmin(errors))
@@ -207,14 +208,11 @@ def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iter
         yield Tested(name, value, rms, nominal_rms)
 
 
-def _error_with(plant: Plant, motion: CommandedMotion, name: str) -> Callable[[float], float]:
-    def error(value: float) -> float:
-        try:
-            return _rms(motion.position - predict(plant, motion, replace(Change(), **{name: value})))
-        except DataError:  # the robot leaves its commands
-            return math.inf
-
-    return error
+def _error_with(plant: Plant, motion: CommandedMotion, name: str, value: float) -> float:
+    try:
+        return _rms(motion.position - predict(plant, motion, replace(Change(), **{name: value})))
+    except DataError:  # the robot leaves its commands
+        return math.inf
 
 
 def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints: Sequence[int]) -> Iterator[Tested]:
@@ -298,7 +296,7 @@ def _late_command(measured: FloatArray, command: FloatArray, rate_hz: float) -> 
     nearest = float(whole[int(np.argmin([error(float(d)) for d in whole]))])
     ends = max(nearest - 1, 0.0), nearest + 1
     samples = min(nearest, float(minimize_scalar(error, bounds=ends, method="bounded").x), key=error)
-    return samples / rate_hz, np.asarray(np.interp(rows - samples, rows, command))
+    return samples / rate_hz, np.interp(rows - samples, rows, command)
 
 
 def _by_octave(errors: FloatArray, rate_hz: float) -> Iterator[Octave]:

@@ -163,8 +163,7 @@ def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterato
             for model in new:
                 changed = tuple(name for name in coordinates if (name in model) != (name in now))
                 becomes: Literal["free", "rigid"] = "free" if len(model) > len(now) else "rigid"
-                after = rows[model].mean_misfit
-                yield Trial(len(visited), becomes, changed, model, before, after, model == chosen)
+                yield Trial(len(visited), becomes, changed, model, before, rows[model].mean_misfit, model == chosen)
             if chosen is not None:
                 visited.append(chosen)
                 break
@@ -234,8 +233,7 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
         modelled = FittedRobot.of(result, variant.robot, out, variant.model).responses
     except ElastidError as error:
         return Refit("failed", str(error), 0, math.inf, 0, {})
-    pairs = zip(out, modelled, strict=True)
-    scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in pairs}
+    scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in zip(out, modelled, strict=True)}
     return Refit(result.status, result.message, len(result.parameters.of_interest), result.cost, result.dof, scores)
 
 

@@ -23,8 +23,7 @@ LAGS = (1, 2, 3)
 def whitening(noise: SmoothedNoise) -> ComplexArray:
     """Return L^-1 (F, m, m) of vec E, column-major, by element where C is singular; zero rows for zero variances."""
     C = noise.covariance
-    deviation = np.sqrt(np.einsum("faa->fa", C).real)
-    gain = quotient(1.0, deviation)
+    gain = quotient(1.0, np.sqrt(np.einsum("faa->fa", C).real))
     R = gain[:, :, None] * C * gain[:, None, :]
     diagonal = np.arange(R.shape[1])
     R[:, diagonal, diagonal] = 1.0
@@ -116,7 +115,7 @@ def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> FloatArr
     noise: that of `smooth_noise`, if it is known.
     """
     variance = noise or smooth_noise(measured)
-    return np.zeros(measured.G.shape) if variance is None else np.asarray(np.sqrt(variance.variance))
+    return np.zeros(measured.G.shape) if variance is None else np.sqrt(variance.variance)
 
 
 def above_2sigma(measured: Response, sigma: FloatArray | None = None) -> BoolArray:

@@ -19,6 +19,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import starmap
 
 import numpy as np
 
@@ -170,5 +171,5 @@ def _in_band(
     kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
     units = *record.units_of_inputs, *(motion_unit("position", place in record.sliding) for place in record.outputs)
     measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, moved), late).T
-    for row in zip(kinds, (*record.inputs, *record.outputs), units, measured, simulated, strict=True):
-        yield ComparedSignal(*row)
+    rows = zip(kinds, (*record.inputs, *record.outputs), units, measured, simulated, strict=True)
+    yield from starmap(ComparedSignal, rows)

@@ -56,10 +56,11 @@ def torque_balance(
     window = np.hanning(len(measured) + 1)[:-1]
     U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
     octaves = list(octave_lines(band_hz, rate_hz, len(measured)))
-    total = max(float(sum(np.sum(np.abs(U[inside]) ** 2) for _, _, inside in octaves)), 1e-300)
+    power = [float(np.sum(np.abs(U[inside]) ** 2)) for _, _, inside in octaves]
+    total = max(sum(power), 1e-300)
     bands = tuple(
-        BandBalance(low, high, float(np.sum(np.abs(U[inside]) ** 2)) / total, *_explained(U[inside], T[:, inside], dry))
-        for low, high, inside in octaves
+        BandBalance(low, high, part / total, *_explained(U[inside], T[:, inside], dry))
+        for part, (low, high, inside) in zip(power, octaves, strict=True)
     )
     header = place, log, unit, rate_hz, names, measured, torques
     return TorqueBalance(*header, fractions, ratio, without, bands, has_rate)

@@ -1,7 +1,6 @@
 """design: a study -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
 
 import shutil
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -71,8 +70,12 @@ def design(study: Study, work: Work) -> Artefacts:
     def write(path: Path, stamp: Stamp) -> None:
         write_plan(path, plan, stamp, movements, limit_use, forecast)
 
-    references = partial(_write_references, problem, plan, movements, work)
-    return Artefacts({"references": references, "plan.h5": write}, report)
+    def write_files(folder: Path, stamp: Stamp) -> None:
+        shutil.rmtree(folder, ignore_errors=True)
+        with work.execution() as execution:
+            execution.ordered(partial(_write_configuration, folder, problem, plan), movements)
+
+    return Artefacts({"references": write_files, "plan.h5": write}, report)
 
 
 def problem_of(study: Study) -> DesignProblem:
@@ -89,14 +92,6 @@ def problem_of(study: Study) -> DesignProblem:
 def movement_of(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
     """The movement in one configuration; a process builds the equations itself, since they do not pickle."""
     return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.has_payload))), configuration)
-
-
-def _write_references(
-    problem: DesignProblem, plan: Plan, movements: Sequence[Reference], work: Work, folder: Path, stamp: Stamp
-) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-    with work.execution() as execution:
-        execution.ordered(partial(_write_configuration, folder, problem, plan), movements)
 
 
 def _write_configuration(folder: Path, problem: DesignProblem, plan: Plan, movement: Reference) -> None:

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
@@ -114,8 +115,7 @@ def fitted_rows(
     """A row for each parameter, with its truth where the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
     true = truth(robot, simulated, study.fit.parameters, friction)
-    contained = contents(robot, simulated is not None, friction, result.parameters, gears)
-    return parameter_rows(result, true, contained)
+    return parameter_rows(result, true, contents(robot, simulated is not None, friction, result.parameters, gears))
 
 
 def current_fit(run: Run) -> Result:
@@ -138,25 +138,25 @@ def conclude(run: Run) -> None:
     MisfitError for a significant model error, FitError for a fit without a usable optimum.
     """
     opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
-    linear = read_fit(run.path("fit"))
+    linear, say = read_fit(run.path("fit")), run.console.say
     result = linear if opened is None else with_gears(linear, opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
     rows = fitted_rows(run.study, result, friction, opened)
     run.console.table(result_table(result.display, rows))
     for line in _legend(run.study.as_robot(), result, rows, friction):
-        run.console.say(line)
+        say(line)
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
-        run.console.say(f"gears: {gear_line(opened)}")
+        say(f"gears: {gear_line(opened)}")
     for note in result.notes:
         if note.code == COMBINATION:
-            run.console.say(note.text)
+            say(note.text)
     if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
-        run.console.say(f"{mixed}: {WITH_COULOMB}")
+        say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
     for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
-        run.console.say(line)
+        say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
     # Above this line the answers have the cause.
@@ -165,7 +165,7 @@ def conclude(run: Run) -> None:
         raise MisfitError("fit/misfit", failure, status)
     if result.status not in TRUSTED:
         raise FitError("fit/not-trusted", failure, status)
-    run.console.say(f"{status}: {result.message if explained else meaning}")
+    say(f"{status}: {result.message if explained else meaning}")
 
 
 OF_JOINTS = {"k": "stiffness", "d": "damping"}
@@ -203,14 +203,14 @@ def _legend(
         groups += [f"{names} of {owner.format(next(iter(of_owner.values()))[1])}"] if of_owner else []
     if groups:
         yield f"Names: {'; '.join(groups)}"
-    errors = ["the assumed model error"] * (result.model_error > 0)
-    errors += ["residuals above the noise"] * (result.exceeds_noise and not result.is_within_declared)
-    errors += ["errors of the friction compensation"] * bool(friction and friction.shapes)
-    errors += ["unexplained distortion"] * (DISTORTED in result.verdicts)
-    meanings = {
-        **STD_PARTS,
-        "std_systematic": ", ".join([*errors, "contribution of the tolerances that longer measurements reduce"]),
+    errors = {
+        "the assumed model error": result.model_error > 0,
+        "residuals above the noise": result.exceeds_noise and not result.is_within_declared,
+        "errors of the friction compensation": friction and friction.shapes,
+        "unexplained distortion": DISTORTED in result.verdicts,
+        "contribution of the tolerances that longer measurements reduce": True,
     }
+    meanings = {**STD_PARTS, "std_systematic": ", ".join(compress(errors, errors.values()))}
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
         more = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"

@@ -192,8 +192,7 @@ def _level_words(joint: SlidingFriction) -> str:
         curve = joint.constant_velocity
         parts.append(f"{curve.n_conditions} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
-        error = joint.motion.regression.relative_error
-        parts.append(f"trajectories, unexplained torque {error:.1%}")
+        parts.append(f"trajectories, unexplained torque {joint.motion.regression.relative_error:.1%}")
         parts.append(joint.motion.time_summary)
     if joint.commanded is not None:
         fit, distance = joint.commanded, "m" if joint.slides else "rad"

@@ -52,9 +52,11 @@ def gears(study: Study, work: Work) -> Artefacts:
         opened = identify_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
     final, summary = with_gears(result, opened), _summary(files_of["fit"].with_name("summary.json"))
     content = with_gear_section(summary, result, fitted_rows(study, final, friction, opened), opened)
-    files: dict[str, Write] = {"summary.json": as_json(content)}
-    files |= {file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, every.names, opened)}
-    files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)
+    files: dict[str, Write] = {
+        "summary.json": as_json(content),
+        **{file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, every.names, opened)},
+        "gears.h5": lambda path, stamp: write_gears(path, opened, stamp),
+    }
 
     def report(console: Console) -> None:
         linear = [*result.notes, *notes_of(responses)]
@@ -126,8 +128,9 @@ def with_gear_section(
 
 
 def _number(joint: str, row: GearNumber) -> dict[str, Any]:
-    entry: dict[str, Any] = {"joint": joint, **section(row, "meaning unit value std")}
-    entry |= {
+    entry: dict[str, Any] = {
+        "joint": joint,
+        **section(row, "meaning unit value std"),
         "interval95": row.interval if row.is_significant else None,
         "bound95": None if row.is_significant else row.bound,
     }

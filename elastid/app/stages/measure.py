@@ -121,7 +121,8 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
     model = formulate(
         with_frames(truth, (name for load in placed for name in (load.frame, load.read_at))), experiment.simulated.model
     )
-    exact, _ = LoadedRobot.of(model, placed, [model.theta] * len(placed), ()).deflections([model.theta] * len(placed))
+    thetas = [model.theta] * len(placed)
+    exact, _ = LoadedRobot.of(model, placed, thetas, ()).deflections(thetas)
     draws = np.random.SeedSequence([study.seed, len(tests)]).spawn(len(tests))
     return tuple(
         load if load.test.deflection is not None else replace(load, test=_measured(load.test, y, draw))

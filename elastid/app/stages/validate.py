@@ -134,8 +134,7 @@ def _balanced(
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))
-    net = next(compensated_records([first], friction, E))
-    return elastic_balances(first, net, parts, response.freq_hz, spec)
+    return elastic_balances(first, next(compensated_records([first], friction, E)), parts, response.freq_hz, spec)
 
 
 def _simulations(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:

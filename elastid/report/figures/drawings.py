@@ -88,8 +88,7 @@ def friction_drawings(taken_out: CompensatedFriction | None, robot: Robot | None
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
     for i, part in enumerate(content.validation.predictions, start=1):
         caption = f"{part.sentence}; band of two standard deviations of the prediction."
-        draw = partial(fit.bode, part.measured, part.predicted, part.std)
-        yield Drawing(f"tool-{i}", "why", caption, draw)
+        yield Drawing(f"tool-{i}", "why", caption, partial(fit.bode, part.measured, part.predicted, part.std))
     files = [f"frf-{file_name(measured.configuration.name)}" for measured, _ in content.frf]
     models = content.dense or [(modelled, None) for _, modelled in content.frf]
     for file, (measured, _), model in zip(files, content.frf, models, strict=True):
@@ -152,8 +151,7 @@ def friction_study_drawings(
     """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.balances:
         caption = "unexplained torque of the validation logs, relative to the rms torque, in each octave."
-        octaves = partial(fit.octaves_figure, left_out.balances)
-        yield Drawing("left-out", "left-out", caption, octaves)
+        yield Drawing("left-out", "left-out", caption, partial(fit.octaves_figure, left_out.balances))
     for joint in result.joints:
         file = f"friction-{file_name(joint.joint)}"
         followed = [tracked for tracked in filters if tracked.joint == joint.joint]

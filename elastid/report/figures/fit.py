@@ -52,8 +52,7 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     shown = shown[np.isfinite(shown) & (shown > 0)]
     low, high = min(0.5, *shown) / 1.15, max(2.0, *shown) * 1.15
     marks = [Curve(start, y, "start", style.START, True, looks={"mfc": "none", "mew": 1})]
-    near = (bounds > low) & (bounds < high)
-    pairs = zip(bounds, near, strict=True)
+    pairs = zip(bounds, (bounds > low) & (bounds < high), strict=True)
     marks += [Curve(end[rows], y[rows], "bound", style.WEAK, True, looks=_BAR) for end, rows in pairs if rows.any()]
     at_bound = np.array([row.at_bound for row in rows])
     percent = 100 * np.sign(reference)[:, None] * (ratios - 1)  # more is to the right
@@ -116,10 +115,8 @@ def information(forecast: Forecast) -> Figure:
     def text(value: float) -> str:
         return f"{value:.0f}" if value >= 0.5 else ""
 
-    octaves = [f"{edge:.3g}" for edge in edges]
-    all_of = Cells(by_octave, names, octaves, (0.0, max(float(by_octave.max()), 1.0)), text)
-    panel = Panel(x="start of the octave in Hz", cells=all_of)
-    return style.matrix("Expected information in %", [[panel]])
+    all_of = Cells(by_octave, names, [f"{edge:.3g}" for edge in edges], (0.0, max(float(by_octave.max()), 1.0)), text)
+    return style.matrix("Expected information in %", [[Panel(x="start of the octave in Hz", cells=all_of)]])
 
 
 def limit_use(use: LimitUse) -> Figure:
@@ -219,8 +216,7 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
     again = phase.copy()
     again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
     magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model")
-    phases = np.stack([phase, again], axis=1).ravel()
-    return [magnitude], [Curve(np.repeat(f, 2), phases, "model", style.FITTED)]
+    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, again], axis=1).ravel(), "model", style.FITTED)]
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
@@ -240,8 +236,7 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
         for i, part in enumerate(quality.multiple_coherence.T)
     ]
     panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
-    values = ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs"))
-    for sigma, name in values:
+    for sigma, name in ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs")):
         words = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
         panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=words, frequency=f))
     return style.matrix(title, style.in_columns(panels))
@@ -273,8 +268,7 @@ def stabilisation_diagram(modes: Modes, title: str) -> Figure:
     lines = [Curve([f, f], [0.0, top], "mode", style.FITTED) for f in modes.freq_hz]
     values = [Curve(modes.at_hz, column, color=style.WEAK) for column in in_db(modes.indicators).T]
     ends = float(modes.at_hz[0]), float(modes.at_hz[-1])
-    unit = "singular values, dB"
-    below = Panel(values, style.frequency_label(modes.has_rate), unit, x_ends=ends)
+    below = Panel(values, style.frequency_label(modes.has_rate), "singular values, dB", x_ends=ends)
     rows = [[Panel([*lines, *poles], y="order", x_ends=ends)], [below]]
     return style.matrix(f"Stabilisation diagram, {title}", rows, sharex=True)
 

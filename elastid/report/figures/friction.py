@@ -206,5 +206,4 @@ def _unexplained(friction: CompensatedFriction, i: int) -> Panel:
     )
     curves = [Curve(x, y, text, dots=True, looks={"mew": 1, "mfc": face}) for y, face, text in kinds]
     unit = style.pretty_unit(friction.place_units[i])
-    title = f"{friction.places[i]}: noise and distortion"
-    return Panel(curves, "", f"amplitude in {unit}", title, y_ends=(0.0, None))
+    return Panel(curves, "", f"amplitude in {unit}", f"{friction.places[i]}: noise and distortion", y_ends=(0.0, None))

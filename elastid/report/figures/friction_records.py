@@ -57,8 +57,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
         [Panel(over_time, "time in s", f"{quantity(slides)} in {unit}")],
     ]
     error = f"{100 * friction.regression.relative_error:.3g} % of the {quantity(slides)} unexplained"
-    title = f"{friction.motion.place}: friction over velocity, {error}"
-    return style.matrix(title, rows)
+    return style.matrix(f"{friction.motion.place}: friction over velocity, {error}", rows)
 
 
 def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -108,8 +107,7 @@ def friction_filter(followed: TrackedFriction) -> Figure:
     reach = QUANTILE_95 / np.sqrt(max(followed.consistency.n_eff, 1.0))
     dots = Curve(np.arange(1, len(rho) + 1), rho, dots=True)
     rows.append([Panel([dots], "lag in samples", "autocorrelation", marks=(-reach, reach))])
-    title = f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}"
-    return style.matrix(title, rows)
+    return style.matrix(f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}", rows)
 
 
 def _unit(name: str, slides: bool) -> str:

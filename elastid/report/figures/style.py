@@ -152,8 +152,7 @@ class Cells:
             if np.isfinite(value) and self.values.size <= MAX_NUMBERED_CELLS:
                 dark = (abs(value) if low < 0 else value - low) / (high - max(low, 0.0)) > MIN_DARK
                 ink, size = "white" if dark else "black", SMALL if len(self.columns) < 13 else TINY
-                text = self.text(float(value))
-                axes.text(column, row, text, ha="center", va="center", color=ink, fontsize=size)
+                axes.text(column, row, self.text(float(value)), ha="center", va="center", color=ink, fontsize=size)
 
 
 @dataclass(frozen=True)
@@ -254,9 +253,10 @@ def matrix(
     for ax in axes.flat:
         entries |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if entries:
-        place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.06 / width, 1 - 0.33 / tall)}
-        place |= {"ncols": columns, "frameon": False, "fontsize": SMALL}
-        figure.legend(list(entries.values()), list(entries), **place)
+        figure.legend(
+            list(entries.values()), list(entries), loc="upper left", bbox_to_anchor=(0.06 / width, 1 - 0.33 / tall),
+            ncols=columns, frameon=False, fontsize=SMALL,
+        )  # fmt: skip
     return figure
 
 
@@ -298,5 +298,4 @@ def round_ticks(low: float, high: float, most: int) -> list[float]:
             break
     if len(ticks) >= 3:
         return ticks
-    even = MaxNLocator(min(most, 4)).tick_values(low, high)
-    return [float(tick) for tick in even if low <= tick <= high]
+    return [float(tick) for tick in MaxNLocator(min(most, 4)).tick_values(low, high) if low <= tick <= high]

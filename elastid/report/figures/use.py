@@ -18,10 +18,11 @@ SHOWN = {"m/N": ("µm/N", 1e6), "m": ("mm", 1e3), "Hz": ("Hz", 1.0)}
 
 def loops_figure(loops: Loops) -> Figure:
     """Largest sensitivity of the loops in all postures."""
-    curves = []
-    for state, color in zip(loops.states, (style.START, style.FITTED)[-len(loops.states) :], strict=True):
-        for freq_hz, row in zip(state.freq_hz, state.sensitivity_db, strict=True):
-            curves.append(Curve(freq_hz, row, state.name, color))
+    curves = [
+        Curve(freq_hz, row, state.name, color)
+        for state, color in zip(loops.states, (style.START, style.FITTED)[-len(loops.states) :], strict=True)
+        for freq_hz, row in zip(state.freq_hz, state.sensitivity_db, strict=True)
+    ]
     lines = np.array([loops.designed.bandwidth_hz.min() / 10, loops.designed.freq_hz.max()])
     panel = Panel(
         curves, "frequency in Hz", "sensitivity in dB", marks=(LIMIT_DB,), frequency=lines, y_ends=(-30, None)

@@ -59,8 +59,7 @@ def explorer(
 
 def curve_scripts() -> tuple[str, ...]:
     """Scripts of a page with curves: the plotting library and the page's own, in the order of their dependence."""
-    scripts = ("curves.js", "explorer.js", "first_screen.js")
-    return asset("uplot", "uPlot.iife.min.js"), *map(asset, scripts)
+    return asset("uplot", "uPlot.iife.min.js"), *map(asset, ("curves.js", "explorer.js", "first_screen.js"))
 
 
 def _quantities(response: Response) -> Mapping[str, Any]:

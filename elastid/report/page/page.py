@@ -71,8 +71,8 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
     ]
     x, y = points[0]
     parts.append(f'<path class="base" d="M{x - 16:.1f} {y:.1f}h32l-5 9h-22z"/>')
-    for point, names in zip(drawing.joints, joint_groups(robot), strict=True):
-        parts.append(_joint(points[point], names, by_name))
+    joints = zip(drawing.joints, joint_groups(robot), strict=True)
+    parts += [_joint(points[point], names, by_name) for point, names in joints]
     width, height = (float(np.ptp(points[:, axis])) + 2 * MARGIN for axis in (0, 1))
     box = f'viewBox="0 0 {width + 30:.0f} {height:.0f}" width="{width + 30:.0f}" height="{height:.0f}"'
     words = "The robot; colours of the points: widths of the intervals of their joints"
@@ -147,10 +147,13 @@ def meanings(content: ReportContent) -> dict[str, str]:
     if content.robot is None:
         return {}
     springs = spring_names(content.robot)
-    words = {name: f"stiffness, {spring}" for name, spring in springs.items()}
-    words |= {f"d{name[1:]}": f"damping, {spring}" for name, spring in springs.items()}
-    words |= {f"f_{joint.name}": f"viscous friction, joint {joint.name} (link side)" for joint in content.robot.joints}
-    return words | {f"fm_{joint.name}": f"viscous friction, motor {joint.name}" for joint in content.robot.joints}
+    names = [joint.name for joint in content.robot.joints]
+    return {
+        **{name: f"stiffness, {spring}" for name, spring in springs.items()},
+        **{f"d{name[1:]}": f"damping, {spring}" for name, spring in springs.items()},
+        **{f"f_{name}": f"viscous friction, joint {name} (link side)" for name in names},
+        **{f"fm_{name}": f"viscous friction, motor {name}" for name in names},
+    }
 
 
 def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | bool]]:
@@ -218,8 +221,7 @@ def write_page(
     figures = clear_folder(folder, "figures")
     figures.mkdir(parents=True)
     todo = [drawing for drawing in drawings if drawing.on_page or formats]
-    write = partial(_embed, figures if formats else None)
-    embedded = (execution or Execution()).ordered(write, todo)
+    embedded = (execution or Execution()).ordered(partial(_embed, figures if formats else None), todo)
     write_atomically(folder / name, page(embedded).encode("utf-8"))
     return folder / name
 
@@ -247,10 +249,11 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     scripts = (*scripts, asset("mode_viewer.js")) if modes else scripts
     rows = parameter_rows(content.result, content.truth, content.contents)
     fixed = [(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free]
-    values = {"result": content.result, "rows": rows, "given": fixed, "axis": row_axis(rows), "mode_viewer": modes}
-    values |= {"agreements": content.validation.configurations, **first_screen(content, rows)}
-    values["hz"] = "Hz" if has_rate else "units of the sampling rate"
-    return render("template.html.j2", content, figures, responses, scripts, **values)
+    return render(
+        "template.html.j2", content, figures, responses, scripts, **first_screen(content, rows),
+        result=content.result, rows=rows, given=fixed, axis=row_axis(rows), mode_viewer=modes,
+        agreements=content.validation.configurations, hz="Hz" if has_rate else "units of the sampling rate",
+    )  # fmt: skip
 
 
 def render(
@@ -262,8 +265,7 @@ def render(
     **values: Any,
 ) -> str:
     """Render a page from a template; curves are the data of the explorer, values further names."""
-    names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts} | values
-    names = {"mode_viewer": ""} | names
+    names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts, "mode_viewer": ""} | values
     return _environment().get_template(template).render(names, asset=asset, policy=script_policy(scripts))
 
 
@@ -273,10 +275,11 @@ def _environment() -> Environment:
         loader=PackageLoader("elastid.report", "page"), autoescape=True, undefined=StrictUndefined
     )
     environment.trim_blocks = environment.lstrip_blocks = True
-    environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
-    environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
-    environment.filters["coded"] = _coded
-    environment.filters |= {"gear_table": gear_table, "gear_line": gear_line, "seen_words": seen_words}
+    environment.filters |= {
+        "number": number, "digits": digits, "percent": percent, "interval_of": interval_of, "grouped": grouped,
+        "friction_rows": friction_rows, "coded": _coded, "gear_table": gear_table, "gear_line": gear_line,
+        "seen_words": seen_words,
+    }  # fmt: skip
     return environment
 
 
@@ -305,6 +308,7 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
     viewer = mode_viewer(content.mode_rows, content.has_rate)
     scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
-    names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.has_rate), "mode_viewer": viewer}
-    names["questions"] = run_summary.questions_of_responses(content)
-    return render("responses.html.j2", content, figures, responses, scripts, **names)
+    return render(
+        "responses.html.j2", content, figures, responses, scripts, mode_viewer=viewer,
+        frequency_unit=style.frequency_unit(content.has_rate), questions=run_summary.questions_of_responses(content),
+    )  # fmt: skip
