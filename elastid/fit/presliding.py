@@ -297,7 +297,7 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
 
 
 def _start(parameters: Parameters, before: Parameters, x: FloatArray) -> FloatArray:
-    """x (n_x,) of parameters: as in x of `fitted`, else their start."""
+    """x (n_x,) of parameters: as in x of `before`, else their start."""
     values = named(before.free_names, x)
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 

@@ -30,7 +30,7 @@ model/kinematics.py 2.1 2.3 2.4 2.6
 model/open_chain.py 2.10 2.22 2.32
 model/rigid_body.py 2.6 2.7 2.11
 robot/gears.py 2.23 2.25a 2.25b 2.25c
-robot/joint.py 2.13
+robot/spring.py 2.13
 simulation/dynamics.py 2.10 2.14 2.34
 not-implemented 2.2 2.31 2.35 2.36 2.37 2.38 2.39 2.40 3.3
 """
