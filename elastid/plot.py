@@ -61,11 +61,11 @@ def bode(measured: Response, model: FittedModel | Response | None = None, *, ban
             f"the model has inputs {', '.join(modelled.inputs)} and outputs {', '.join(modelled.outputs)}, the "
             f"measured response {', '.join(measured.inputs)} and {', '.join(measured.outputs)}"
         )
-    posture, at_model = measured.configuration, modelled.configuration
-    if isinstance(model, FittedModel) and not np.array_equal(posture.angles, at_model.angles):
+    measured_at, modelled_at = measured.configuration, modelled.configuration
+    if isinstance(model, FittedModel) and not np.array_equal(measured_at.angles, modelled_at.angles):
         raise ValueError(
-            f"the model is of configuration {at_model.name}, the measured response of {posture.name}, elsewhere; take "
-            f"result.model('{posture.name}')"
+            f"the model is of configuration {modelled_at.name}, the measured response of {measured_at.name}; take "
+            f"result.model('{measured_at.name}')"
         )
     return fit.bode(measured, in_quantity(modelled, measured.quantity), std)
 

@@ -66,14 +66,14 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
     """
     session = Session.of(run, goals, simulate, robot_time)
     with logged_in(run.folder, run.jobs, run.console), persistent_workers():
-        plans, progress, words = session.work()
+        plans, is_reached, words = session.work()
         study = session.write_study(plans)
         run.console.say(f"live: {words}")
     finished = replace(run, loaded=load(study))
     run_all(finished)
     used = session.goal.reached(read_fit(finished.path("fit")))
-    if not progress or max(used.values()) > 1:
-        raise FitError("live/goal", f"{session.worst(used) if progress else words}", "the goal is not reached")
+    if not is_reached or max(used.values()) > 1:
+        raise FitError("live/goal", f"{session.worst(used) if is_reached else words}", "the goal is not reached")
 
 
 @dataclass(frozen=True)
@@ -345,8 +345,8 @@ class Session:
         recorded = RecordedSpec(first.rate_hz, self.channels, files, period_samples=period, hold="zero-order")
         configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
         experiment = ExperimentSpec(configurations, recorded=recorded)
-        rows = {key: data[key] for key in KEPT if data.get(key) is not None}
-        text = yaml_text({**rows, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
+        base = {key: data[key] for key in KEPT if data.get(key) is not None}
+        text = yaml_text({**base, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
         write_text(self.path / ROBOT, yaml_text(self.problem.robot))
         write_text(self.path / STUDY, text)
         return self.path / STUDY
@@ -375,7 +375,7 @@ def require_one_robot_in_any_posture(study: Study) -> None:
     """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     per_group = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
-    refusals: dict[str, Any] = {
+    unsupported: dict[str, Any] = {
         "friction": study.friction,
         "experiment.simulated.outputs": {*motors} - {*(simulated.outputs or motors)},
         "experiment.simulated.carrier": simulated.carrier is not None and simulated.carrier.kind == "offset",
@@ -384,7 +384,7 @@ def require_one_robot_in_any_posture(study: Study) -> None:
         "fit.weights.factors": any(factor.configurations for factor in study.fit.weights.factors),
         "experiment.without_payload": study.experiment.without_payload,
     }
-    for place in (place for place, is_given in refusals.items() if is_given):
+    for place in (place for place, is_given in unsupported.items() if is_given):
         raise StudyError(
             "live/study",
             "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant "

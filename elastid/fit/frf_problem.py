@@ -332,8 +332,8 @@ def relinearise(
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
     text = (
-        "the operating point under gravity, or the weights of fit.weights.loss, still move: "
-        f"round {rounds} of {rounds} changed the estimate by {change:.2g} standard deviations"
+        f"the linearisation did not converge: round {rounds} of {rounds} changed the estimate by {change:.2g} standard "
+        "deviations. Check the configurations and the gravity of the robot model, or set fit.weights.loss: square"
     )
     notes = () if is_settled else (Note("fit/posture-mismatch", text),)
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)

@@ -127,9 +127,9 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
     """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
     (starts, n_converged), quiet = ends, evidence.execution
     try:
-        if (springs := find_presliding(evidence)) is None:
+        if (extension := find_presliding(evidence)) is None:
             return evidence
-        assembly, begin = springs[0], (replace(starts[0], x=springs[1]), *starts[1:])
+        assembly, begin = extension[0], (replace(starts[0], x=extension[1]), *starts[1:])
         near = evidence.optimum if evidence.optimum.end.converged else None
         assembly, optimum, uncertainty, result = _with_model_error(assembly, spec, (begin, n_converged), quiet, near)
         if not are_identified(result, assembly.linearisation.presliding):
@@ -243,12 +243,12 @@ def _check_robot(response: Response, robot: Robot) -> None:
     if response.controller is not None:
         locations = tuple(f"{REFERENCE}{name}" for name in robot.driven_names)
     if unknown := [name for name in response.inputs if name not in locations]:
-        has_not = f"the response has the input {', '.join(unknown)}, which robot {robot.name} has not"
-        both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""
-        raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(locations)}; {advice}", where)
+        text = f"robot {robot.name} has no input {', '.join(unknown)}. Possible inputs: {', '.join(locations)}"
+        both = ". Use either motor torques or forces at frames in one response" if at_tool else ""
+        raise DataError("fit/responses", f"{text}{both}; {advice}", where)
     refusal, still = "", ", ".join(place for place in response.outputs if place.startswith("motor "))
     if response.motors != "free" and not at_tool:
-        refusal = f"torques of its motors, which are {response.motors}, cannot act on them"
+        refusal = f"its inputs are motor torques, but its motors are {response.motors}. Set motors: free"
     elif response.motors == "locked" and still:
         refusal = f"nothing moves at {still} while the motors are locked. Remove this output"
     elif response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):

@@ -19,7 +19,7 @@ class RigidPart:
     """A base, about one axis, that the model takes as rigid.
 
     stiffness: typical of such a part.  changes (n,): of the variables of interest for this stiffness.
-     detection_limit: the stiffness from which on none of them leaves its 95 % interval by it.
+    detection_limit: the stiffness from which on no variable leaves its 95 % interval.
     """
 
     name: str

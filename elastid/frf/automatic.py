@@ -118,7 +118,7 @@ def relative_errors(response: Response, local: Response, has_bias: bool) -> tupl
 
 
 def _mean_root(squares: FloatArray) -> float:
-    """Return the square of the mean root of errors, of which 1 counts at most, from their squares."""
+    """Return (mean sqrt|e|)^2 of errors e from their squares, each limited to 1."""
     return float(np.mean(np.minimum(1.0, squares) ** 0.25) ** 2)
 
 

@@ -257,7 +257,7 @@ def _with_covariances(
 ) -> Response:
     C_V = equation_error(data, fitted.G)
     noise = noise_covariance(data, fitted, C_V)
-    noise_error = C_V * np.mean(1 / data.periods)
+    noise_cov = C_V * np.mean(1 / data.periods)
     total, stochastic, bias = None, None, None
     noise = replace(noise, averaging_lines=_averaging_lines(data.scatter, fitted.G))
     if error is not None:
@@ -266,15 +266,15 @@ def _with_covariances(
         averaging = _averaging_lines([np.concatenate(experiments, axis=2).transpose(2, 0, 1)], fitted.G)
         total = replace(total_covariance(data, fitted, *error), averaging_lines=averaging)
     elif levels is not None:
-        error = fast_total_error(levels, lines, noise_error, data.dof)
+        error = fast_total_error(levels, lines, noise_cov, data.dof)
         total = (
             None
             if error is None
             else replace(kronecker(fitted.input_factor, *error), averaging_lines=noise.averaging_lines)
         )
     if total is not None and error is not None:
-        bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], noise_error, error[1])
-        stochastic = np.sqrt(power(error[0] - noise_error))
+        bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], noise_cov, error[1])
+        stochastic = np.sqrt(power(error[0] - noise_cov))
     assert response.quality is not None
     even, odd = (None, None) if levels is None else (levels.even, levels.odd)
     quality = replace(response.quality, stochastic=stochastic, even=even, odd=odd)

@@ -258,7 +258,7 @@ def _leading(
 
 
 def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, others: str, reason: str = "") -> Note:
-    """Return others: the periods from which the distances are."""
+    """Return the note on discarded periods.  others: the periods with which they are compared."""
     record = spectra.record
     kind = ("half period" if record.half_wave else "period") + "s" * (len(left_out) > 1)
     channels = [f"output {name}" for name in record.outputs] + [f"input {name}" for name in record.inputs]

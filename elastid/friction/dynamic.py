@@ -52,7 +52,7 @@ class Bristle:
         return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.torque(v), step)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """Return spring and damper to ground; friction model with numeric parameters."""
+        """Return stiffness and damping to ground at rest, sigma_0 and sigma_1, of numeric parameters."""
         return float(self.sigma_0), float(self.sigma_1)
 
 
@@ -73,7 +73,7 @@ class Stop:
         return ca.fmax(-bound, ca.fmin(bound, z + v * step))
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """Return stiffness and damping of the bristle's spring at rest."""
+        """Return stiffness and damping to ground at rest: sigma_0 and none."""
         return self.sigma_0, 0.0
 
 
@@ -118,7 +118,7 @@ class MaxwellElements:
         return ca.vertcat(ca.if_else(slips, slid, stuck), last_direction)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """Return all elements stick."""
+        """Return stiffness and damping to ground at rest, where all elements stick."""
         return sum(self.sigma_0), sum(self.sigma_1)
 
     def _slipping(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ...]:

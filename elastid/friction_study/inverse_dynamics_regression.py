@@ -269,7 +269,7 @@ def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iter
     lowest = float(np.quantile(speed, _LOWEST_SPEED_QUANTILE))
     speeds = len(distinct_speeds(plateau.velocity for plateau in fit.plateaus))
     velocity, is_alone = terms.stribeck_velocity, not terms.friction_only
-    is_cold = is_alone and not terms.heat
+    is_isothermal = is_alone and not terms.heat
     reasons = (
         ("stribeck", not velocity and speeds < MIN_SPEEDS, f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} "
             "are needed, the lowest below a third of the Stribeck velocity; measure passes at more speeds; "
@@ -277,9 +277,9 @@ def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iter
         ("stribeck", 0 < velocity < lowest / LOWEST_SPEED, above_stribeck(lowest, velocity)),
         ("temperature", not is_alone, "joints that move together are regressed without; record this joint alone, cold "
             "and warm"),
-        ("temperature", is_cold and high - low < TEMPERATURE_STEP_K, "no temperature that varies was logged; log it, "
+        ("temperature", is_isothermal and high - low < TEMPERATURE_STEP_K, "no temperature that varies was logged; log it, "
             "and record motions cold and warm"),
-        ("temperature", is_cold and high - low >= TEMPERATURE_STEP_K,
+        ("temperature", is_isothermal and high - low >= TEMPERATURE_STEP_K,
             f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC"),
         ("load", not terms.load, "one load shows none; record motions with other payloads, or in other postures"),
         ("directions.coulomb", not is_alone, "Coulomb friction by direction cannot be distinguished from offset and "

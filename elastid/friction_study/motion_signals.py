@@ -289,13 +289,13 @@ class MotionSignals:
         exact for an acceleration that is linear between samples, from a link that starts with its motor; the spring is
         damped by 2 % at least, so that this start is forgotten.
         """
-        spring, swing = self.motion.spring, self.acceleration - self.acceleration[0]
+        spring, change = self.motion.spring, self.acceleration - self.acceleration[0]
         if spring is None:
             return np.asarray(self.derivatives[1])
         J_l, k = spring.link_inertia, spring.stiffness
         d = max(spring.damping, 0.04 * float(np.sqrt(k * J_l)))
         (b,), a, _ = cont2discrete(([d, k], [J_l, d, k]), 1 / self.motion.rate_hz, "foh")
-        return np.asarray(self.derivatives[1] + J_l / spring.inertia * (lfilter(b, a, swing) - swing))
+        return np.asarray(self.derivatives[1] + J_l / spring.inertia * (lfilter(b, a, change) - change))
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """Return a side of the equation (n, ...) behind the filter, at the decimated samples, away from the ends."""

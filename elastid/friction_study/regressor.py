@@ -188,7 +188,7 @@ def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 
 
 def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
-    """Return the best one; 0 if two tests, for correlated residuals and for their sum of squares, show chance alone."""
+    """Return the best Stribeck velocity; 0 if it is insignificant by Wald's test or by the F test."""
     fastest = max(float(np.abs(axis.velocity).max()) for axis in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(signals, terms, _VELOCITIES * fastest))
     without, fit = regress(signals, terms), regress(signals, best, steps=0)

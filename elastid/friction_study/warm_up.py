@@ -95,8 +95,8 @@ class _Problem:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns."""
-        fractions = {"share": self.is_kelvin, "level_share": self.has_series}
-        second = ("ratio", *(name for name, is_there in fractions.items() if is_there))
+        has_fraction = {"share": self.is_kelvin, "level_share": self.has_series}
+        second = ("ratio", *(name for name, is_there in has_fraction.items() if is_there))
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
 
     def thermal_parameters(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:

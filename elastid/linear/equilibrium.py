@@ -201,10 +201,10 @@ def _faults(
     M = Z.T @ model.mass(q, theta).full() @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
-    motion = np.linalg.norm(Z @ modes[:, eigenvalues <= MIN_INERTIA], axis=1)
-    if still := ", ".join(name for name, part in zip(names, motion, strict=True) if part > 0.1):
+    participation = np.linalg.norm(Z @ modes[:, eigenvalues <= MIN_INERTIA], axis=1)
+    if massless := ", ".join(name for name, part in zip(names, participation, strict=True) if part > 0.1):
         yield (
-            f"the mass matrix is singular, motion of {still} moves no inertia; give the bodies that it moves a mass "
+            f"the mass matrix is singular, motion of {massless} moves no inertia; give the bodies that it moves a mass "
             "off the joint's axis or an inertia about it"
         )
 

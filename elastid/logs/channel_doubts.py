@@ -171,7 +171,7 @@ def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
             candidates = [text for factor, text in joint.factors(i) if factor > 1 and extent / factor < limit]
             text = (
                 f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}. "
-                f"The unit of its sensor is probably {' or '.join(candidates) or 'a different one'}"
+                f"Set {' or '.join(candidates) or 'the unit of its sensor'}"
             )
             yield Doubt(i, "side" if candidates == ["side: motor"] else "unit", text)
 

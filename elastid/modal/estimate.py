@@ -73,8 +73,8 @@ def line_variance(response: Response) -> FloatArray:
     if covariance.dof > MANY_DOF:
         return floor_variance(covariance.variance, power)
     # The part by the inputs is known line by line: of hits it is as uneven as their spectrum.
-    input_scale = _input_variance(covariance)
-    return floor_variance(input_scale * smooth_variance(covariance.variance / input_scale, power), power)
+    relative_variance = _input_variance(covariance)
+    return floor_variance(relative_variance * smooth_variance(covariance.variance / relative_variance, power), power)
 
 
 def _input_variance(covariance: Covariance) -> FloatArray:

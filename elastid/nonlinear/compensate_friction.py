@@ -74,7 +74,7 @@ def _travel(records: Sequence[Record]) -> dict[str, float]:
     first, travel = records[0], np.max([np.ptp(record.y, axis=0) for record in records], axis=0).tolist()
     rows = zip(first.outputs, first.quantities, travel, strict=True)
     return dict.fromkeys(first.inputs, 0.0) | {
-        place: column for place, quantity, column in rows if quantity == "position" and place in first.inputs
+        place: extent for place, quantity, extent in rows if quantity == "position" and place in first.inputs
     }
 
 

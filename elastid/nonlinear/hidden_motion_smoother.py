@@ -84,12 +84,12 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     Of neighbours their ratio to noise of torques that the model passes on, and of angles: near resonances, and where a
     robot moves less and less, they are not alike themselves.
     """
-    torque_noise = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
-    passed = np.einsum("fii->f", torque_noise).real
+    angle_covariance = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
+    passed = np.einsum("fii->f", angle_covariance).real
     most = np.argsort(passed)[-max(1, len(passed) // 4) :]  # where torque shows most
     power = np.mean(np.sum(np.abs(r[most]) ** 2, axis=1), axis=1) - lines.noise.sum()
     c = max(float(np.median(power / passed[most])), 1e-300)
-    factor = np.linalg.cholesky(c * torque_noise + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
+    factor = np.linalg.cholesky(c * angle_covariance + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
     return np.asarray(factor @ mean_of_neighbours(S, 15) @ factor.conj().swapaxes(1, 2))
@@ -109,10 +109,10 @@ def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArra
     weights = np.resize(size, P.shape[1])
     W = P * weights @ P.T
     noise = np.diag(lines.noise)
-    torque_noise = CH @ W @ CH.conj().swapaxes(1, 2)
+    angle_covariance = CH @ W @ CH.conj().swapaxes(1, 2)
     power = np.einsum("fii->f", S).real - lines.noise.sum()
-    scale = np.maximum(power, 1e-3 * np.einsum("fii->f", S).real) / np.einsum("fii->f", torque_noise).real
-    covariance = scale[:, None, None] * torque_noise + noise
+    scale = np.maximum(power, 1e-3 * np.einsum("fii->f", S).real) / np.einsum("fii->f", angle_covariance).real
+    covariance = scale[:, None, None] * angle_covariance + noise
     return np.asarray(scale[:, None, None] * (drive.H @ W @ CH.conj().swapaxes(1, 2)) @ np.linalg.inv(covariance))
 
 

@@ -374,10 +374,8 @@ MODES_SHOWN = 3
 def questions_of_responses(content: ResponsesContent) -> Questions:
     """The three questions of the page of responses without a robot, each with its sentences."""
     warnings = sum(note.first.severity == "warning" for note in content.notes)
-    sentences = [
-        float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()
-    ]
-    good = [f"Noise is {percent(max(sentences))} of the response at a line." if sentences else "The noise is unknown."]
+    stds = [float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()]
+    good = [f"Noise is {percent(max(stds))} of the response at a line." if stds else "The noise is unknown."]
     good += [f"Warnings below: {warnings}."] if warnings else []
     with_modes = [modes for modes in content.modes if modes.n_modes]
     modes = []

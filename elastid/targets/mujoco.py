@@ -113,8 +113,7 @@ def _check(robot: Robot) -> None:
     if parts:
         raise StudyError(
             "export/not-representable",
-            f"MJCF has linear springs and motors on the axes that they drive: {', '.join(parts)} would be lost; export "
-            "to casadi or c instead",
+            f"MJCF cannot represent {', '.join(parts)}. Export to casadi or c instead",
             f"robot {robot.name}",
         )
 

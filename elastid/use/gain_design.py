@@ -67,7 +67,7 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
         raise FitError(
             "use/gains",
             f"no gains keep the sensitivity below {limit_db:.3g} dB in all postures with a delay of {delay} samples at "
-            f"{scene.plants.rate_hz:g} Hz: raise the rate, or leave out the posture that falls over fastest",
+            f"{scene.plants.rate_hz:g} Hz: raise the rate, or omit the posture with the fastest unstable pole",
         )
     yield best
     best = searched(scene, best, limit_db) or best

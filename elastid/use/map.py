@@ -205,12 +205,12 @@ class Quantity:
 
 @frozen_value
 class WorkspaceMap:
-    """Quantities of Q postures with an equilibrium, the motors held, in the axes of the base.
+    """Quantities of Q postures with an equilibrium, motors locked, in the axes of the base.
 
-    angles (Q, n_u): of the driven joints `joints`.  asked (Q,): number of each among the postures asked for; those
+    angles (Q, n_u): of the driven joints `joints`.  asked (Q,): number of each among the requested postures; those
     without an equilibrium are `refused`.  sliding: of each joint, True where it slides.  position (Q, 3): of the frame.
-    axes (Q, 3, 3): directions of the principal static compliances, columns, the softest first.  springs, share (Q,
-    n_s): part of each spring in the compliance of the softest direction.
+    axes (Q, 3, 3): directions of the principal static compliances, columns, the softest first.  springs,
+    compliance_fraction (Q, n_s): part of each spring in the compliance of the softest direction.
     curve_hz (L,): of `magnitude`.
     """
 
@@ -319,8 +319,8 @@ def map_workspace(
     if not has_rest.any():
         raise StudyError(
             "robot/no-equilibrium",
-            f"robot {family.robot.name} finds no rest in any of the {N} postures; they may be outside the "
-            "reach of its loops, or its springs too soft for its weight",
+            f"robot {family.robot.name} has no equilibrium in any of the {N} postures. Check that they are within the "
+            "reach of its loops, and the units of its springs and masses",
         )
     for key, column in columns.items():
         n = 0

@@ -213,7 +213,7 @@ class _MoveTask:
     def tuned(self, name: str, progress: Progress) -> TunedMove:
         """The best move with its outcomes."""
         robots, limits, joints = self.robots, self.limits, self.commanded.robot.driven
-        planned, r, samples, most = self._within_limits(progress)
+        planned, r, errors, most = self._within_limits(progress)
         target = self._path(r.time_s)
         distances = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in robots.draws]
         ends = planned.q.t[[0, -1]]
@@ -231,7 +231,7 @@ class _MoveTask:
             units=tuple(joint.unit for joint in joints), judge=robots.judge_name, bandwidth_hz=robots.bandwidth_hz,
             duration=self.move.duration, margin_s=self.margin_s, target=target, predicted_error=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
-            outcomes=self._outcomes(r, target, samples), samples=len(robots.draws), max_torque=most, advice=advice,
+            outcomes=self._outcomes(r, target, errors), samples=len(robots.draws), max_torque=most, advice=advice,
             geometric_error_m=float(np.quantile(distances, 0.95)) if distances else 0.0,
         )  # fmt: skip
 

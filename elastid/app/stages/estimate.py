@@ -140,7 +140,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
     for file in spec.files:
         path, configuration = base / file.path, configurations[file.configuration]
         if kind_of(path) == "frf":
-            response = in_quantity(_is_of_another_run(path, file, configuration, study.robot), estimator.quantity)
+            response = in_quantity(_response_of_another_run(path, file, configuration, study.robot), estimator.quantity)
             if "zero-order" in (spec.hold, *(channel.hold for channel in spec.channels)):
                 text = "its hold is not removed: the study that estimated it states it in experiment.recorded.hold"
                 response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
@@ -172,7 +172,7 @@ def tool_responses(tool: ToolSpec | None, study: Study, base: Path) -> list[Resp
     return [replace(G, motors=tool.motors, loop=tool.loop) for G in imported_responses(at_tool, base)]
 
 
-def _is_of_another_run(
+def _response_of_another_run(
     path: Path, file: ResponseFileSpec, configuration: Configuration, robot: Robot | None
 ) -> Response:
     responses = {response.configuration.name: response for response in read_responses(path)}

@@ -122,8 +122,8 @@ def with_gear_section(
     changes = section(final, "status message")
     changes |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
     if gears.explains_misfit and not final.indices:
-        is_open = [note["code"] not in ANSWERED for note in content["notes"]]
-        changes |= {name: list(compress(content[name], is_open)) for name in ("warnings", "notes")}
+        is_unanswered = [note["code"] not in ANSWERED for note in content["notes"]]
+        changes |= {name: list(compress(content[name], is_unanswered)) for name in ("warnings", "notes")}
     return {**content, **changes, "parameters": json_value(parameters), "gears": json_value(numbers)}
 
 

@@ -28,22 +28,22 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
     coulomb (n_u,): friction of the motors, as known.  The record has the positions of all motors.
     """
     assert record.r is not None
-    torque_r, columns = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
+    r_plan, columns = plan.torque(rehearsal.experiment), [record.outputs.index(at) for at in record.inputs]
     N = plan.period_samples
     r, u, y = (mean_period(x, N) for x in (record.r, record.u, record.y[:, columns]))
     position, torque = (mean_period(x[plan.measured], N) for x in (rehearsal.position, rehearsal.torque))
-    spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(torque_r, axis=0).conj(), axis=1)
+    spectrum = np.sum(np.fft.rfft(r, axis=0) * np.fft.rfft(r_plan, axis=0).conj(), axis=1)
     lag = int(np.argmax(np.fft.irfft(spectrum, len(r))))  # a start that all signals share is no contradiction
     late_s, none = min(lag, len(r) - lag) / plan.rate_hz, np.full(r.shape[1], np.inf)
     same, size = SAME_EXCITATION, EXCITATION_GAIN
-    words = _first_inconsistent_motor(plan, "injected torque (r)", np.roll(r, -lag, axis=0), torque_r, same, size, none)
+    words = _first_inconsistent_motor(plan, "injected torque (r)", np.roll(r, -lag, axis=0), r_plan, same, size, none)
     if not words and late_s > LATE_S:
         return f"its excitation is shifted by {late_s:.3g} s relative to the plan. Log from the first sample of the run"
     same, size, posture = MIRRORED, UNIT_RATIO, np.full(len(none), POSTURE_ERROR)
     # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
     friction, mean_torque = coulomb * (0.2 if has_carrier else 1.2), np.abs(torque.mean(axis=0))
-    rms = np.sqrt(np.mean(torque_r**2, axis=0))
-    holding = HOLDING_ERROR * np.maximum(mean_torque, 0.25 * mean_torque.max()) + friction + 0.1 * rms
+    planned_rms = np.sqrt(np.mean(r_plan**2, axis=0))
+    holding = HOLDING_ERROR * np.maximum(mean_torque, 0.25 * mean_torque.max()) + friction + 0.1 * planned_rms
     return (
         words
         or _first_inconsistent_motor(plan, "position (y)", y, position, same, size, posture)
@@ -52,19 +52,20 @@ def contradiction(record: Record, plan: Plan, rehearsal: Rehearsal, coulomb: Flo
 
 
 def _first_inconsistent_motor(
-    plan: Plan, noun: str, signal: FloatArray, expected: FloatArray, same: float, size: float, offset: FloatArray
-) -> str:
+    plan: Plan, noun: str, signal: FloatArray, expected: FloatArray, min_rho: float, max_gain: float,
+    max_error: FloatArray,
+) -> str:  # fmt: skip
     """Find the first motor whose mean period does not follow the expected one, or has another size or mean."""
-    X, expectation = (np.fft.rfft(x, axis=0)[plan.lines] for x in (signal, expected))
-    norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(expectation, axis=0)
-    rho, gain = np.real(np.sum(X.conj() * expectation, axis=0)) / np.maximum(norms * sizes, 1e-300), norms / sizes
-    means, offsets = signal.mean(axis=0), expected.mean(axis=0)
-    wrong = (rho < same) | (gain > size) | (gain < 1 / size) | (np.abs(means - offsets) > offset)
+    X, X_expected = (np.fft.rfft(x, axis=0)[plan.lines] for x in (signal, expected))
+    norms, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(X_expected, axis=0)
+    rho, gain = np.real(np.sum(X.conj() * X_expected, axis=0)) / np.maximum(norms * sizes, 1e-300), norms / sizes
+    means, expected_means = signal.mean(axis=0), expected.mean(axis=0)
+    wrong = (rho < min_rho) | (gain > max_gain) | (gain < 1 / max_gain) | (np.abs(means - expected_means) > max_error)
     for i in np.flatnonzero(wrong)[:1]:
         return (
             f"the {noun} of {plan.inputs[i]} differs from the plan: correlation {rho[i]:.2f}, gain "
-            f"{number(float(gain[i]), 3)}, mean {means[i]:.4g} instead of {offsets[i]:.4g}. Check that it is this run, "
-            "channels, signs, units, posture, payload"
+            f"{number(float(gain[i]), 3)}, mean {means[i]:.4g} instead of {expected_means[i]:.4g}. Check that it is "
+            "this run, channels, signs, units, posture, payload"
         )
     return ""
 

@@ -91,10 +91,10 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     typical = float(np.median(change))
     if np.any(np.abs(change - math.copysign(2 * math.log(2 * math.pi), typical)) > math.log(LIMITS.factor_spread)):
         return ()
-    unit, wrong = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
+    actual_unit, assumed_unit = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
     text = (
         f"all estimates are {math.exp(typical):.3g} times their start, which no residual shows. Check whether the "
-        f"frequencies are in {unit} instead of {wrong} (39 times), the positions in degrees (57 times), or the torques "
+        f"frequencies are in {actual_unit} instead of {assumed_unit} (39 times), the positions in degrees (57 times), or the torques "
         "on the other side of the gear (its ratio)"
     )
     return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)

@@ -333,11 +333,8 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
     places = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
     for kind, wanted, modelled in places:
         if unknown := ", ".join(name for name in wanted if name not in modelled):
-            has_not = f"the response has the {kind} {unknown}, which the model has not"
-            names = ", ".join(modelled) or "none"
-            raise DataError(
-                "fit/responses", f"{has_not}; there are {names}", f"configuration {response.configuration.name}"
-            )
+            text = f"the model has no {kind} {unknown}; there are {', '.join(modelled) or 'none'}"
+            raise DataError("fit/responses", text, f"configuration {response.configuration.name}")
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
     acting = response.controller.motors if response.controller is not None and is_closed else response.inputs

@@ -94,13 +94,13 @@ def errors_of(response: Response) -> ComplexArray:
 def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
     """Return C (n_b, n_e) of the errors of one response: d Ghat / d c = C errors, zero where a factor is not of it."""
     n, n_u = (0, 0) if response.bias is None else response.bias.shape[:2]
-    fractions, counts = np.zeros((len(factors), n, n_u)), Counter(name for name, _, is_known in factors if is_known)
+    contrasts, counts = np.zeros((len(factors), n, n_u)), Counter(name for name, _, is_known in factors if is_known)
     for b, (name, i, configuration) in enumerate(factors):
         if name not in response.inputs or i >= n - 1:
             continue
-        fraction = (configuration == response.configuration.name) - 1 / counts[name] if configuration else 1.0
-        fractions[b, i, response.inputs.index(name)] = fraction
-    return fractions.reshape(len(factors), n * n_u)
+        contrast = (configuration == response.configuration.name) - 1 / counts[name] if configuration else 1.0
+        contrasts[b, i, response.inputs.index(name)] = contrast
+    return contrasts.reshape(len(factors), n * n_u)
 
 
 def with_modelled_bias(response: Response, G: ComplexArray) -> Response:

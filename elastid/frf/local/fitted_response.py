@@ -98,10 +98,10 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
     G = B[:, :n_y] @ inverse
     N = np.concatenate([np.broadcast_to(np.eye(n_y), (F, n_y, n_y)), -G], axis=2)
     left = np.swapaxes(inverse, 1, 2) @ fit.input_factor[usable] @ inverse.conj()
-    fit_noise = N if closed else N[:, :, :n_y]
-    M = fit_noise[:, None] @ fit.M[usable] @ inverse[:, None]
+    residual_map = N if closed else N[:, :, :n_y]
+    M = residual_map[:, None] @ fit.M[usable] @ inverse[:, None]
     poles = (M, fit.A_cov[usable])
-    C_total = fit_noise @ (fit.scatter[usable] / fit.dof) @ fit_noise.mT.conj()
+    C_total = residual_map @ (fit.scatter[usable] / fit.dof) @ residual_map.mT.conj()
     total = _covariance(left, C_total, fit.dof, poles)
     if experiments.C_Z is None:
         return FittedResponse(G, None, total, B_u, left, C_total)

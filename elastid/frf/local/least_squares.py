@@ -304,18 +304,18 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     first = np.concatenate([np.arange(n_u), constants])
     # Their rows (f, wanted, rows) of the pseudo-inverse of the weighted regressors.
     inverse = (np.linalg.inv(L)[:, first] @ Q.mT.conj()) / np.swapaxes(size, 1, 2)[:, first]
-    input_columns, transient_columns = inverse[:, :n_u], inverse[:, n_u:]
+    input_rows, transient_rows = inverse[:, :n_u], inverse[:, n_u:]
     AZ = solution.Z + np.einsum("fp,fprz->frz", solution.a, solution.X)
     scatter = np.swapaxes(solution.V, 1, 2) @ solution.V.conj()
     return LocalFit(
-        B=np.swapaxes(input_columns @ AZ, 1, 2),
-        T=transient_columns @ AZ,
+        B=np.swapaxes(input_rows @ AZ, 1, 2),
+        T=transient_rows @ AZ,
         scatter=scatter,
         dof=dof,
-        input_factor=input_columns @ input_columns.mT.conj(),
-        M=np.swapaxes(input_columns[:, None] @ solution.X, 2, 3),
+        input_factor=input_rows @ input_rows.mT.conj(),
+        M=np.swapaxes(input_rows[:, None] @ solution.X, 2, 3),
         A_cov=_denominator_covariance(solution.V_X, solution.scale, scatter / dof),
-        transient_factor=np.sum(np.abs(transient_columns) ** 2, axis=2),
+        transient_factor=np.sum(np.abs(transient_rows) ** 2, axis=2),
         condition=condition,
     )
 

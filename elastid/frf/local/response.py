@@ -375,7 +375,7 @@ def driver_of(spectra: SteadySpectra, closed: bool) -> ComplexArray:
 
 
 def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
-    """Return c with other = c of up to a small difference, both (F, n_u); None without such a factor."""
+    """Return c with R_other = c R up to a small difference, both (F, n_u); None without such a factor."""
     power, power_other = np.sum(np.abs(R) ** 2), np.sum(np.abs(R_other) ** 2)
     if power == 0 or power_other == 0:
         return None

@@ -59,8 +59,8 @@ def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_s
         if candidate is None or (best is not None and candidate.error >= best.error):
             continue
         values = reference[gap] + candidate.values
-        joint = np.concatenate([x[rows[: gap.start]][-1:], values, x[rows[gap.stop :]][:1]])
-        if not np.any(np.abs(np.diff(joint)) > _MAX_STEP * max_step):
+        spliced = np.concatenate([x[rows[: gap.start]][-1:], values, x[rows[gap.stop :]][:1]])
+        if not np.any(np.abs(np.diff(spliced)) > _MAX_STEP * max_step):
             best = Interpolation(values, candidate.error)
     return best
 
@@ -76,10 +76,10 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
     is_inside = (at >= 0) & (at < len(x))
     values = np.where(is_inside, x[np.where(is_inside, at, 0)], np.nan) * (float(sign) ** shifts)[:, None]
     for first in (L, 0):
-        past = np.where(at >= first, values, np.nan)
-        n = np.isfinite(past).sum(axis=0)
+        candidates = np.where(at >= first, values, np.nan)
+        n = np.isfinite(candidates).sum(axis=0)
         if np.all(n[gap] > 0):
-            yield np.where(n > 0, np.nansum(past, axis=0) / np.maximum(n, 1), np.nan)
+            yield np.where(n > 0, np.nansum(candidates, axis=0) / np.maximum(n, 1), np.nan)
             if not is_short:
                 return
     if is_short:

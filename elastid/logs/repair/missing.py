@@ -49,26 +49,26 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     good = np.isfinite(periodic)
     if good.all():
         return periodic
-    result, noisy = np.copy(periodic), set[int]()
+    result, unpredictable = np.copy(periodic), set[int]()
     for c in np.flatnonzero(~good.all(axis=0)):
         count, text = _missing_samples(good[:, c], log, int(c))
         if count > MAX_MISSING_FRACTION * len(good):
             raise log.error("records/missing-samples", f"{text}. {CHECK_CELLS}, or exclude them with samples")
-        result[:, c], noisy_gaps = _interpolate(periodic[:, c], L, sign, log, text)
-        noisy |= noisy_gaps
+        result[:, c], further = _interpolate(periodic[:, c], L, sign, log, text)
+        unpredictable |= further
         outliers = outliers_of(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
     fraction = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    discarded = sorted(noisy | set(np.flatnonzero(fraction > MAX_STATIONARY_FRACTION).tolist()))
+    discarded = sorted(unpredictable | set(np.flatnonzero(fraction > MAX_STATIONARY_FRACTION).tolist()))
     if not discarded:
         return result
     numbers = ", ".join(str(p + 1) for p in discarded)
-    text = f"repetitions {numbers} of {P} lack a tenth of a channel, or samples that the others do not predict"
+    text = f"repetitions {numbers} of {P} lack 10 % of a channel, or have a gap that the others do not predict"
     if P - len(discarded) < 2:
         text += ", and two complete repetitions are needed. Measure again, or exclude the faulty part with samples"
         raise log.error("records/missing-samples", text)
-    log.report("repetitions left out", len(discarded), f"{text}, and are left out")
+    log.report("repetitions left out", len(discarded), f"{text}. They are discarded")
     log.findings.discarded_periods += discarded
     return result
 
@@ -168,14 +168,14 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
         stack = at_times(_with_flags(signals), times, period, min(1.0, N / period))
         result = _with_missing(stack, signals.shape[1])
         log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
-    n, remainder = len(result), 2 * L - len(result)
-    if n < MIN_PERIODS * L or remainder <= 0:
+    n, n_missing = len(result), 2 * L - len(result)
+    if n < MIN_PERIODS * L or n_missing <= 0:
         return result
     text = (
-        f"{n} samples are {n / L:.2f} repetitions of {L}: {n - L} of them repeat and give the noise, the last "
-        f"{remainder} are taken from the first repetition"
+        f"{n} samples are {n / L:.2f} repetitions of {L}. The {n - L} that repeat give the noise; the last "
+        f"{n_missing} are copied from the first repetition"
     )
-    end = np.full((remainder, signals.shape[1]), np.nan)
+    end = np.full((n_missing, signals.shape[1]), np.nan)
     log.report("incomplete periods", 1, text)
     return np.concatenate([result, end])
 

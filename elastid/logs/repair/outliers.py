@@ -131,21 +131,21 @@ def _mask(
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Find samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
     judged, full, q = np.isfinite(x), _interpolate(x, L, sign), step(x)
-    repeats, may_repeat = _lost_messages(x, q)
+    is_lost, may_be_lost = _lost_messages(x, q)
     is_spike = np.zeros(len(x), dtype=np.bool_)
-    if repeats.any():
+    if is_lost.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
-        full, is_spike = _replace(full, repeats, L, sign, to_nearest, are_lost=True)
+        full, is_spike = _replace(full, is_lost, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         judged = _with_second_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
         in_all, in_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
         for e in _differences(full, L, sign):
-            if in_all.any() or may_repeat.any():
+            if in_all.any() or may_be_lost.any():
                 new_spikes = _spikes(x, e, judged & ~is_spike, L, least, MAX_RUN, q)
                 in_all, in_any = in_all & new_spikes, in_any | new_spikes
-        candidates = in_all | (may_repeat & in_any)
+        candidates = in_all | (may_be_lost & in_any)
         if not candidates.any():
             break
         chosen = _roughest(full, candidates, judged & ~is_spike, L)

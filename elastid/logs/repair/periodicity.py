@@ -220,10 +220,7 @@ def autocorrelation(x: FloatArray) -> FloatArray:
     return np.asarray(np.nan_to_num(rho, posinf=0.0, neginf=0.0)[: n - n // 8], dtype=np.float64)
 
 
-NO_LINES = (
-    "An aperiodic record has no FRF at DFT lines: with period: none it is one transient, of which estimator.method "
-    "local_rational, local_polynomial or h1 estimate a response where the torque has power"
-)
+NO_LINES = "For an aperiodic record set period: none, and estimator.method to local_rational, local_polynomial or h1"
 
 
 def check_complete(excitation: FloatArray, place: object) -> None:

@@ -204,8 +204,8 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[in_gaps] = np.nan
     text = (
-        f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz, without "
-        f"{ratio.max(initial=0.0):.2g} of its rms, which is noise or faster"
+        f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz. The "
+        f"residual (noise, or faster motion) is {ratio.max(initial=0.0):.2g} of the rms"
     )
     log.report(RESAMPLED, len(result), text)
     _report_gaps(int(in_gaps.sum()), gaps, log)

@@ -128,7 +128,7 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     motors = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
     if file.purpose in ("presliding_loops", "presliding_test") and not file.joint and len(motors) > 1:
         message = (
-            f"{', '.join(motors)} are logged, and none moves significantly. Set joint to the single excited one, since "
-            "each joint moves the others through the robot"
+            f"several motors are logged ({', '.join(motors)}), and in presliding all of them move a little. Set joint "
+            "to the excited joint"
         )
         yield Problem((*path, "purpose"), message)
