@@ -12,7 +12,7 @@ from elastid.use.tune import TunedMove
 
 
 def answer_of_map(workspace: WorkspaceMap) -> Answer:
-    """Softness of the robot: where, by which springs, the gain of each that were stiffer, and the softest postures."""
+    """Softness of the robot: where, by which springs, and the softest postures."""
     m = workspace.sample
     C, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
@@ -23,18 +23,12 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
             str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _text(C.value[i], "m/N"),
             f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
             _text(m["frequency_1"].value[i], "Hz"), _text(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
-            percent(float(m.compliance_fraction[i].max(initial=0.0))),
         )
         for i in order[:LISTED].tolist()
     ]  # fmt: skip
     limiting, tenth = np.array(m.limiting_springs), order[: max(1, len(m) // 10)]
     springs = [
-        (
-            float(m.compliance_fraction[tenth, i].mean()) / 2,
-            name,
-            float(np.mean(limiting == name)),
-            float(m.compliance_fraction[:, i].mean()),
-        )
+        (float(m.compliance_fraction[tenth, i].mean()), name, float(np.mean(limiting == name)))
         for i, name in enumerate(m.springs)
     ]
     exclusions = f"; {len(m.refused)} postures without equilibrium excluded" if len(m.refused) else ""
@@ -46,8 +40,8 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
                 f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{exclusions}.",
             )),
             ("What limits it, and what helps?", (
-                f"In the softest posture {m.limiting_springs[soft]} contributes {100 * part:.0f} % of the compliance; "
-                f"twice its stiffness reduces the compliance by {50 * part:.0f} %.",
+                f"The stiffness of {m.limiting_springs[soft]}: 1 % more reduces the compliance in the softest posture "
+                f"by {part:.2g} %.",
             )),
             ("What next?", ("Cut along the stiff direction, in postures with a large chatter-free depth.",)),
         ),
@@ -55,18 +49,19 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
             Display(
                 "The softest postures",
                 ("posture", "joints", "softest compliance", "std", "direction x, y, z", "first frequency",
-                 "depth of cut", "limited by", "to"),
+                 "depth of cut", "limited by"),
                 softest,
             ),
             Display(
-                "Springs", ("spring", "limits", "part", "gain"),
-                [(name, percent(limits), percent(mean), percent(g)) for g, name, limits, mean in sorted(springs)[::-1]],
+                "Springs", ("spring", "limits", "part"),
+                [(name, percent(limits), percent(part)) for part, name, limits in sorted(springs)[::-1]],
             ),
         ),
         (
-            "Limits: fraction of postures in which the spring contributes most to the softest direction. Part: average "
-            "contribution to the static compliance there. Gain: reduction by twice its stiffness in the softest tenth "
-            f"of {len(m)} postures. Load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
+            "Limits: fraction of postures in which the spring contributes most to the softest direction. Part 50 %: in "
+            f"the softest tenth of {len(m)} postures, 1 % more stiffness of the spring gives 0.5 % less compliance; "
+            f"with gravity the parts do not sum to 100 %. Load ({force}) N; cutting "
+            f"coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
         ),
     )  # fmt: skip
 

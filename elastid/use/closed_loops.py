@@ -59,6 +59,16 @@ class Plants:
     def __len__(self) -> int:
         return len(self.A)
 
+    def with_states(self, states: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A, B and C of the same P(z) with more states, which rest at 0: a delay differs from robot to robot."""
+        more = (0, states - self.A.shape[-1])
+        none = (0, 0)
+        return (
+            np.pad(self.A, (none, more, more)),
+            np.pad(self.B, (none, more, none)),
+            np.pad(self.C, (none, none, more)),
+        )
+
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
         unit, responses = np.eye(self.A.shape[-1]), []
@@ -121,8 +131,9 @@ class PostureFamily:
     def draws(self, result: Result, count: int, seed: int) -> Plants:
         """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
         pieces = [self._plants(x) for x in draw_robots(result, count, seed).x]
-        parts = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("A", "B", "C", "inertia"))
-        return Plants(self.rate_hz, *parts)
+        states = max(piece.A.shape[-1] for piece in pieces)
+        A, B, C = (np.concatenate(part) for part in zip(*(piece.with_states(states) for piece in pieces), strict=True))
+        return Plants(self.rate_hz, A, B, C, np.concatenate([piece.inertia for piece in pieces]))
 
     @cached_property
     def modes(self) -> tuple[tuple[PlantMode, ...], ...]:

@@ -57,8 +57,12 @@ class Cut:
 
     def __post_init__(self) -> None:
         directions = [each for each in (self.normal, self.force) if each is not None]
-        if not (np.all(np.isfinite([self.load, *directions])) and all(map(np.any, directions))):
-            raise ValueError("load, normal and force are finite, and no direction is the zero vector")
+        if not (np.all(np.isfinite([self.load, *directions])) and all(map(np.any, directions))) or (
+            self.force and not self.normal
+        ):
+            raise ValueError(
+                "load, normal and force are finite, no direction is the zero vector, and a force needs a normal"
+            )
         if not self.cutting_coefficient > 0:
             raise ValueError(f"cutting coefficient {self.cutting_coefficient:g} N/m^2; it must be positive")
 
@@ -330,6 +334,9 @@ def map_workspace(
             release(column)
         column.flags.writeable = False
         columns[key] = column[:n]
+    if not columns["softest_compliance"].max() > np.finfo(float).eps:
+        text = f"no spring moves the origin of frame {family.frame} in any posture. Map a frame off the axes (--frame)"
+        raise StudyError("options/invalid", text)
     quantities = tuple(Quantity(key, text, unit, *columns.pop(key).T) for key, (unit, text) in QUANTITIES.items())
     driven = family.robot.driven
     return WorkspaceMap(

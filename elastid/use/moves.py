@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.robot import Robot
 from elastid.use.postures import Table, beyond_limits, follow_path, read_numbers
 
@@ -153,16 +153,15 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
 
 
 def _times(table: Table) -> FloatArray | None:
-    column = next((table.columns[word] for word in TIMES if word in table.columns), None)
-    if column is None:
+    name = next((word for word in TIMES if word in table.names), None)
+    if name is None:
         return None
-    times = table.values[:, column]
+    times = table.in_si({name: "s"})[:, 0]
     if falling := np.flatnonzero(np.diff(times) <= 0).tolist():
         row = falling[0] + 1
         raise DataError(
             "use/path",
-            f"column {table.heads[column]} is {times[row]:g} s after "
-            f"{times[row - 1]:g} s; times must rise from row to row",
+            f"column {name} is {times[row]:g} s after {times[row - 1]:g} s; times must rise from row to row",
             f"{table.path}:{table.lines[row]}",
         )
     return times
@@ -230,10 +229,5 @@ def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
 
 
 def point_to_point(start: FloatArray, end: FloatArray, duration: float) -> Move:
-    """The move of the joints from angles (n_u,) to others; StudyError where they are the same."""
-    points = np.stack([start, end])
-    if not np.any(np.diff(points, axis=0)):
-        raise StudyError(
-            "options/invalid", "a move from a posture to the same posture has nothing to follow; give another end"
-        )
-    return Move(_through(np.array([0.0, 1.0]), points, False), duration)
+    """The move of the joints from angles (n_u,) to others."""
+    return Move(_through(np.array([0.0, 1.0]), np.stack([start, end]), False), duration)

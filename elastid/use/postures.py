@@ -10,17 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import BoolArray, FloatArray, empty_in_file, release
 from elastid.base.errors import DataError, StudyError
 from elastid.base.files import name_and_unit, read_table
+from elastid.base.units import factor
 from elastid.model.closed_posture import are_closed, followed, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.robot import Robot
 
 _REACHED = 1e-6  # m, or rad, from a pose
-_DEGREES = ("deg", "degree", "degrees")
+_POSITION, _ROTATION = dict.fromkeys(("x", "y", "z"), "m"), dict.fromkeys(("rx", "ry", "rz"), "rad")
 
 
 def limits_of(robot: Robot) -> FloatArray:
@@ -87,13 +89,13 @@ def inverse_kinematics(
     seeds = _seeds(robot, seed)
     there = frame_poses(robot, followed(robot, seeds), frame)
     best, error = np.zeros((len(position), seeds.shape[1])), np.full(len(position), np.inf)
-    away = np.linalg.norm(position[:, None] - there.position[None], axis=2)
-    if rotation is not None:
-        turned = np.einsum("qij,sij->qs", rotation, there.rotation)
-        away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * float(np.ptp(there.position, axis=0).max()) / np.pi
-    for rank in range(3):
-        q = seeds[np.argsort(away, axis=1)[:, rank]]
-        q, distance = _descend(robot, frame, position, rotation, q)
+    starts, poses = [there.position], [position]
+    if rotation is not None:  # half a turn, a difference with a norm of sqrt(8), is as far as the workspace is long
+        size = np.ptp(there.position, axis=0).max() / 8**0.5
+        starts, poses = [*starts, size * there.rotation.reshape(-1, 9)], [*poses, size * rotation.reshape(-1, 9)]
+    near = KDTree(np.hstack(starts)).query(np.hstack(poses), k=3)[1]
+    for start in near.T:
+        q, distance = _descend(robot, frame, position, rotation, seeds[start])
         better = distance < error
         best[better], error[better] = q[better], distance[better]
     return best, error < _REACHED
@@ -152,36 +154,39 @@ class Table:
     lines: tuple[int, ...]
 
     @property
-    def columns(self) -> dict[str, int]:
-        """The column of each head without its unit."""
-        return {name_and_unit(head)[0]: place for place, head in enumerate(self.heads)}
+    def names(self) -> tuple[str, ...]:
+        """The headings without units."""
+        return tuple(name_and_unit(head)[0] for head in self.heads)
 
     def angles(self, robot: Robot) -> FloatArray | None:
-        """Angles (Q, n_u) of the driven joints; None if the table lacks one."""
-        names, columns = robot.driven_names, self.columns
-        if not set(names) <= set(columns):
+        """Angles (Q, n_u) of the driven joints in rad, or m; None if the table lacks one."""
+        if not set(robot.driven_names) <= set(self.names):
             return None
-        in_degrees = [name_and_unit(self.heads[columns[name]])[1] in _DEGREES for name in names]
-        turning = [not joint.slides for joint in robot.driven]
-        scale = [np.pi / 180 if deg and turns else 1.0 for deg, turns in zip(in_degrees, turning, strict=True)]
-        return self.values[:, [columns[name] for name in names]] * scale
+        return self.in_si({joint.name: "m" if joint.slides else "rad" for joint in robot.driven})
 
     def poses(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
         """Positions (Q, 3) and rotations (Q, 3, 3), None without them; DataError where there are no poses either."""
-        columns = self.columns
-        if not {"x", "y", "z"} <= set(columns):
-            names = robot.driven_names
+        turns = _ROTATION.keys() & {*self.names}
+        if not _POSITION.keys() <= {*self.names} or (turns and turns != _ROTATION.keys()):
+            joints = robot.driven_names
             raise DataError(
                 "use/path",
-                f"its columns are {', '.join(self.heads)}; give one for each driven joint "
-                f"({', '.join(names)}; rad, or `{names[0]} deg`), or the poses of the frame as x, y, z in m, with rx, "
-                "ry, rz in rad for its orientation",
+                f"its columns are {', '.join(self.heads)}. Give one for each driven joint "
+                f"({', '.join(joints)}; rad, or `{joints[0]} (deg)`), or poses of the frame: x, y, z in m, and all or "
+                "none of rx, ry, rz in rad",
                 self.path,
             )
-        position = self.values[:, [columns[axis] for axis in "xyz"]]
-        if not {"rx", "ry", "rz"} <= set(columns):
-            return position, None
-        return position, Rotation.from_rotvec(self.values[:, [columns[f"r{axis}"] for axis in "xyz"]]).as_matrix()
+        return self.in_si(_POSITION), Rotation.from_rotvec(self.in_si(_ROTATION)).as_matrix() if turns else None
+
+    def in_si(self, dimensions: dict[str, str]) -> FloatArray:
+        """Columns (Q, n) of the names in `dimensions` in SI units; DataError for a unit that measures another."""
+        columns = [self.names.index(name) for name in dimensions]
+        units = [name_and_unit(self.heads[column])[1] for column in columns]
+        try:
+            scale = [factor(unit or si, si) for unit, si in zip(units, dimensions.values(), strict=True)]
+        except ValueError as error:
+            raise DataError("use/path", str(error), self.path) from None
+        return self.values[:, columns] * scale
 
 
 def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[str, ...]]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.arm import result
+from plants.arm import result, robot
 from plants.fitted_models import fitted_model
 from plants.refusals import refused
 
@@ -16,7 +16,7 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
-from elastid.robot import Tolerances
+from elastid.robot import Frame, Tolerances
 from elastid.use import map as map_module
 from elastid.use.locked_postures import LockedEquations
 from elastid.use.map import Cut, map_workspace
@@ -124,10 +124,19 @@ def test_a_map_in_pieces_keeps_the_order_of_postures_with_rest(monkeypatch: pyte
     assert {*pieces.asked[softest[:10]], pieces.asked[softest[-1]]} <= {*sample.asked}
 
 
-@pytest.mark.parametrize("wrong", [{"normal": (0, 0, 0)}, {"load": (np.nan, 0, 0)}, {"cutting_coefficient": 0.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"normal": (0, 0, 0)}, {"force": (0, 0, 1)}, {"load": (np.nan, 0, 0)}, {"cutting_coefficient": 0.0}]
+)
 def test_a_cut_without_direction_size_or_coefficient_is_none(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"load|coefficient"):
+    with pytest.raises(ValueError, match=r"load|coefficient|force"):
         Cut(**wrong)
+
+
+def test_a_frame_whose_origin_no_spring_moves_is_refused() -> None:
+    """On the first axis of the arm: not an arm without compliance."""
+    hub = replace(robot(), frames=(Frame("hub", "upper"),))
+    with refused("options/invalid", holds="frame hub"):
+        map_workspace(replace(result(), robot=hub), np.array([[0.2, 0.9], [-0.2, 0.1]]))
 
 
 def test_where_nothing_rests_the_map_says_why() -> None:

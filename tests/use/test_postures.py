@@ -36,11 +36,16 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
     path = tmp_path / "path.csv"
     path.write_text("2 (deg),1,note\n90,0.5,0\n", encoding="utf-8")
     np.testing.assert_allclose(read_path(path, robot(), "tool")[0], [[0.5, np.pi / 2]])
+    path.write_text("2 (mrad),1 (°)\n500,90\n", encoding="utf-8")
+    np.testing.assert_allclose(read_path(path, robot(), "tool")[0], [[np.pi / 2, 0.5]])
     path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n", encoding="utf-8")
     angles, (remark,) = read_path(path, robot(), "tool")
     assert "1 of the path's postures (row 2) are out of reach" in remark
     there = frame_poses(robot(), followed(robot(), angles), "tool").position
     np.testing.assert_allclose(there, [[1, 0, 0], [0.9, 0, -0.2]], atol=2e-6)
+    path.write_text("x (mm),y (mm),z\n1000,0,0\n900,0,-0.2\n", encoding="utf-8")
+    in_mm, _ = read_path(path, robot(), "tool")
+    np.testing.assert_allclose(frame_poses(robot(), followed(robot(), in_mm), "tool").position, there, atol=4e-6)
 
 
 @pytest.mark.parametrize(
@@ -53,6 +58,9 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
         ("1,2\n0,nan\n", ":2"),
         ("1;2\n0,5;1\n", ":2"),
         ("x,y,z\n9,9,9\n", "frame tool"),
+        ("1 (mm),2\n0,1\n", "mm"),
+        ("1 (deg),1,2\n0,0,1\n", ":2"),
+        ("x,y,z,rx\n1,0,0,0\n", "rx"),
     ],
 )
 def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text: str, place: str) -> None:

@@ -12,6 +12,7 @@ from elastid.use.moves import point_to_point, read_move
 
 
 def written(folder: Path, text: str) -> Path:
+    folder.mkdir(exist_ok=True)
     path = folder / "move.csv"
     path.write_text(text, encoding="utf-8")
     return path
@@ -25,6 +26,8 @@ def test_a_timed_path_is_passed_at_its_times_and_rests_at_its_ends(tmp_path: Pat
     np.testing.assert_allclose(move.at(np.array([0.0, 0.5, 1.5])), np.radians([[0, 0], [10, 20], [30, 20]]), atol=1e-12)
     for order in (1, 2):
         np.testing.assert_allclose(move.at(np.array([-1.0, 0.0, 1.5, 2.0]), order), 0.0, atol=1e-9)
+    in_ms = written(tmp_path / "ms", "t (ms),1 deg,2 deg\n1000,0,0\n1500,10,20\n2500,30,20\n")
+    assert read_move(in_ms, arm(), "tool").duration == 1.5
     slower = read_move(path, arm(), "tool", 3.0)
     np.testing.assert_allclose(slower.at(np.array([1.0]), 1), move.at(np.array([0.5]), 1) / 2)
 

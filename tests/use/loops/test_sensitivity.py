@@ -1,16 +1,21 @@
 """Sensitivity, poles and bandwidths of sampled loops against python-control and closed forms."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from plants.arm import RATIO, closed_form, result
+from plants.fitted_models import DELAY as FITTED_DELAY_S
+from plants.fitted_models import fitted_model
 
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
 from elastid.use.cascade import Cascade
 from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, bandwidths, closed_loop_poles, scaled
+from elastid.use.draws import draw_robots
 from elastid.use.gain_design import design
 from elastid.use.loops import assess
 from elastid.use.map import largest_gain
@@ -98,6 +103,23 @@ def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None
     sampled, prompt = answers[0][:12], answers[1]
     times = 25 * np.arange(12) - round(25 * RATE_HZ * delay_s)
     np.testing.assert_allclose(sampled, prompt[np.maximum(times, 0)], rtol=1e-6, atol=1e-12 * prompt.max())
+
+
+def test_robots_drawn_with_delays_on_both_sides_of_a_sample_are_plants_of_one_size() -> None:
+    """The delay of the fit is one sample: draws need one, or a part of another; each responds as it does alone."""
+    fitted = fitted_model("scara")
+    own, rate_hz = replace(fitted.result, robot=fitted.model.robot), 1 / FITTED_DELAY_S
+    postures = [Configuration("a", np.array([joint.start for joint in own.robot.driven]))]
+    family, freq_hz = PostureFamily.of(own, postures, rate_hz), np.geomspace(2.0, 900.0, 20)[None]
+    drawn, states = family.draws(own, 6, 1), set()
+    for i, x in enumerate(draw_robots(own, 6, 1).x):
+        linear, estimated = family.models[0].linear, family.models[0].estimated
+        A, B, C = (part[None] for part in _sampled(linear, estimated.theta(x), rate_hz))
+        alone, among = Plants(rate_hz, A, B, C, drawn.inertia[:1]), slice(i, i + 1)
+        states.add(A.shape[-1])
+        each = Plants(rate_hz, drawn.A[among], drawn.B[among], drawn.C[among], drawn.inertia[among])
+        np.testing.assert_allclose(each.response(freq_hz), alone.response(freq_hz), rtol=1e-9, atol=1e-15)
+    assert len(states) > 1
 
 
 def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> None:
