@@ -24,13 +24,13 @@ from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import LogGuess, guess_commands, guess_log
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
-from elastid.logs.clocks import MAX_SAMPLES, Clock, clock_of
+from elastid.logs.clocks import MAX_SAMPLES, MIN_SAMPLES, Clock, clock_of
 from elastid.logs.command_log import gains_in
 from elastid.logs.files.formats import opened_log
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
-from elastid.logs.log_signals import MIN_SAMPLES, signals_of, wrong_cells
+from elastid.logs.log_signals import signals_of, wrong_cells
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
 

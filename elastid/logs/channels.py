@@ -5,7 +5,7 @@ are brought to the lowest. A start that all channels share does not matter: Y / 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias, cast
@@ -16,8 +16,8 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.logs.clocks import correct_stamps, stamp_size
-from elastid.logs.files.formats import contents, read_channels
+from elastid.logs.clocks import common_span, correct_stamps, stamp_size
+from elastid.logs.files.formats import contents, read_channels, stamp_names
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.clock_drift import (
     MAX_CLOCK_ERROR,
@@ -37,6 +37,7 @@ from elastid.logs.units_and_sides import check_values, link_side, without_placeh
 from elastid.record import MOTION_ORDER, Motion
 
 Signals: TypeAlias = dict[tuple[str, str, str], FloatArray]
+_Key: TypeAlias = tuple[int, float, str]  # file, rate in Hz, time channel
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class GatheredChannels:
 
 @dataclass(frozen=True)
 class _Group:
-    """The channels of one file with one rate: their places in the study's list, signals (n, c), and rows.
+    """The channels of one file with one rate and clock: their places in the study's list, signals (n, c), and rows.
 
     first_s: the first time stamp, None where none was logged.
     """
@@ -80,9 +81,20 @@ class _Experiment:
         first = 0 if self.file.samples is None or number > 1 else self.file.samples[0]
         return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, findings=self.findings)
 
-    def key(self, channel: ChannelSpec) -> tuple[int, float]:
-        """Return file and rate of a channel."""
-        return channel.file, float(channel.rate_hz or self.recorded.known_rate_hz)
+    def members(self) -> dict[_Key, list[int]]:
+        """Return numbers of channels by file, rate and time channel: of the study, or of files with several clocks."""
+        recorded, result = self.recorded, dict[_Key, list[int]]()
+        for number, path in enumerate(self.paths, start=1):
+            numbers = [i for i, channel in enumerate(recorded.channels) if channel.file == number]
+            names = stamp_names(path, [recorded.channels[i] for i in numbers], recorded.text)
+            # Each logger has its own clock, and not all of them stamps.
+            has_time = recorded.time and (number == 1 or recorded.time in contents(path, recorded.text))
+            for i, name in zip(numbers, names, strict=True):
+                rate_hz = recorded.channels[i].rate_hz
+                time = recorded.time if has_time and rate_hz in (None, recorded.rate_hz) else ""
+                key = number, float(rate_hz or recorded.known_rate_hz), name if len({*names}) > 1 else time
+                result.setdefault(key, []).append(i)
+        return result
 
 
 def driver_columns(channels: Sequence[ChannelSpec]) -> list[int]:
@@ -99,8 +111,9 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     """
     channels, rate_hz = recorded.channels, recorded.known_rate_hz
     experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
-    keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
-    groups = [_read(experiment, key) for key in keys]
+    members = experiment.members()
+    keys = sorted(members, key=lambda key: (key[0], key[1] != rate_hz))
+    groups = _on_grids(experiment, {key: (members[key], _read(experiment, key, members[key])) for key in keys})
     columns = {i: column for group in groups for i, column in zip(group.members, group.signals.T, strict=True)}
     may_rest = ("u",) if file.purpose == "coast_down" else ()
     check_values(channels, [columns[i] for i in range(len(columns))], experiment.log(1), may_rest)
@@ -185,39 +198,43 @@ def _period_s(groups: Sequence[_Group], experiment: _Experiment) -> float | None
     return None if samples is None else samples / group.rate_hz
 
 
-def _read(experiment: _Experiment, key: tuple[int, float]) -> _Group:
-    number, file_rate_hz = key
-    recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.recorded.known_rate_hz
-    members = tuple(i for i, c in enumerate(recorded.channels) if experiment.key(c) == key)
-    channels, path = [recorded.channels[i] for i in members], experiment.paths[number - 1]
-    has_time = bool(recorded.time) and file_rate_hz == rate_hz
-    if has_time and number > 1:  # each logger has its own clock, and not all of them stamps
-        has_time = recorded.time in contents(path, recorded.text)
-    if has_time:
-        channels = [*channels, ChannelSpec("y", "time", recorded.time, quantity="position")]
+def _read(experiment: _Experiment, key: _Key, members: Sequence[int]) -> FloatArray:
+    """Return values (n, c) of channels, and in the last column their time if they have one."""
+    number, file_rate_hz, time = key
+    recorded, file, path = experiment.recorded, experiment.file, experiment.paths[number - 1]
+    channels = [recorded.channels[i] for i in members]
+    channels += [ChannelSpec("y", "time", time, quantity="position")] if time else []
     if number > 1 or file.samples is None:
-        values = read_channels(path, channels, recorded.text)
-    else:
-        first, last = (round(sample * file_rate_hz / rate_hz) for sample in file.samples)
-        values = read_channels(path, channels, recorded.text, slice(first, last))
-        if not 0 <= first < last or len(values) < last - first:
-            n = len(read_channels(path, channels, recorded.text))
-            raise DataError(
-                "records/range",
-                f"samples [{first}, {last}] exceed the file; it has {n} samples, counted from 0, and last is "
-                "exclusive. Correct samples",
-                path,
-            )
-    log, gridded, rows = experiment.log(number, (), rate_hz), values, None
-    if has_time:
-        time_s = _stamps_s(values[:, -1], recorded.time, rate_hz, log)
-        time_s, signals = rising(time_s, values[:, :-1], log)
-        gridded = on_grid(time_s, signals, rate_hz, log)
-        instants_s = (np.arange(len(gridded)) - 0.5) / rate_hz
-        rows = log.first + np.searchsorted(time_s - time_s[0], instants_s)
-    signals = without_placeholders(np.where(np.isfinite(gridded), gridded, np.nan))
-    first_s = float(time_s[0]) if has_time else None
-    return _Group(number, file_rate_hz, members, signals, rows, first_s)
+        return read_channels(path, channels, recorded.text)
+    first, last = (round(sample * file_rate_hz / recorded.known_rate_hz) for sample in file.samples)
+    values = read_channels(path, channels, recorded.text, slice(first, last))
+    if not 0 <= first < last or len(values) < last - first:
+        n = len(read_channels(path, channels, recorded.text))
+        raise DataError(
+            "records/range",
+            f"samples [{first}, {last}] exceed the file; it has {n} samples, counted from 0, and last is "
+            "exclusive. Correct samples",
+            path,
+        )
+    return values
+
+
+def _on_grids(experiment: _Experiment, parts: Mapping[_Key, tuple[list[int], FloatArray]]) -> list[_Group]:
+    """Bring signals to their rates, those of one file with several clocks from the latest first stamp on."""
+    groups = []
+    for (number, rate_hz, time), (members, values) in parts.items():
+        log, gridded, rows, first_s = experiment.log(number, (), rate_hz), values, None, None
+        if time:
+            time_s, gridded = rising(_stamps_s(values[:, -1], time, rate_hz, log), values[:, :-1], log)
+            clocks = {key[2]: x[[0, -1], -1] for key, (_, x) in parts.items() if key[0] == number and key[2]}
+            spans = {name: (float(ends[0]), float(ends[1])) for name, ends in clocks.items()}
+            begin_s = common_span(spans, experiment.paths[number - 1])[0] if len(spans) > 1 else None
+            gridded = on_grid(time_s, gridded, rate_hz, log, begin_s)
+            first_s = float(time_s[0]) if begin_s is None else begin_s
+            rows = log.first + np.searchsorted(time_s - first_s, (np.arange(len(gridded)) - 0.5) / rate_hz)
+        signals = without_placeholders(np.where(np.isfinite(gridded), gridded, np.nan))
+        groups.append(_Group(number, rate_hz, tuple(members), signals, rows, first_s))
+    return groups
 
 
 def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: Log) -> FloatArray:

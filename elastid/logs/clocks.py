@@ -1,23 +1,24 @@
 """Clock of a log: the channel of its times by name or by steps, with wrong stamps, unit and rate."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, ElastidError
-from elastid.experiment.specs.channels import ChannelSpec
-from elastid.logs.channel_names import guess_by_name
+from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
+from elastid.logs.channel_names import DRIVES, guess_by_name
 from elastid.logs.files.log import Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.headings import TIMES, in_brackets
 from elastid.logs.repair import MAX_WRONG_FRACTION
 from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid
 
-# Samples that are read of a log.
-MAX_SAMPLES = 1 << 17
+# Samples that are read of a log, and those that it needs.
+MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
 _IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
@@ -103,18 +104,46 @@ def stamp_size(t: FloatArray, rate_hz: float) -> tuple[str, float]:
 
 
 def channel_rates(log: Log) -> list[tuple[str, str, float]]:
-    """Name, unit and sample time in ms of each channel of a log that states several sample times; empty for others."""
+    """Name, unit and sample time in ms of each channel of a log with several sample times; empty for others.
+
+    Channels with stamps of their own have several where two channels with a quantity have different stamps.
+    """
     if isinstance(log, TextLog):
         units = log.units or [""] * log.n_columns
         return list(zip(log.headings, units, log.sample_ms, strict=True)) if log.sample_ms else []
-    rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in log.arrays.items() if a.rate_hz and a.is_signal]
+    signals = [(n, a) for n, a in log.arrays.items() if a.is_signal]
+    rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in signals if a.rate_hz]
+    stamped = [(n, a) for n, a in signals if a.time and guess_by_name(n, None, a.units).quantity in (*MOTIONS, *DRIVES)]
+    if times := {a.time: stamps_of(log, a.time)[0] for _, a in stamped}:
+        steps_ms = {name: float(f"{1e3 / rate_of(t):.3g}") for name, t in times.items() if len(t) > MIN_SAMPLES}
+        rates = [(n, a.units, steps_ms[a.time]) for n, a in stamped if a.time in steps_ms]
+        return rates if len(steps_ms) > 1 else []
     return rates if len({ms for *_, ms in rates}) > 1 else []
 
 
 def slowest_ms(channels: Sequence[tuple[str, str, float]]) -> float:
-    """Return longest sample time of the channels whose names or units show a quantity, temperatures aside."""
-    times = [ms for name, unit, ms in channels if guess_by_name(name, None, unit).quantity not in ("", "temperature")]
-    return max(times, default=max(ms for *_, ms in channels))
+    """Return the sample time at which there are a drive and a motion, or of the slowest channel if one is absent."""
+    quantities = [(guess_by_name(name, None, unit).quantity, ms) for name, unit, ms in channels]
+    fastest = [min((ms for name, ms in quantities if name in kinds), default=0.0) for kinds in (DRIVES, MOTIONS)]
+    return max(fastest) if all(fastest) else max(ms for *_, ms in channels)
+
+
+def rate_of(t: FloatArray) -> float:
+    """Return the rate of stamps (n,) per unit of time: of their even grid, else of their steps without gaps."""
+    rises = np.diff(t)
+    rises = rises[rises > 0]
+    grid = even_grid(t)
+    # Gaps left out, the mean is that of a clock that jitters or is rounded.
+    return 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)])) if grid is None else grid[1]
+
+
+def common_span(spans: Mapping[str, tuple[float, float]], place: Path | str) -> tuple[float, float]:
+    """Return first and last time in s at which all signals with the names and spans were logged; DataError without."""
+    begin, end = max(first for first, _ in spans.values()), min(last for _, last in spans.values())
+    if not begin < end:
+        text = ", ".join(f"{name} {first:.6g} to {last:.6g} s" for name, (first, last) in spans.items())
+        raise DataError("records/clock", f"signals have no time in common: {text}. Log them with one clock", place)
+    return begin, end
 
 
 def clock_of(log: Log) -> Clock:
@@ -122,13 +151,15 @@ def clock_of(log: Log) -> Clock:
 
     Raises DataError for a time that runs backwards.
     """
+    stamps, shapes = set[str](), log.shapes()
     if channels := channel_rates(log):
-        return Clock(
-            float(f"{1e3 / slowest_ms(channels):.6g}"), "sample time of the slowest channel with a known quantity"
-        )
-    shapes = log.shapes()
+        slowest = slowest_ms(channels)
+        stamps = {log.arrays[name].time for name, _, ms in channels if name in log.arrays and ms <= slowest} - {""}
+        if len(stamps) != 1:
+            rate_hz = float(f"{1e3 / slowest:.6g}")
+            return Clock(rate_hz, "highest rate at which both a drive and a motion were logged")
     unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
-    for name in (*filter(is_time, shapes), *unnamed):
+    for name in (*stamps, *filter(is_time, shapes), *unnamed):
         t, wrong = stamps_of(log, name)
         steps = np.diff(t)
         falls, rises = np.flatnonzero(steps <= 0), steps[steps > 0]
@@ -136,13 +167,11 @@ def clock_of(log: Log) -> Clock:
         is_set_back = 0 < len(falls) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(rises))
         is_named = is_time(name) and (np.all(steps > 0) or is_set_back)
         if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
-            # Gaps left out, their mean is that of a clock that jitters or is rounded.
-            typical_hz = 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)]))
-            low, high = 20.0, 200e3  # of logs of machines
+            rate, low, high = rate_of(t), 20.0, 200e3  # of logs of machines, in Hz
             units = time_units(t)
-            unit = next((u for u, s in units.items() if low <= typical_hz / s <= high), next(iter(units)))
+            unit = next((u for u, s in units.items() if low <= rate / s <= high), next(iter(units)))
             grid = even_grid(t)
-            rate_hz = (typical_hz if grid is None else grid[1]) / units[unit]
+            rate_hz = rate / units[unit]
             is_even = grid is not None and len(grid[0]) > grid[0][-1]
             why = f"steps of {name}, which seems to be in {unit}"
             why += f"; the time does not rise after sample {falls[0]}" if len(falls) else ""

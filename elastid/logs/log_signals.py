@@ -11,7 +11,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
 from elastid.logs.channel_names import DRIVES, STANDARD_GRAVITY, ChannelGuess, guess_by_name
-from elastid.logs.clocks import channel_rates, slowest_ms
+from elastid.logs.clocks import MIN_SAMPLES, channel_rates, common_span, slowest_ms, stamps_of
 from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.repair import Log as RepairLog
@@ -20,7 +20,6 @@ from elastid.logs.repair.masks import MAX_MISSING_FRACTION
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.units_and_sides import MAX_COMPUTABLE
 
-MIN_SAMPLES = 100  # of a log
 _MAX_GRAVITY_ERROR = 0.1  # of an accelerometer, relative
 _MIN_COUNTS = 50  # minimum range of whole numbers that may be counts
 
@@ -100,15 +99,20 @@ def _resample_to_slowest(
     """Interpolate the signals that have a quantity at the times of the slowest one; DataError if these begin later."""
     slowest, result = slowest_ms(channels), []
     for name, unit, ms in channels:
-        guess = guess_by_name(name, None, unit)
-        if guess.quantity and ms <= slowest:
-            x = log.values([ChannelSpec("y", "any", name, quantity="position")], slice(0, int(most * slowest / ms)))
-            whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
-            at = np.arange(int(len(whole) * ms / slowest)) * slowest / ms
-            rate_hz = None if ms == slowest else float(f"{1e3 / ms:.6g}")
-            result.append((replace(guess, rate_hz=rate_hz), np.interp(at, np.arange(len(whole)), whole)))
-    n = min((len(x) for _, x in result), default=0)
-    return _with_commands([(guess, x[:n]) for guess, x in result if np.ptp(x[:n]) > 0])
+        shape, rate_hz = log.shapes()[name], None if ms == slowest else float(f"{1e3 / ms:.6g}")
+        for column in range(1, 1 + min(shape)) if len(shape) > 1 else (None,):
+            guess, spec = guess_by_name(name, column, unit), ChannelSpec("y", "any", name, column, quantity="position")
+            if guess.quantity and ms <= slowest:
+                x = log.values([spec], slice(0, int(most * slowest / ms)))
+                whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
+                stamps = log.time_of(spec)
+                t_ms = 1e3 * stamps_of(log, stamps)[0] if stamps else ms * np.arange(len(whole))
+                result.append((replace(guess, rate_hz=rate_hz), t_ms[: len(whole)], whole[: len(t_ms)]))
+    spans = {guess.name: (1e-3 * t[0], 1e-3 * t[-1]) for guess, t, _ in result}
+    begin, end = common_span(spans, getattr(log, "path", ""))
+    at = np.arange(1e3 * begin, 1e3 * end + slowest / 2, slowest)
+    signals = [(guess, np.interp(at, t, x)) for guess, t, x in result]
+    return _with_commands([(guess, x) for guess, x in signals if np.ptp(x) > 0])
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:

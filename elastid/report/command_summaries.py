@@ -32,19 +32,21 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
         for i, name in enumerate(m.springs)
     ]
     exclusions = f"; {len(m.refused)} postures without equilibrium excluded" if len(m.refused) else ""
+    answers = (
+        ("Where is it soft?", (
+            f"{len(workspace)} postures: {_text(C.value[stiff], 'm/N')} to {_text(C.value[soft], 'm/N')} in the "
+            f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{exclusions}.",
+        )),
+        ("What limits it, and what helps?", (
+            f"The stiffness of {m.limiting_springs[soft]}: 1 % more reduces the compliance in the softest posture "
+            f"by {part:.2g} %.",
+        )),
+        ("What next?", ("Cut along the stiff direction, in postures with a large chatter-free depth.",)),
+    )  # fmt: skip
+    fixed = f"No spring moves the origin of {m.frame} in any posture. Map a frame off the axes (--frame)."
     return Answer(
         f"Map of {m.name}",
-        (
-            ("Where is it soft?", (
-                f"{len(workspace)} postures: {_text(C.value[stiff], 'm/N')} to {_text(C.value[soft], 'm/N')} in the "
-                f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{exclusions}.",
-            )),
-            ("What limits it, and what helps?", (
-                f"The stiffness of {m.limiting_springs[soft]}: 1 % more reduces the compliance in the softest posture "
-                f"by {part:.2g} %.",
-            )),
-            ("What next?", ("Cut along the stiff direction, in postures with a large chatter-free depth.",)),
-        ),
+        answers if C.value[soft] > np.finfo(float).eps else (("Where is it soft?", (fixed,)),),
         (
             Display(
                 "The softest postures",

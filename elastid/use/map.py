@@ -334,9 +334,6 @@ def map_workspace(
             release(column)
         column.flags.writeable = False
         columns[key] = column[:n]
-    if not columns["softest_compliance"].max() > np.finfo(float).eps:
-        text = f"no spring moves the origin of frame {family.frame} in any posture. Map a frame off the axes (--frame)"
-        raise StudyError("options/invalid", text)
     quantities = tuple(Quantity(key, text, unit, *columns.pop(key).T) for key, (unit, text) in QUANTITIES.items())
     driven = family.robot.driven
     return WorkspaceMap(

@@ -1,4 +1,4 @@
-"""A ROS 2 bag of a log of two joints."""
+"""ROS 2 bags: a log of two joints, and topics of one joint."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -55,4 +55,23 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
             commands(ns, Numbers(Layout([], 0), np.array([log["i1"][k], log["i2"][k]])))
             words(ns, Word("going on"))
             forces(ns, Wrench(header, Force(Vector(k, 0.0, -k), Vector(0.0, 0.5, 0.0))))
+    return path
+
+
+def write_topics(path: Path, topics: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> Path:
+    """Topics with stamps in s and fields (position, effort) of the joint `axis`."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    Stamp, Header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
+    State = store.types["sensor_msgs/msg/JointState"]
+    with Writer(path, version=9) as writer:
+        for name, (t, fields) in topics.items():
+            connection = writer.add_connection(name, State.__msgtype__, typestore=store)
+            for k, ns in enumerate((1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)).tolist()):
+                arrays = (fields[key][k : k + 1] if key in fields else np.zeros(0) for key in ("position", "effort"))
+                position, effort = arrays
+                message = State(Header(Stamp(ns // 10**9, ns % 10**9), ""), ["axis"], position, np.zeros(0), effort)
+                writer.write(connection, ns, store.serialize_cdr(message, State.__msgtype__))
     return path

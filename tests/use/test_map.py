@@ -16,6 +16,7 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
+from elastid.report.command_summaries import answer_of_map
 from elastid.robot import Frame, Tolerances
 from elastid.use import map as map_module
 from elastid.use.locked_postures import LockedEquations
@@ -132,11 +133,12 @@ def test_a_cut_without_direction_size_or_coefficient_is_none(wrong: dict[str, An
         Cut(**wrong)
 
 
-def test_a_frame_whose_origin_no_spring_moves_is_refused() -> None:
-    """On the first axis of the arm: not an arm without compliance."""
+def test_a_frame_whose_origin_no_spring_moves_has_frequencies_and_no_softest_direction() -> None:
     hub = replace(robot(), frames=(Frame("hub", "upper"),))
-    with refused("options/invalid", holds="frame hub"):
-        map_workspace(replace(result(), robot=hub), np.array([[0.2, 0.9], [-0.2, 0.1]]))
+    mapped = map_workspace(replace(result(), robot=hub), np.array([[0.2, 0.9], [-0.2, 0.1]]))
+    assert np.all(mapped["frequency_1"].value > 1)
+    ((_, (text,)),) = answer_of_map(mapped).questions
+    assert "hub" in text
 
 
 def test_where_nothing_rests_the_map_says_why() -> None:

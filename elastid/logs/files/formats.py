@@ -127,6 +127,14 @@ def read_channels(
         return log.values(channels, span)
 
 
+def stamp_names(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> list[str]:
+    """Return the signal with the time stamps of each channel, empty if a format states none."""
+    if _format_of(path) == FORMATS[-1]:  # a text has none
+        return [""] * len(channels)
+    with opened_log(path, text) as log:
+        return [log.time_of(channel) for channel in channels]
+
+
 @contextmanager
 def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """Open a log file, whatever its format; arrays are read while it is open."""
@@ -135,17 +143,21 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
         raise StudyError(
             "files/missing", f"log file {path} {problem}. Check path under files (relative to the study's folder)"
         )
-    head = b""
-    if not os.path.isdir(path):
-        with path.open("rb") as file:
-            head = file.read(4104)  # HDF5 after a user block of 4096 bytes is recognised
-    log_format = next(row for row in all_formats() if row.recognises(path, head))
+    log_format = _format_of(path)
     damage = f"damaged, truncated or not a {log_format.name} file"
     guard = partial(_refuse_errors, lambda error: f"{path}: {damage} ({error}); {log_format.advice}")
     with ExitStack() as stack:
         with guard():
             log = stack.enter_context(log_format.opened(path, text))
         yield log.guarded(guard) if isinstance(log, ArrayLog) else log
+
+
+def _format_of(path: Path) -> Format:
+    head = b""
+    if os.path.isfile(path):
+        with path.open("rb") as file:
+            head = file.read(4104)  # HDF5 after a user block of 4096 bytes is recognised
+    return next(row for row in all_formats() if row.recognises(path, head))
 
 
 @contextmanager

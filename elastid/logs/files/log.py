@@ -42,13 +42,17 @@ class Log(Protocol):
         DataError where one cannot be read; no more is read or understood than the format needs.
         """
 
+    def time_of(self, channel: ChannelSpec) -> str:
+        """Return the name of the array with a channel's time stamps, empty if the format states none."""
+        return ""
+
 
 @dataclass(frozen=True)
 class StoredArray:
     """An array of a file, read when it is used.
 
     units: as the file states them, or an empty text.  rate_hz: likewise, or None.  rows: reads a part of the first
-    axis, in formats that can.
+    axis, in formats that can.  time: name of the array with its stamps in s, by one clock for all, or an empty text.
     """
 
     shape: tuple[int, ...]
@@ -57,6 +61,7 @@ class StoredArray:
     units: str = ""
     rate_hz: float | None = None
     rows: Callable[[slice], NDArray[Any]] | None = None
+    time: str = ""
 
     @property
     def is_signal(self) -> bool:
@@ -126,6 +131,10 @@ class ArrayLog:
                 "rate_hz of those at another rate"
             )
         return np.stack(signals).T  # each signal in one piece, as all that follows takes them
+
+    def time_of(self, channel: ChannelSpec) -> str:
+        """Return the name of the array with a channel's time stamps, empty if the format states none."""
+        return self.array_of(channel)[1].time
 
     def array_of(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
         """Name and array that hold a channel; DataError where it is missing or no signal."""

@@ -68,9 +68,9 @@ def guarded(reader: Opener) -> Opener:
             (member.name, s.st_ino, s.st_size, s.st_mtime_ns) for member in members for s in [member.stat()]
         )
         file, arrays = _File(reader.__module__, reader.__name__, os.getcwd(), path, version), {}
-        for name, (shape, dtype, units, rate_hz, has_rows) in _ask(file).items():
+        for name, (shape, dtype, units, rate_hz, has_rows, time) in _ask(file).items():
             values = partial(_ask, file, name)
-            arrays[name] = StoredArray(shape, dtype, values, units, rate_hz, values if has_rows else None)
+            arrays[name] = StoredArray(shape, dtype, values, units, rate_hz, values if has_rows else None, time)
         yield ArrayLog(path, arrays)
 
     return opened
@@ -153,8 +153,7 @@ def serve() -> None:
                 opened.close()
                 last, signals = None, dict(opened.enter_context(file.opened()).arrays)
                 last = file
-            descriptions = {n: (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None) for n, x in signals.items()}
-            reply = _values(signals[name], span) if name else descriptions
+            reply = _values(signals[name], span) if name else {n: _description(x) for n, x in signals.items()}
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
             reply = ValueError(f"its reader needs {amount} memory")
@@ -187,6 +186,10 @@ def limit_memory() -> int:
     except (ValueError, OSError):
         return 0
     return limit
+
+
+def _description(array: StoredArray) -> tuple[object, ...]:
+    return array.shape, array.dtype, array.units, array.rate_hz, array.rows is not None, array.time
 
 
 def _values(array: StoredArray, span: slice | None) -> NDArray[Any]:

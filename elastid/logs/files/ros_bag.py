@@ -2,8 +2,8 @@
 
 Signals are named by topic and field, `imu.angular_velocity.x`; those of a `sensor_msgs/JointState` by joint as well,
 `joint_states.position.elbow`, in whatever order its messages list the joints.  Sequences of numbers are matrices, of
-which a channel gives the column.  Each topic has its own time, `joint_states.time`, in s from its first message: the
-stamp of its messages, or where they have none the time at which the bag received them.
+which a channel gives the column.  Each topic has its own time, `joint_states.time`, in s from the first message of
+the bag: the stamp of its messages, or where they have none the time at which the bag received them.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,10 +31,9 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     # Bags of older releases do not hold the definitions of their messages.
     typestore = types.get_typestore(types.Stores.ROS2_HUMBLE)
     with reading.AnyReader([path], default_typestore=typestore) as bag:
-        arrays: dict[str, StoredArray] = {}
-        for name, topic in bag.topics.items():
-            arrays |= _Topic(bag, name, topic.connections, topic.msgtype or "").arrays()
-        yield ArrayLog(path, arrays)
+        topics = [_Topic(bag, name, each.connections, each.msgtype or "") for name, each in bag.topics.items()]
+        begin_ns = min((topic.first[0] for topic in topics if topic.first), default=0)
+        yield ArrayLog(path, dict(signal for topic in topics for signal in topic.arrays(begin_ns)))
 
 
 class _Topic:
@@ -43,35 +42,41 @@ class _Topic:
         self.is_joint_state = kind == "sensor_msgs/msg/JointState"
         self.is_known = kind in bag.typestore.fielddefs
 
-    def arrays(self) -> Iterator[tuple[str, StoredArray]]:
-        """Name and array of each signal; none of a topic without messages or of a type that is not known."""
-        first = next(self._messages(), None) if self.is_known else None
-        if first is None:
+    @cached_property
+    def first(self) -> tuple[int, Any] | None:
+        """Stamp in ns and first message; None of a topic without messages or of a type that is not known."""
+        return next(self._messages(), None) if self.is_known else None
+
+    def arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
+        """Name and array of each signal; times are from begin_ns on."""
+        if self.first is None:
             return
         if self.is_joint_state:
-            yield from self._joint_arrays()
+            yield from self._joint_arrays(begin_ns)
             return
-        columns = _numbers(first[1])
+        columns, time = _numbers(self.first[1]), f"{self.name}.time"
         n = sum(connection.msgcount for connection in self.connections)
         if columns:
-            yield f"{self.name}.time", _stored((n,), lambda: self._columns[0], "s")
+            yield time, _stored((n,), lambda: _seconds(self._columns[0], begin_ns), "s")
         for field, values in columns.items():
-            yield f"{self.name}.{field}", _stored((n, *values.shape), partial(self._column, field))
+            yield f"{self.name}.{field}", _stored((n, *values.shape), partial(self._column, field), "", time)
 
-    def _joint_arrays(self) -> Iterator[tuple[str, StoredArray]]:
-        times, columns = self._columns
-        shared = all(len(numbers) == len(times) for numbers, _ in columns.values())
+    def _joint_arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
+        times, columns = _seconds(self._columns[0], begin_ns), self._columns[1]
+        shared, time = all(len(numbers) == len(times) for numbers, _ in columns.values()), f"{self.name}.time"
         if shared:
-            yield f"{self.name}.time", _stored((len(times),), lambda: times, "s")
+            yield time, _stored((len(times),), lambda: times, "s")
         for column, (numbers, values) in columns.items():
             field, _, joint = column.partition(".")
             if not shared:
-                yield f"{self.name}.time.{joint}", _stored((len(numbers),), partial(times.__getitem__, numbers), "s")
-            yield f"{self.name}.{column}", _stored((len(values),), partial(np.array, values), _JOINT_FIELDS[field])
+                time = f"{self.name}.time.{joint}"
+                yield time, _stored((len(numbers),), partial(times.__getitem__, numbers), "s")
+            unit = _JOINT_FIELDS[field]
+            yield f"{self.name}.{column}", _stored((len(values),), partial(np.array, values), unit, time)
 
     @cached_property
-    def _columns(self) -> tuple[NDArray[Any], dict[str, tuple[list[int], list[NDArray[Any]]]]]:
-        """Times (n,) in s from the first message, and for each column the messages that hold it, and its values."""
+    def _columns(self) -> tuple[list[int], dict[str, tuple[list[int], list[NDArray[Any]]]]]:
+        """Stamps (n,) in ns, and for each column the messages that hold it, and its values."""
         stamps: list[int] = []
         columns: dict[str, tuple[list[int], list[NDArray[Any]]]] = {}
         for number, (stamp, message) in enumerate(self._messages()):
@@ -80,14 +85,13 @@ class _Topic:
                 numbers, values = columns.setdefault(column, ([], []))
                 numbers.append(number)
                 values.append(value)
-        # Differences come first, since ns since 1970 exceed float64.
-        return np.array([stamp - stamps[0] for stamp in stamps]) * 1e-9, columns
+        return stamps, columns
 
     def _column(self, field: str) -> NDArray[Any]:
         """Return values (n,) or (n, columns); ValueError if a sequence changes its length."""
-        times, columns = self._columns
+        stamps, columns = self._columns
         values = columns[field][1]
-        if len(values) < len(times) or len({value.shape for value in values}) > 1:
+        if len(values) < len(stamps) or len({value.shape for value in values}) > 1:
             raise ValueError(f"{self.name}.{field} varies in length between messages")
         return np.stack(values)
 
@@ -123,5 +127,10 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "") -> StoredArray:
-    return StoredArray(shape, np.dtype(np.float64), read, units)
+def _seconds(stamps: list[int], begin_ns: int) -> NDArray[np.float64]:
+    # Differences come first, since ns since 1970 exceed float64.
+    return np.array([stamp - begin_ns for stamp in stamps]) * 1e-9
+
+
+def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "", time: str = "") -> StoredArray:
+    return StoredArray(shape, np.dtype(np.float64), read, units, time=time)

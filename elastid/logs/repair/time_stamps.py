@@ -81,17 +81,20 @@ def _resolution(time_s: FloatArray) -> float:
     return 10.0 ** -int(np.argmax(is_whole)) if is_whole.any() else 0.0
 
 
-def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
+def on_grid(
+    time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log, begin_s: float | None = None
+) -> FloatArray:
     """Bring signals (n, c) to rate_hz from the first stamp on, with rows of NaN for gaps of the stamps (n,).
 
-    Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample.
+    Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample. begin_s: time at
+    which signals with other stamps begin, too; their grids must then agree to the end.
     Rows in another order than their stamps are sorted.  A clock that was set back leaves a gap of unknown length.
     Raises DataError where stamps are missing, where many fall, and where long steps leave too little of the band.
     """
     time_s, signals = rising(time_s, signals, log)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
         raise log.error("records/clock", "its time does not increase. Name another channel as time, or omit time")
-    time_s = time_s - time_s[0]
+    begin, time_s = 0.0 if begin_s is None else begin_s - float(time_s[0]), time_s - time_s[0]
     if not 1 / MAX_RATE_RATIO < (len(time_s) - 1) / (time_s[-1] * rate_hz) < MAX_RATE_RATIO:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise log.error(
@@ -111,13 +114,16 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
         log.report(JITTER, len(time_s), text)
     if grid is not None:
         rows, grid_hz = grid
-        if abs(grid_hz / rate_hz - 1) <= MAX_CLOCK_ERROR:
+        first = 0.0 if begin_s is None else (begin - float(np.mean(time_s - rows / grid_hz))) * grid_hz
+        is_whole = abs(first - round(first)) <= MAX_GRID_DEVIATION
+        allowed = MAX_CLOCK_ERROR if begin_s is None else MAX_GRID_DEVIATION / len(rows)
+        if abs(grid_hz / rate_hz - 1) <= allowed and is_whole:
             count, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
             result[rows] = signals
             _report_gaps(count, np.flatnonzero(np.diff(rows) > 1), log)
-            return result
-        time_s = rows / grid_hz
-    return _at_instants(time_s, signals, rate_hz, log)
+            return result[round(first) :]
+        time_s, begin = rows / grid_hz, first / grid_hz
+    return _at_instants(time_s - begin, signals, rate_hz, log)
 
 
 def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:

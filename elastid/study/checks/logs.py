@@ -244,6 +244,7 @@ def _check_content(
     study: Study, recorded: RecordedSpec, file: FileSpec, path: KeyPath, log: OpenLog, place: Path
 ) -> Iterator[Problem]:
     members = [k for k, c in enumerate(recorded.channels) if c.file == 1 and c.rate_hz is None]
+    members = [k for k in members if log.time_of(recorded.channels[k]) == log.time_of(recorded.channels[members[0]])]
     channels = [recorded.channels[k] for k in members]
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
@@ -288,7 +289,8 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
     if recorded.rate_hz == "unknown":
         return
     rate_hz, where = recorded.known_rate_hz, (*_RECORDED, "rate_hz")
-    names = [recorded.time] if recorded.time else [name for name in log.shapes() if is_time(name)]
+    clocks = {log.time_of(channel) for channel in recorded.channels if channel.file == 1 and not channel.rate_hz} - {""}
+    names = [recorded.time] if recorded.time else sorted(clocks) or [name for name in log.shapes() if is_time(name)]
     for name in names:
         stamps = stamps_of(log, name)[0]
         steps = np.diff(stamps)

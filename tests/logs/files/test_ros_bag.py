@@ -3,14 +3,18 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from plants.lab_logs import RATE
 from plants.refusals import refused
-from plants.ros_bag import JOINTS, LogArrays, write_bag
+from plants.ros_bag import JOINTS, LogArrays, write_bag, write_topics
 
+from elastid.app.cli import run_command
 from elastid.app.run import file_hash
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.logs.channels import gather_channels
 from elastid.logs.files.formats import contents, read_channels
+from elastid.study import load
 
 TEXT = TextFormatSpec()
 
@@ -37,6 +41,46 @@ def test_the_time_of_a_topic_is_the_stamp_of_its_messages(tmp_path: Path, log: L
     at = np.arange(len(log["i1"])) / RATE
     np.testing.assert_allclose(_read(bag, "joint_states.time")[:, 0], at, atol=2e-9)
     np.testing.assert_allclose(_read(bag, "arm/commands.time")[:, 0], at, atol=2e-9)
+
+
+def _angle(t: np.ndarray) -> np.ndarray:
+    return 0.3 * np.sin(2 * np.pi * 3.1 * t) + 0.1 * np.sin(2 * np.pi * 17 * t)
+
+
+def _torque(t: np.ndarray) -> np.ndarray:
+    return 2 * np.cos(2 * np.pi * 4.3 * t)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "ppm", "begin_s", "jitter_s"),
+    [
+        (250.0, 0, 0.004, 0.0),
+        (250.0, 0, 0.0073, 0.0),
+        (500.0, 0, 0.0009, 0.0),
+        (250.0, 80, 0.0, 0.0),
+        (250.0, 0, 0.0, 2e-4),
+    ],
+)
+def test_topics_with_different_stamps_are_brought_to_one_clock(
+    tmp_path: Path, rate_hz: float, ppm: float, begin_s: float, jitter_s: float
+) -> None:
+    """Positions at 500 Hz; torques later, at another rate or in between, with another quartz, 20 messages lost."""
+    rng = np.random.default_rng(2)
+    t_q, t_u = np.arange(8000) / 500, begin_s + np.arange(16 * int(rate_hz)) / rate_hz * (1 + 1e-6 * ppm)
+    t_u = np.delete(t_u + jitter_s * rng.uniform(-1, 1, len(t_u)), slice(1000, 1020))
+    topics = {"/state": (t_q, {"position": _angle(t_q)}), "/drive": (t_u, {"effort": _torque(t_u)})}
+    write_topics(tmp_path / "bag", topics)
+    run_command(["new", str(tmp_path / "study"), "--from", str(tmp_path / "bag")])
+    drafted = load(tmp_path / "study" / "study.yml").study
+    recorded = drafted.experiment.recorded
+    log = gather_channels(recorded, recorded.files[0], tmp_path / "study", drafted.places)
+    assert log.rate_hz == rate_hz
+    t = max(t_u[0], 0.0) + np.arange(len(log.signals)) / rate_hz
+    expected = {"u": _torque(t), "y": _angle(t)}
+    for channel, x in zip(log.channels, log.signals.T, strict=True):
+        error = np.abs(x - expected[channel.role])[50:-50] / np.abs(expected[channel.role]).max()
+        assert np.sqrt(np.nanmean(error**2)) < 5e-4
+        assert np.isnan(error).sum() <= 22
 
 
 def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(tmp_path: Path, log: LogArrays) -> None:
