@@ -123,8 +123,16 @@ class JointFriction:
         return self.static is not None and self.static.has_one_speed
 
     @property
+    def has_number(self) -> bool:
+        """True if a number of inertia, gravity or friction has an interval without zero."""
+        return any(row.low * row.high > 0 for row in self.numbers if row.symbol not in ("o", "g", "T", "T_d"))
+
+    @property
     def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
+        if self.numbers and not self.has_number:
+            why = "all its intervals contain zero. Check that torque and motion are of the same joint and time"
+            return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
@@ -289,9 +297,10 @@ def identify_friction(
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
     parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
-    if not any(map(any, parts)):
-        status = "failed"
-    message = "; ".join([*misfits, *(f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)])
+    if not any(map(any, parts)) or not any(joint.has_number for joint in joints):
+        status, misfits = "failed", [f"joint {j.joint}: {term.reason}" for j in joints for term in j.missing]
+    numbers = () if status == "failed" else (f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)
+    message = "; ".join([*misfits, *numbers])
     return FrictionResult(joints, measured.notes, status, message)
 
 

@@ -82,7 +82,7 @@ class _Experiment:
         return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, findings=self.findings)
 
     def members(self) -> dict[_Key, list[int]]:
-        """Return numbers of channels by file, rate and time channel: of the study, or of files with several clocks."""
+        """Return channels by file, rate and time channel: `time` of the study, or time stamps of each channel."""
         recorded, result = self.recorded, dict[_Key, list[int]]()
         for number, path in enumerate(self.paths, start=1):
             numbers = [i for i, channel in enumerate(recorded.channels) if channel.file == number]
@@ -220,7 +220,7 @@ def _read(experiment: _Experiment, key: _Key, members: Sequence[int]) -> FloatAr
 
 
 def _on_grids(experiment: _Experiment, parts: Mapping[_Key, tuple[list[int], FloatArray]]) -> list[_Group]:
-    """Bring signals to their rates, those of one file with several clocks from the latest first stamp on."""
+    """Bring signals to their rates. Channels of a file with several clocks start at the latest of their first stamps."""
     groups = []
     for (number, rate_hz, time), (members, values) in parts.items():
         log, gridded, rows, first_s = experiment.log(number, (), rate_hz), values, None, None
