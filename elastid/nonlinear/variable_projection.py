@@ -350,15 +350,11 @@ def greedy(
     cost: Callable[[list[int]], float],
     pays: Callable[[float, float, list[int]], bool],
 ) -> tuple[list[int], float]:
-    """Select by forward selection: add the member that lowers the cost most, as long as that pays."""
+    """Select by forward selection: of the members that pay, add the one that lowers the cost most."""
     chosen: list[int] = []
     least = cost(chosen)
-    while sets := larger(chosen):
-        costs = [cost(members) for members in sets]
-        best = int(np.argmin(costs))
-        if not pays(least, costs[best], sets[best]):
-            break
-        chosen, least = sets[best], costs[best]
+    while better := [(after, sets) for sets in larger(chosen) if pays(least, after := cost(sets), sets)]:
+        least, chosen = min(better)
     return chosen, least
 
 

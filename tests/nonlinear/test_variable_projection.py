@@ -15,6 +15,7 @@ from elastid.nonlinear.variable_projection import (
     Basis,
     NormalEquations,
     basis_error_covariance,
+    greedy,
     identifiable_basis,
     refined,
     select_motor_basis,
@@ -192,3 +193,14 @@ def test_shapes_that_are_alike_share_a_level() -> None:
     np.testing.assert_allclose(solve(X.T @ X, X.T @ y)[:2].sum(), 2.0, rtol=1e-6)
     assert not solve(np.eye(2), np.array([-1.0, -2.0])).any()
     assert not solve(np.eye(2), np.zeros(2)).any()
+
+
+def test_forward_selection_adds_a_member_that_pays_behind_one_that_does_not() -> None:
+    """Member 0 explains 5 of the 6 that it needs, member 1 four of the two, member 2 three, beside member 1 one."""
+    gains, needs = (5.0, 4.0, 3.0), (6.0, 2.0, 2.0)
+    members, cost = greedy(
+        lambda chosen: [[*chosen, i] for i in range(3) if i not in chosen],
+        lambda chosen: 10 - sum(gains[i] for i in chosen) + 2 * ({1, 2} <= {*chosen}),
+        lambda before, after, chosen: before - after > needs[chosen[-1]],
+    )
+    assert (members, cost) == ([1], 6.0)
