@@ -186,7 +186,7 @@ def plan(
 
     KeyboardInterrupt where it was interrupted; StudyError where an end finds no rest.
     """
-    problem = _Problem(commanded, move, limits, margin_s, tool_m, knots_per_s)
+    problem = _CollocationProblem(commanded, move, limits, margin_s, tool_m, knots_per_s)
     options: dict[str, Any] = {
         "print_time": False, "no_nlp_grad": True, "calc_lam_p": False, "show_eval_warnings": False,
         "hess_lag": problem.hessian, "ipopt.sb": "yes", "ipopt.print_level": 0,
@@ -205,7 +205,7 @@ def plan(
     return Planned(BSpline(problem.knots, problem.coefficients(solution["x"]).full().T, DEGREE), status, violation)
 
 
-class _Problem:
+class _CollocationProblem:
     """Variables x = [spline coefficients, torques u / u_0, multipliers], each knot by knot; constraints g likewise."""
 
     def __init__(
