@@ -13,6 +13,7 @@ from scipy.special import chdtrc, fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
+from elastid.frf.matrices import inverse
 from elastid.response import Response
 
 # Probability of a verdict against a true model.
@@ -28,7 +29,7 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
     diagonal = np.arange(R.shape[1])
     R[:, diagonal, diagonal] = 1.0
     try:
-        L_inverse = np.linalg.inv(np.linalg.cholesky(R))
+        L_inverse = inverse(np.asarray(np.linalg.cholesky(R), np.complex128))
     except np.linalg.LinAlgError:
         L_inverse = np.broadcast_to(np.eye(R.shape[1]), R.shape)
     return np.asarray(L_inverse * gain[:, None, :], np.complex128)

@@ -39,6 +39,7 @@ from scipy.special import fdtr, gammainc
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient, stored_beside
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
+from elastid.frf.matrices import inverse
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
@@ -84,12 +85,7 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     own S; fewer than 16 lines are not divided.
     """
     models = [_across_lines(S, each) for each in (replace(shapes, own=shapes.own[:MOTIONS]), shapes)]
-    return max(models, key=lambda C: float(np.sum(-np.linalg.slogdet(C)[1] - _traces(np.linalg.inv(C), S))))
-
-
-def _traces(W: Any, S: ComplexArray) -> FloatArray:
-    """tr(W S) (F,)."""
-    return np.asarray(np.einsum("fab,fba->f", W, S).real)
+    return max(models, key=lambda C: -float(np.sum(np.linalg.slogdet(C)[1]) + np.sum(np.linalg.inv(C).mT * S).real))
 
 
 def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
@@ -116,15 +112,12 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
     b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), reached)
     for _ in range(30):
-        W = np.asarray(np.linalg.inv(_sum(a, b, shapes, g) + floor), np.complex128)
-        WSW = np.asarray(W @ S @ W)
-        t = _traces(W, S) / n_y
-        w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
-        (motion, torque), (motion_expected, torque_expected) = _powers(WSW, w, shapes, g), _powers(W, w, shapes, g)
-        a, b = (
-            a * quotient(np.maximum(motion, 0.0), motion_expected),
-            b * quotient(np.maximum(torque, 0.0), torque_expected),
-        )
+        W = inverse(_sum(a, b, shapes, g) + floor)
+        WS = W @ S
+        w = np.minimum(1.0, n_y / np.maximum(np.einsum("faa->f", WS).real, 1e-300))
+        (motion, motion_expected), (torque, torque_expected) = _powers(np.stack([WS @ W, W]), w, shapes, g)
+        a = a * quotient(np.maximum(motion, 0.0), motion_expected)
+        b = b * quotient(np.maximum(torque, 0.0), torque_expected)
     return lambda at: np.asarray(
         (_sum(a, b, at, at.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
     )
@@ -139,9 +132,9 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """sum_k w_k tr(Q W) of the noise on the outputs (p, n_y), and of torques (q, n_u)."""
-    motion = np.einsum("pfa,f,faa->pa", shapes.own, w, W).real
-    return motion, (shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real
+    """sum_k w_k tr(Q W) of each W (m, F, n_y, n_y), of the noise on outputs (m, p, n_y) and torques (m, q, n_u)."""
+    motion = np.einsum("pfa,mfa->mpa", shapes.own, np.einsum("mfaa->mfa", W).real * w[:, None])
+    return motion, (shapes.torque * w) @ np.einsum("fij,mfij->mfj", g.conj(), W @ g).real
 
 
 @frozen_value

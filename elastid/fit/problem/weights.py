@@ -34,17 +34,18 @@ class Whitening(Kept):
     def matrix(self) -> ComplexArray:
         """L^-1 (F, n_y n_u, n_y n_u) of C~ relative to sigma, elements in the order of G; computed at every call."""
         F, n_y, n_u = self.sigma.shape
-        row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
-        C = self.noise.full()[:, row_by_row[:, None], row_by_row]
+        used = np.isfinite(self.sigma)
+        s = np.where(used, self.sigma, 1.0).reshape(F, 1, -1)
+        factors = _used_factors(self.noise, used, is_split=self.floor == 0)
         self.noise.release()
-        used = np.isfinite(self.sigma).reshape(F, -1)
-        s = np.where(used, self.sigma.reshape(F, -1), 1.0)
+        if len(factors) == 2:  # the triangle of a Kronecker product is the product of the triangles
+            of_inputs, of_outputs = (inverse(np.asarray(np.linalg.cholesky(C))) for C in factors)
+            return np.asarray(np.einsum("fab,fcd->facbd", of_outputs, of_inputs).reshape(F, s.size // F, -1) * s)
         diagonal = np.arange(n_y * n_u)
+        row_by_row = diagonal.reshape(n_u, n_y).T.ravel()
+        C = factors[0][:, row_by_row[:, None], row_by_row]
         C[:, diagonal, diagonal] += (self.floor * np.abs(self.G)).reshape(F, -1) ** 2
-        both = used[:, :, None] & used[:, None, :]
-        relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
-        relative[:, diagonal, diagonal] += ~used
-        return inverse(np.asarray(np.linalg.cholesky(relative)))
+        return inverse(np.asarray(np.linalg.cholesky(C / (s.mT * s))))
 
     def lines(self, keep: BoolArray | slice) -> "Whitening":
         """Return the whitening on some lines; keep (F,) is True where a line stays."""
@@ -70,17 +71,30 @@ def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma:
     """
     if spec.covariance == "diagonal" or smooth is None or smooth.is_diagonal:
         return False
-    return declared_model_error(response, spec) > 0 or not _is_singular(smooth.covariance, sigma)
+    return declared_model_error(response, spec) > 0 or not _is_singular(smooth.smooth, sigma)
 
 
-def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
-    deviation = np.sqrt(np.einsum("faa->fa", C).real)
-    deviation[deviation == 0] = np.inf
-    used = np.swapaxes(np.isfinite(sigma), 1, 2).reshape(len(sigma), -1)
-    part = np.where(used[:, :, None] & used[:, None, :], C / (deviation[:, :, None] * deviation[:, None, :]), 0.0)
-    part[:, range(C.shape[1]), range(C.shape[1])] = 1.0
-    values = np.linalg.eigvalsh(part)
-    return bool(np.any(values[:, 0] < 1e-10 * values[:, -1]))  # rounding
+def _used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
+    """left and right, or, unless split, cov(vec G); 1 in place of elements that are not used (F, n_y, n_u)."""
+    flat = vec(used)
+    lines = flat.all(axis=1)
+    if is_split and noise.left is not None and noise.right is not None and np.array_equal(lines, flat.any(axis=1)):
+        parts = (noise.left, noise.right)
+        return tuple(np.where(lines[:, None, None], part, np.eye(part.shape[1])) for part in parts)
+    C = np.where(flat[:, :, None] & flat[:, None, :], noise.full(), 0.0)
+    C[:, range(C.shape[1]), range(C.shape[1])] += ~flat
+    return (C,)
+
+
+def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
+    ends = np.ones((len(sigma), 2))  # least and largest eigenvalue of each line
+    for C in _used_factors(noise, np.isfinite(sigma)):
+        deviation = np.sqrt(np.einsum("faa->fa", C).real)
+        deviation[deviation == 0] = np.inf
+        part = C / (deviation[:, :, None] * deviation[:, None, :])
+        part[:, range(C.shape[1]), range(C.shape[1])] = 1.0
+        ends *= np.linalg.eigvalsh(part)[:, [0, -1]]
+    return bool(np.any(ends[:, 0] < 1e-10 * ends[:, 1]))  # rounding
 
 
 @frozen_value
@@ -160,7 +174,7 @@ def with_model_error(spec: FitSpec, floor: float | None) -> FitSpec:
     return replace(spec, weights=replace(spec.weights, model_error=floor))
 
 
-def vec(array: FloatArray | ComplexArray) -> Any:
+def vec(array: BoolArray | FloatArray | ComplexArray) -> Any:
     """Return (..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
     return array.mT.reshape(*array.shape[:-2], -1)
 
