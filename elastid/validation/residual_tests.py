@@ -12,8 +12,8 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
+from elastid.base.matrices import inverse
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.frf.matrices import inverse
 from elastid.response import Response
 
 # Probability of a verdict against a true model.

@@ -37,9 +37,9 @@ import numpy as np
 from scipy.special import fdtr, gammainc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient, stored_beside
+from elastid.base.matrices import inverse
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
-from elastid.frf.matrices import inverse
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
