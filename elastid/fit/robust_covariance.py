@@ -91,8 +91,9 @@ def triangle(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[Part, Response, Weights]]
 ) -> FloatArray:
     """Return R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
-    blocks = (_block(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
-    return _triangle(np.vstack([_triangle(_rows(J)) @ T.T for J, T in blocks]))
+    blocks = (with_factors(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
+    triangles = [np.linalg.qr(_rows(J), mode="r") @ T.T for J, T in blocks]
+    return np.asarray(np.linalg.qr(np.vstack(triangles), mode="r"))
 
 
 def sum_lines(
@@ -107,7 +108,7 @@ def sum_lines(
     """
     part, response, weights = configuration
     mixing = part.mixing
-    r, J, chain = _block(fit, x, factors, part, response, mixing)
+    r, J, chain = with_factors(fit, x, factors, part, response, mixing)
     # Of z those combinations U^T z that move the residuals of this configuration.
     U, combined = np.linalg.qr(half @ chain)
     J = np.tensordot(combined, J, axes=1)
@@ -152,22 +153,9 @@ def _sum_ratios(
     return RatioSums(joints, rows @ _rows(J) @ U.T, rows @ rows.T, rows @ as_real(r).ravel())
 
 
-def _block(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], part: Part, response: Response,
-    mixing: ComplexArray | None,
-) -> tuple[ComplexArray, ComplexArray, FloatArray]:  # fmt: skip
-    """Whitened r (F, n_y, n_u), and J and T of `with_factors`."""
-    r, J = fit.block(part, x, mixing)
-    return r, *with_factors(J, part, response, factors, mixing)
-
-
 def _rows(J: ComplexArray) -> FloatArray:
     """J (n_x, F, n_y, n_u) as real rows (2 N, n_x)."""
     return as_real(J).reshape(len(J), -1).T
-
-
-def _triangle(rows: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def autocovariance(residual: ComplexArray) -> FloatArray:

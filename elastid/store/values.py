@@ -105,7 +105,7 @@ fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
 
 @cache
 def needs_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
-    """Return True if each value of a tuple has a group: those with arrays, unless the label requests rows."""
+    """Return True if each value of a tuple has a group, for its arrays; a label can request rows instead."""
     form = kind_of_annotation(annotation).form
     return form == "union" or (form in ("fields", "record") and not label.rows and _has_arrays(annotation))
 

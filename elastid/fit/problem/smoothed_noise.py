@@ -143,20 +143,12 @@ class SmoothedNoise(Kept):
 
     Both in the same form: matrices of all elements are computed when needed and not stored.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
-    G (F, n_y, n_u): of the response.
     """
 
     measured: Covariance
     smooth: Covariance
     own_variance: FloatArray
     own_matrix: FloatArray
-    G: ComplexArray
-
-    def is_of(self, response: Response) -> bool:
-        """Return True if `smooth_noise` gives this result, with identical numbers of the response."""
-        return any(self.measured is matrix for matrix in (response.total, response.noise)) and np.array_equal(
-            self.G, response.G
-        )
 
     @property
     def variance(self) -> FloatArray:
@@ -183,8 +175,16 @@ class SmoothedNoise(Kept):
 def smooth_noise(response: Response) -> SmoothedNoise | None:
     """Return smoothed noise of a response, from the total covariance or, where larger, from the noise covariance.
 
-    None where no uncertainty is known.
+    None where no uncertainty is known.  Cached in the response.
     """
+    values = vars(response)
+    if "smooth_noise" not in values:
+        values["smooth_noise"] = _smooth_noise(response)
+    smooth: SmoothedNoise | None = values["smooth_noise"]
+    return smooth
+
+
+def _smooth_noise(response: Response) -> SmoothedNoise | None:
     raw = larger(response)
     if raw is None:
         return None
@@ -192,11 +192,11 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
     if raw.form == "diagonal":
         variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)
         factor = np.full(F, float(kappa.max()))
-        return SmoothedNoise(raw, Covariance(variance, raw.dof), factor, factor, response.G)
+        return SmoothedNoise(raw, Covariance(variance, raw.dof), factor, factor)
     S = raw.matrix if raw.left is None or raw.right is None else raw.right
     assert S is not None
     if math.isinf(raw.dof):
-        return SmoothedNoise(raw, raw, np.zeros(F), np.zeros(F), response.G)
+        return SmoothedNoise(raw, raw, np.zeros(F), np.zeros(F))
     covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = stored_beside(S, covariance)
@@ -205,7 +205,7 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", raw.left).real[:, None, :]
         smooth = Covariance(variance, raw.dof, raw.left, covariance)
-    return SmoothedNoise(raw, smooth, kept_variance, kept_matrix, response.G)
+    return SmoothedNoise(raw, smooth, kept_variance, kept_matrix)
 
 
 def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray:

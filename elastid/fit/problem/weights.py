@@ -36,16 +36,15 @@ class Whitening(Kept):
         F, n_y, n_u = self.sigma.shape
         used = np.isfinite(self.sigma)
         s = np.where(used, self.sigma, 1.0).reshape(F, 1, -1)
-        factors = _used_factors(self.noise, used, is_split=self.floor == 0)
+        factors = used_factors(self.noise, used, is_split=self.floor == 0)
         self.noise.release()
-        if len(factors) == 2:  # the triangle of a Kronecker product is the product of the triangles
-            of_inputs, of_outputs = (inverse(np.asarray(np.linalg.cholesky(C))) for C in factors)
-            return np.asarray(np.einsum("fab,fcd->facbd", of_outputs, of_inputs).reshape(F, s.size // F, -1) * s)
+        if len(factors) == 2:
+            return np.asarray(inverse_triangle(factors[::-1]) * s)
         diagonal = np.arange(n_y * n_u)
         row_by_row = diagonal.reshape(n_u, n_y).T.ravel()
         C = factors[0][:, row_by_row[:, None], row_by_row]
         C[:, diagonal, diagonal] += (self.floor * np.abs(self.G)).reshape(F, -1) ** 2
-        return inverse(np.asarray(np.linalg.cholesky(C / (s.mT * s))))
+        return inverse_triangle([C / (s.mT * s)])
 
     def lines(self, keep: BoolArray | slice) -> "Whitening":
         """Return the whitening on some lines; keep (F,) is True where a line stays."""
@@ -64,18 +63,8 @@ def declared_model_error(response: Response, spec: WeightSpec) -> float:
     return TYPICAL_MODEL_ERROR if noise is None or np.any((noise.variance == 0) & (response.G != 0)) else 0.0
 
 
-def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec) -> bool:
-    """Return True if C~ weighs the elements of a line jointly, False if each element counts by itself.
-
-    smooth: the noise.  sigma (F, n_y, n_u): standard deviations of the weights, inf for discarded elements.
-    """
-    if spec.covariance == "diagonal" or smooth is None or smooth.is_diagonal:
-        return False
-    return declared_model_error(response, spec) > 0 or not _is_singular(smooth.smooth, sigma)
-
-
-def _used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
-    """left and right, or, unless split, cov(vec G); 1 in place of elements that are not used (F, n_y, n_u)."""
+def used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
+    """Return left and right, or, unless split, cov(vec G); 1 in place of elements that are not used (F, n_y, n_u)."""
     flat = vec(used)
     lines = flat.all(axis=1)
     if is_split and noise.left is not None and noise.right is not None and np.array_equal(lines, flat.any(axis=1)):
@@ -86,14 +75,22 @@ def _used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> 
     return (C,)
 
 
+def inverse_triangle(factors: Sequence[ComplexArray]) -> ComplexArray:
+    """Return L^-1 (F, n, n) of C = L L^H, the Kronecker product of its factors, as L is of theirs.
+
+    Raises LinAlgError where C is singular.
+    """
+    first, *others = (inverse(np.asarray(np.linalg.cholesky(C))) for C in factors)
+    for other in others:
+        first = np.einsum("fab,fcd->facbd", first, other).reshape(len(other), first.shape[1] * other.shape[1], -1)
+    return first
+
+
 def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
     ends = np.ones((len(sigma), 2))  # least and largest eigenvalue of each line
-    for C in _used_factors(noise, np.isfinite(sigma)):
+    for C in used_factors(noise, np.isfinite(sigma)):
         deviation = np.sqrt(np.einsum("faa->fa", C).real)
-        deviation[deviation == 0] = np.inf
-        part = C / (deviation[:, :, None] * deviation[:, None, :])
-        part[:, range(C.shape[1]), range(C.shape[1])] = 1.0
-        ends *= np.linalg.eigvalsh(part)[:, [0, -1]]
+        ends *= np.linalg.eigvalsh(C / (deviation[:, :, None] * deviation[:, None, :]))[:, [0, -1]]
     return bool(np.any(ends[:, 0] < 1e-10 * ends[:, 1]))  # rounding
 
 
@@ -130,10 +127,9 @@ class Weights(Kept):
         return scaled
 
 
-def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = None) -> Weights:
+def weigh(response: Response, spec: FitSpec) -> Weights:
     """Return the weights of one measured response under the study's band, floor, smoothing and factors.
 
-    smoothed: smoothed noise of a response; smoothed again if that response has other values.
     Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
     where = response.configuration.name
@@ -145,7 +141,7 @@ def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = No
             "fit.weights.model_error is 0; set it, for example to 0.01",
             f"configuration {where}",
         )
-    noise = smoothed if smoothed is not None and smoothed.is_of(response) else smooth_noise(response)
+    noise = smooth_noise(response)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
@@ -161,7 +157,9 @@ def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = No
     if silent := int((used & (sigma == 0)).sum()):
         texts.append(f"{silent} elements are not fitted: their variance and the model error are zero")
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
-    is_joint = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
+    is_joint = False  # whether C~ weighs the elements of a line jointly
+    if noise is not None and not noise.is_diagonal and (spec.criterion, spec.weights.covariance) == ("complex", "auto"):
+        is_joint = floor > 0 or not _is_singular(noise.smooth, sigma)
     if noise is not None:
         noise.measured.release()
     scale = _scale(noise, np.square(floor * np.abs(response.G)), is_joint)

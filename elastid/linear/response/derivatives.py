@@ -174,7 +174,8 @@ class Columns(Kept):
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
         n, wanted = self.kernel.model.n, self.kernel.wanted
-        slopes = [self.kernel.model.slopes.get(name, Slope()) for name in wanted]
+        none = Slope()
+        slopes = [self.kernel.model.slopes.get(name, none) for name in wanted]
         terms = [
             (place, power, matrix)
             for place, slope in enumerate(slopes)
