@@ -31,6 +31,7 @@ where the noise is as smooth as supposed. A line that is noisier than chance all
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -175,28 +176,28 @@ class SmoothedNoise(Kept):
 def smooth_noise(response: Response) -> SmoothedNoise | None:
     """Return smoothed noise of a response, from the total covariance or, where larger, from the noise covariance.
 
-    None where no uncertainty is known.  Cached in the response.
+    None where no uncertainty is known.  The numbers are cached in that covariance, for one response.
     """
-    values = vars(response)
-    if "smooth_noise" not in values:
-        values["smooth_noise"] = _smooth_noise(response)
-    smooth: SmoothedNoise | None = values["smooth_noise"]
-    return smooth
-
-
-def _smooth_noise(response: Response) -> SmoothedNoise | None:
-    raw = larger(response)
+    raw, key = larger(response), (response.G, response.freq_hz, response.quantity)
     if raw is None:
         return None
+    if math.isinf(raw.dof) and raw.form != "diagonal":
+        return SmoothedNoise(raw, raw, np.zeros(len(response.G)), np.zeros(len(response.G)))
+    cache = vars(raw)
+    if not all(map(is_, key, cache.get("smooth_of", [None] * 3))):
+        cache["smooth"], cache["smooth_of"] = _smooth(response, raw), key
+    return SmoothedNoise(raw, *cache["smooth"])
+
+
+def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray, FloatArray]:
+    """Smooth covariance, and how much of variance and matrix is the own of a line, as `SmoothedNoise` has them."""
     F, n_y, n_u = response.G.shape
     if raw.form == "diagonal":
         variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)
         factor = np.full(F, float(kappa.max()))
-        return SmoothedNoise(raw, Covariance(variance, raw.dof), factor, factor)
+        return Covariance(variance, raw.dof), factor, factor
     S = raw.matrix if raw.left is None or raw.right is None else raw.right
     assert S is not None
-    if math.isinf(raw.dof):
-        return SmoothedNoise(raw, raw, np.zeros(F), np.zeros(F))
     covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = stored_beside(S, covariance)
@@ -205,7 +206,7 @@ def _smooth_noise(response: Response) -> SmoothedNoise | None:
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", raw.left).real[:, None, :]
         smooth = Covariance(variance, raw.dof, raw.left, covariance)
-    return SmoothedNoise(raw, smooth, kept_variance, kept_matrix)
+    return smooth, kept_variance, kept_matrix
 
 
 def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray:

@@ -17,7 +17,6 @@ from elastid.fit.problem.systematic_errors import (
     find_factors,
     next_factors,
     shares_of,
-    with_factors,
     with_modelled_bias,
 )
 from elastid.fit.problem.weights import weigh
