@@ -14,7 +14,7 @@ from typing import Annotated
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, named
+from elastid.base.arrays import BoolArray, FloatArray, frozen, named
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Named, index_of
 from elastid.base.names import posture_of
@@ -224,11 +224,10 @@ class Parameters:
         """The solver's start (n_x,)."""
         return np.array([parameter.to_x(parameter.value) for parameter in self.free], dtype=float)
 
-    @property
+    @cached_property
     def x_bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds (n_x,) of the solver's variables."""
-        bounds = np.array([(p.to_x(p.lower), p.to_x(p.upper)) for p in self.free], dtype=float).reshape(-1, 2)
-        return bounds[:, 0].copy(), bounds[:, 1].copy()
+        return frozen([p.to_x(p.lower) for p in self.free]), frozen([p.to_x(p.upper) for p in self.free])
 
     def expand(self, x: FloatArray, configuration: str = "") -> FloatArray:
         """theta (n_theta,) in SI of a solver's vector x (n_x,), in a configuration: exponentials and ties applied."""

@@ -151,7 +151,7 @@ def estimate_uncertainty(
     nuisance = [i for i, parameter in enumerate(fit.parameters.free) if parameter.is_nuisance]
     by_prior, persistent = prior_variance(sums, nuisance)
     averaging = np.maximum(np.diag(noise) - by_prior, 0.0)
-    power = tuple(part.power[:, : len(x)] for part in parts)
+    power = tuple(part.power for part in parts)
     dof = noise_dof(power, [part.noise_dof for part in parts], sums.load_power)
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
     blocks = block_variance([part.blocks for part in parts], half)

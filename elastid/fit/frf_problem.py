@@ -36,7 +36,7 @@ from elastid.fit.problem.weights import Weights, weigh, with_model_error
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
 from elastid.linear.equilibrium import equilibrium, spring_notes
-from elastid.linear.linear_model import is_load
+from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.motion_bias import estimate_motion_bias
 from elastid.linear.presliding import RelaxingSpring
@@ -103,8 +103,10 @@ class Assembly:
 
     def with_model_error(self, floor: float | None) -> "Assembly":
         """Return the assembly with the weights of a relative model error."""
-        spec, pairs = with_model_error(self.spec, floor), zip(self.responses, self.weights, strict=True)
-        return replace(self, spec=spec, weights=tuple(each_at_home(partial(_weigh, spec), list(pairs), self.home)))
+        spec = with_model_error(self.spec, floor)
+        return replace(
+            self, spec=spec, weights=tuple(each_at_home(partial(weigh, spec=spec), self.responses, self.home))
+        )
 
     @property
     def _dependent(self) -> set[str]:
@@ -132,19 +134,19 @@ class Assembly:
         """True if a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
         return self.linearisation.follows or not self.linearisation.is_affine_in(self._dependent)
 
-    def search_problem(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
+    def search_problem(self, fit: ElasticFit) -> LeastSquares:
         """Return the problem of the search: the fit as linearised, or linearised at every x where it is local."""
-        if not self.is_local:
-            return fit.problem
-        return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion))
+        return replace(fit.problem, evaluate=partial(self._relinearised, fit)) if self.is_local else fit.problem
 
-    def _relinearised(self, first: ElasticFit, criterion: ResidualKind, x: FloatArray) -> Evaluation:
+    def _relinearised(self, first: ElasticFit, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J of the fit linearised at x; V is infinite, and no error, where no robot stands.
 
         Which elements count, and how much, stays as it is in the first fit.
         """
+        models = (_model(self.linearisation, self.parameters, x, response) for response in self.responses)
         try:
-            return self.at(x, criterion).with_residuals_of(first).evaluate(x)
+            parts = [part.linearised(model, self.parameters) for part, model in zip(first.parts, models, strict=True)]
+            return replace(first, parts=tuple(parts)).evaluate(x)
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
@@ -190,16 +192,16 @@ class Assembly:
         return replace(self, responses=tuple(corrected))
 
 
+def _model(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> LinearModel:
+    name = response.configuration.name
+    return linear_model(linearisation, response, parameters.expand(x, name), parameters.dependent_names(name))
+
+
 def _part(
-    linearisation: Linearisation,
-    parameters: Parameters,
-    x: FloatArray,
-    criterion: ResidualKind,
+    linearisation: Linearisation, parameters: Parameters, x: FloatArray, criterion: ResidualKind,
     pair: tuple[Response, Weights],
-) -> Part:
-    response, weights = pair
-    model = linear_model(linearisation, response, parameters.expand(x, response.configuration.name))
-    return part_of(response, model, weights, parameters, criterion)
+) -> Part:  # fmt: skip
+    return part_of(pair[0], _model(linearisation, parameters, x, pair[0]), pair[1], parameters, criterion)
 
 
 def _part_again(group: tuple[Response, Response, Weights, Part]) -> Part:
@@ -216,10 +218,6 @@ def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray
     linear = linear_model(linearisation, response, theta)
     effect = estimate_motion_bias(linearisation.model, linear, theta, response)
     return response if effect is None else replace(response, G=response.G - effect)
-
-
-def _weigh(spec: FitSpec, pair: tuple[Response, Weights]) -> Weights:
-    return weigh(pair[0], spec, pair[1].noise)
 
 
 @dataclass(frozen=True, eq=False)

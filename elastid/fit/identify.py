@@ -283,13 +283,13 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
 
 def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> "_Ends":
     """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
-    parameters, problems = fit.parameters, [assembly.search_problem(fit, spec.criterion)]
+    parameters, problems = fit.parameters, [assembly.search_problem(fit)]
     if spec.criterion == "complex":
         log = assembly.at(parameters.x, "log")
         if not assembly.is_local:  # far from the end a third of the residuals of a score test lead to the same valley
             thin = thinning(log, RESIDUALS // 3)
             log = replace(log, parts=tuple(each_at_home(thin, log.parts, assembly.home)))
-        problems.insert(0, assembly.search_problem(log, "log"))
+        problems.insert(0, assembly.search_problem(log))
     candidates = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts = feasible_starts(candidates, fit.inertias, parameters)
     return multistart(problems, starts, spec.solver, fit.evaluated_by(execution))

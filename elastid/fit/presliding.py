@@ -64,9 +64,8 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     is_explained = evidence.best.explained_fraction > LIMITS.complete_fraction and evidence.is_unexplained
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
-    bare = assembly if assembly.spec.weights.model_error is not None else assembly.with_model_error(None)
     # Within the noise a negative spring is an error of the compensation, which the intervals include.
-    first = _State.of(bare, evidence.optimum.end.x, (1, -1) if is_large else (1,))
+    first = _State.of(assembly, evidence.optimum.end.x, (1, -1) if is_large else (1,))
     last = _with_all(first, joints)
     if not last.springs or _is_beaten(evidence, first, last):
         return None

@@ -54,7 +54,7 @@ class LineSums:
     """Sums of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
 
     rows (n, n_x): rows with the J^T J of its part.  power (F, n_p): contribution of each line to the
-    variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
+    variances of x (n_p,): [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
     its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
     blocks (B, n_x): the pulls summed over bands.  noise (n_x, n_x): the covariance of their sum under the measured
     noise, None where none was.  disagreement: of the bands, and its rank (`sum_blocks`).  noise_power: E|r|^2 under it,
@@ -91,8 +91,9 @@ def triangle(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[Part, Response, Weights]]
 ) -> FloatArray:
     """Return R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
-    blocks = (_block(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
-    return _triangle(np.vstack([_triangle(_rows(J)) @ T.T for J, T in blocks]))
+    blocks = (with_factors(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
+    triangles = [np.linalg.qr(_rows(J), mode="r") @ T.T for J, T in blocks]
+    return np.asarray(np.linalg.qr(np.vstack(triangles), mode="r"))
 
 
 def sum_lines(
@@ -107,12 +108,12 @@ def sum_lines(
     """
     part, response, weights = configuration
     mixing = part.mixing
-    r, J, chain = _block(fit, x, factors, part, response, mixing)
+    r, J, chain = with_factors(fit, x, factors, part, response, mixing)
     # Of z those combinations U^T z that move the residuals of this configuration.
     U, combined = np.linalg.qr(half @ chain)
     J = np.tensordot(combined, J, axes=1)
-    T = _whitening(part, mixing)
-    floor = vec(weights.floor * response.G)
+    T, flat = _whitening(part, mixing), vec(J)
+    errors = T * vec(weights.floor * response.G)[:, None, :]
     # A sum over lines whose errors are correlated has so many times the variance.
     together, S, power, spread, dof = response.correlated_lines, None, math.nan, math.nan, math.inf
     noise = weights.noise_covariance()
@@ -125,49 +126,36 @@ def sum_lines(
         dof = weights.noise.measured.dof
         together_in_power = max(together, weights.noise.measured.averaging_lines)
         spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
-    pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
+        S *= together
     rows = _rows(J)
-    power_of_lines = ((rows @ (U.T @ half)) ** 2).reshape(len(r), -1, half.shape[1]).sum(axis=1)
+    power_of_lines = ((rows @ (U.T @ half[:, : len(x)])) ** 2).reshape(len(r), -1, len(x)).sum(axis=1)
     residual, n_residuals = r.reshape(len(r), -1), 2 * int(np.count_nonzero(r))
     pull = np.einsum("pfab,fab->pf", J.conj(), r).real
-    S = None if S is None else together * S
     lags = autocovariance(residual)
-    blocks, scatter, parted = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
-    model_error_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
-    model_error_pull = {key: U @ sums for key, sums in _coherent(response, pulls.transpose(1, 0, 2)).items()}
-    of_ratios = _sum_ratios(part, response, part.theta(fit.parameters, x), r, J, U)
-    noise_sums, error_sums = (power, spread, dof), (model_error_power, model_error_pull, of_ratios)
-    by_line = response.freq_hz, _triangle(rows) @ U.T, power_of_lines
+    blocks, scatter, parted = sum_blocks(pull, flat, S, correlation_length([lags], n_residuals))
+    model_error_pull = {key: U @ sums for key, sums in _coherent(response, flat, errors).items()}
+    of_ratios = ratio_errors(part, response, part.theta(fit.parameters, x), mixing)
+    error_sums = float(np.sum(np.abs(errors) ** 2)), model_error_pull, _sum_ratios(of_ratios, response, r, J, U)
+    # In z the information of a part is at most 1: its square has no digits to lose.
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    by_line = response.freq_hz, np.sqrt(np.maximum(values, 0.0))[:, None] * (U @ vectors).T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
-    return LineSums(*by_line, lags, n_residuals, *of_z, parted, *noise_sums, *error_sums)
+    return LineSums(*by_line, lags, n_residuals, *of_z, parted, power, spread, dof, *error_sums)
 
 
 def _sum_ratios(
-    part: Part, response: Response, theta: FloatArray, r: ComplexArray, J: ComplexArray, U: FloatArray
+    errors: dict[str, ComplexArray], response: Response, r: ComplexArray, J: ComplexArray, U: FloatArray
 ) -> RatioSums:
-    errors, angles = ratio_errors(part, response, theta, part.mixing), response.configuration.angles
+    angles = response.configuration.angles
     V, of_all = as_real(np.reshape([*errors.values()], (-1, *r.shape))), len(angles) == len(response.inputs)
     joints = tuple((name, angles[response.inputs.index(name)] if of_all else math.nan) for name in errors)
     rows = V.reshape(len(errors), 2 * r.size)
     return RatioSums(joints, rows @ _rows(J) @ U.T, rows @ rows.T, rows @ as_real(r).ravel())
 
 
-def _block(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], part: Part, response: Response,
-    mixing: ComplexArray | None,
-) -> tuple[ComplexArray, ComplexArray, FloatArray]:  # fmt: skip
-    """Whitened r (F, n_y, n_u), and J and T of `with_factors`."""
-    r, J = fit.block(part, x, mixing)
-    return r, *with_factors(J, part, response, factors, mixing)
-
-
 def _rows(J: ComplexArray) -> FloatArray:
     """J (n_x, F, n_y, n_u) as real rows (2 N, n_x)."""
     return as_real(J).reshape(len(J), -1).T
-
-
-def _triangle(rows: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def autocovariance(residual: ComplexArray) -> FloatArray:
@@ -206,13 +194,20 @@ def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
     return np.asarray(mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
 
 
-def _coherent(response: Response, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
-    """Pulls (n_x, F, m) of relative errors, vec column-major, summed over the lines of each octave."""
+def _coherent(response: Response, J: ComplexArray, errors: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
+    """Pulls J^H e (n,) of whitened errors e (F, m, m), one column for each element, summed over lines of each octave.
+
+    J (n, F, m): derivatives; vec column-major.
+    """
     lowest = response.freq_hz[response.freq_hz > 0].min()
     octave = np.floor(np.log2(np.maximum(response.freq_hz, lowest) / lowest)).astype(int)
-    return {
-        (output, input_, int(o)): pulls[:, octave == o, i + j * len(response.outputs)].sum(axis=1)
+    sums = {
+        int(o): J[:, octave == o].reshape(len(J), -1).conj() @ errors[octave == o].reshape(-1, errors.shape[2])
         for o in np.unique(octave)
+    }
+    return {
+        (output, input_, o): pulls[:, i + j * len(response.outputs)]
+        for o, pulls in sums.items()
         for i, output in enumerate(response.outputs)
         for j, input_ in enumerate(response.inputs)
     }
@@ -237,15 +232,16 @@ def sum_blocks(
 ) -> tuple[FloatArray, FloatArray | None, tuple[float, int]]:
     """Return the sums of one configuration: pulls g_b (B, n_x), the S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
 
-    pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
+    pull (n_x, F): J_k^T r_k of each line.  J (n_x, F, m), S (F, m, m): derivatives and covariance of its whitened
     residuals.  length: their correlation length, in lines.
     """
-    slices = bands(len(J), length)
+    slices = bands(J.shape[1], length)
     pulls, every, total, rank = np.array([pull[:, band].sum(axis=1) for band in slices]), np.zeros(()), 0.0, 0
     if S is None:
         return pulls, None, (total, rank)
     for band, g in zip(slices, pulls, strict=True):
-        noise = 0.5 * np.sum(J[band].conj().transpose(0, 2, 1) @ S[band] @ J[band], axis=0).real
+        SJ = S[band] @ J[:, band].transpose(1, 2, 0)
+        noise = 0.5 * (J[:, band].reshape(len(J), -1).conj() @ SJ.reshape(-1, len(J))).real
         values, vectors = np.linalg.eigh(noise)
         positive = values > 1e-9 * max(float(values[-1]), 1e-300)
         total += float(np.sum((vectors[:, positive].T @ g) ** 2 / values[positive]))

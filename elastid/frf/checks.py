@@ -18,10 +18,10 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
+from elastid.base.matrices import inverse, singular_values, squared_magnitude
 from elastid.base.statistics import runs
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
-from elastid.frf.matrices import inverse, singular_values, squared_magnitude
 from elastid.record import Record
 from elastid.response import Response
 

@@ -32,10 +32,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.matrices import positive, power
 from elastid.base.statistics import interpolated
 from elastid.frf.estimators import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
-from elastid.frf.matrices import positive, power
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import MOTION_ORDER, Motion, Record
 from elastid.response import SYSTEMATIC_ERRORS, Levels

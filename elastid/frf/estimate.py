@@ -18,6 +18,7 @@ from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError, notes_of
+from elastid.base.matrices import power, squared_magnitude
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, may_hold_transient, method_choice, within_excitation
@@ -44,7 +45,6 @@ from elastid.frf.estimators import (
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
-from elastid.frf.matrices import power, squared_magnitude
 from elastid.frf.moved_sensors import by_outputs, stack_outputs
 from elastid.frf.quality import (
     described_lines,

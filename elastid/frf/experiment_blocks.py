@@ -9,7 +9,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import Note
 from elastid.base.kernels import call, is_compiled
-from elastid.frf.matrices import added_cross_products, inverse
+from elastid.base.matrices import added_cross_products, inverse
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import (

@@ -15,10 +15,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.errors import Note
+from elastid.base.matrices import added_products, inverse, power, singular_values, squared_magnitude
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import added_products, inverse, power, singular_values, squared_magnitude
 from elastid.record import Motion, Record
 from elastid.response import Levels, Quality, Response
 

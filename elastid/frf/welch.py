@@ -42,11 +42,11 @@ from numpy.fft import rfft
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
 from elastid.base.display import percent
 from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.matrices import power
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.fitted_response import local_mean
-from elastid.frf.matrices import power
 from elastid.frf.quality import (
     coherences,
     local_modes,

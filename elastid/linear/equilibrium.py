@@ -56,7 +56,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     return replace(point, configuration=configuration)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_payload: bool) -> OperatingPoint:
     """`equilibrium` by values that have a hash: theta and angles as bytes."""
     theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), has_payload)

@@ -28,6 +28,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.matrices import inverse
 from elastid.base.statistics import interpolated
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
@@ -230,9 +231,10 @@ class _MotionBias:
             return e.locked_inverse(omega)[:, :, rows]
         s = 1j * np.where(rest, 1.0, omega)[:, None]
         L = np.hstack([1 / s, np.ones_like(s), s, s**2]) @ self._controlled_stiffness
-        inverse = np.linalg.solve(L.reshape(-1, e.n, e.n), np.eye(e.n)[:, rows])
-        inverse[rest] = e.locked_inverse(0.0)[:, rows]
-        return np.asarray(inverse)
+        controlled = inverse(L.reshape(-1, e.n, e.n))[:, :, rows]
+        if rest.any():
+            controlled[rest] = e.locked_inverse(0.0)[:, rows]
+        return controlled
 
 
 def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
@@ -249,7 +251,8 @@ def _mean(
     expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
 ) -> FloatArray:
     every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
-    covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
+    rows = every.reshape(-1, every.shape[2])
+    covariance = (rows.T @ rows.conj()).real
     shift = np.zeros_like(angles)
     shift[measured] = motion.mean[at] - angles[measured]
     shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
@@ -297,12 +300,12 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
 
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
     steps = np.diag(np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0))
-    ahead, behind = np.split(jacobian(np.vstack([steps, -steps])), 2)
+    J, ahead, behind = np.split(jacobian(np.vstack([0 * steps[:1], steps, -steps])), [1, 1 + len(steps)])
     curvature = (ahead - behind) / (2 * np.diag(steps)[:, None, None])
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
     orders = np.array([2 if is_point(place) else 1 for place in outputs])
-    return _Expansion(n_q, n, jacobian(np.zeros((1, 2 * n_q + n)))[0], curvature, jacobian, B, free, orders)
+    return _Expansion(n_q, n, J[0], curvature, jacobian, B, free, orders)
 
 
 @lru_cache(maxsize=8)

@@ -157,22 +157,22 @@ class ElasticModel:
         small rotation phi of these axes turns gravity in them by g x phi, so that the reading changes by -g x phi =
         -[g x] J_omega q.
         """
-        rows = ca.vertsplit(ca.vertcat(self.angular_velocity(q, theta), self.frame_velocity(q, theta)))
-        rates, gravity = dict(zip(self.rates, rows, strict=True)), self.frame_gravity(q, theta)
-        names, coordinates = [frame.name for frame in self.robot.frames], ca.DM.eye(self.n_q)
-        C, T = [], []
-        for place in locations:
+        rates, names = {}, [frame.name for frame in self.robot.frames]
+        if not all(place.startswith(("motor ", "joint ")) for place in locations):
+            rows = ca.vertsplit(ca.vertcat(self.angular_velocity(q, theta), self.frame_velocity(q, theta)))
+            rates = dict(zip(self.rates, rows, strict=True))
+        C, T, coordinates = [], [ca.DM(1, self.n_q)] * len(locations), ca.DM.eye(self.n_q)
+        for i, place in enumerate(locations):
             self.robot.check_location(place)
             kind, name, axis = split_place(place)
-            T.append(type(gravity)(1, self.n_q))
             if kind in ("motor", "joint"):
                 C.append(coordinates[self.index(place), :])
                 continue
             C.append(rates["frame" if kind == "accelerometer" else kind, name, axis])
             if kind == "accelerometer":
                 turning = ca.vertcat(*(rates["frame", name, f"r{letter}"] for letter in "xyz"))
-                g = gravity[3 * names.index(name) : 3 * names.index(name) + 3]
-                T[-1] = -(ca.skew(g) @ turning)["xyz".index(axis), :]
+                g = self.frame_gravity(q, theta)[3 * names.index(name) : 3 * names.index(name) + 3]
+                T[i] = -(ca.skew(g) @ turning)["xyz".index(axis), :]
         return ca.vertcat(*C), ca.vertcat(*T)
 
 

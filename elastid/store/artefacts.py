@@ -19,7 +19,7 @@ from elastid.base.files import check_self_contained, replacing
 from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_checksum
 
 # Version of the layout of all artefacts; a reader reads files of its own version.
-FORMAT = 11
+FORMAT = 12
 TEXT = h5py.string_dtype()
 
 

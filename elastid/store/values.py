@@ -105,9 +105,9 @@ fields_of: Callable[[Any], tuple[FieldKind, ...]] = cache(_fields_of)
 
 @cache
 def needs_groups(annotation: Any, label: Label = NO_LABEL) -> bool:
-    """Return True if each value of a tuple has a group: dataclasses with arrays, unless the label requests rows."""
-    kind = kind_of_annotation(annotation)
-    return kind.form == "union" or (kind.form == "fields" and not label.rows and _has_arrays(annotation))
+    """Return True if each value of a tuple has a group, for its arrays; a label can request rows instead."""
+    form = kind_of_annotation(annotation).form
+    return form == "union" or (form in ("fields", "record") and not label.rows and _has_arrays(annotation))
 
 
 def _has_arrays(annotation: Any) -> bool:

@@ -30,9 +30,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.matrices import inverse
 from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
-from elastid.frf.matrices import inverse
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import Estimated, FittedModel
 from elastid.linear.linear_model import LinearModel, state_space, torque_elements

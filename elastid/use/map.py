@@ -30,10 +30,10 @@ from elastid.base.arrays import (
 from elastid.base.errors import StudyError
 from elastid.base.execution import HERE, Execution
 from elastid.base.kernels import is_compiled
+from elastid.base.matrices import singular_values
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
-from elastid.frf.matrices import singular_values
 from elastid.linear.fitted_model import deviation
 from elastid.linear.modes import oscillations
 from elastid.linear.response.kernel import Elimination, solved_products

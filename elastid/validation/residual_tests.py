@@ -13,6 +13,7 @@ from scipy.special import chdtrc, fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
+from elastid.fit.problem.weights import inverse_triangle, used_factors, vec
 from elastid.response import Response
 
 # Probability of a verdict against a true model.
@@ -22,16 +23,12 @@ LAGS = (1, 2, 3)
 
 def whitening(noise: SmoothedNoise) -> ComplexArray:
     """Return L^-1 (F, m, m) of vec E, column-major, by element where C is singular; zero rows for zero variances."""
-    C = noise.covariance
-    gain = quotient(1.0, np.sqrt(np.einsum("faa->fa", C).real))
-    R = gain[:, :, None] * C * gain[:, None, :]
-    diagonal = np.arange(R.shape[1])
-    R[:, diagonal, diagonal] = 1.0
+    used = noise.variance > 0
     try:
-        L_inverse = np.linalg.inv(np.linalg.cholesky(R))
+        L_inverse = inverse_triangle(used_factors(noise.smooth, used))
     except np.linalg.LinAlgError:
-        L_inverse = np.broadcast_to(np.eye(R.shape[1]), R.shape)
-    return np.asarray(L_inverse * gain[:, None, :], np.complex128)
+        L_inverse = (np.eye(used[0].size) * quotient(1.0, np.sqrt(vec(noise.variance)))[:, None, :]).astype(complex)
+    return np.asarray(L_inverse * vec(used)[:, None, :], np.complex128)
 
 
 def power_over_noise(

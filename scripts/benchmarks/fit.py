@@ -270,7 +270,7 @@ def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
     assembly = Assembly.of(responses, robot, spec, parameters)
     fit = assembly.at(parameters.x, "complex")
     fit.rough(parameters.x)
-    return fit.problem, assembly.search_problem(fit, "complex")
+    return fit.problem, assembly.search_problem(fit)
 
 
 def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from plants.two_mass import circular
 
-from elastid.base import kernels
-from elastid.frf import matrices
+from elastid.base import kernels, matrices
 from elastid.friction import stop_operator
 from elastid.linear.response.kernel import Elimination
 

@@ -91,7 +91,7 @@ def test_the_gradient_is_that_of_differences_and_travels_to_processes() -> None:
     parameters = choose(spec, robot)
     assembly = Assembly.of(measure(robot, POSTURES[:2], 0, places), robot, spec, parameters)
     assert assembly.linearisation.follows
-    problem = assembly.search_problem(assembly.at(parameters.x, "complex"), "complex")
+    problem = assembly.search_problem(assembly.at(parameters.x, "complex"))
     sent = pickle.loads(pickle.dumps(problem))
     here, there = problem.evaluate(parameters.x), sent.evaluate(parameters.x)
     assert here.cost == there.cost

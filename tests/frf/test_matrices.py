@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from plants.two_mass import circular
 
+from elastid.base import matrices
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
-from elastid.frf import experiment_blocks, matrices
+from elastid.frf import experiment_blocks
 from elastid.frf.experiment_blocks import FullSum, PackedSum, add_periods
 from elastid.frf.spectra import PeriodSpectra
 

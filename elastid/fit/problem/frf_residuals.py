@@ -9,7 +9,7 @@ here or at a worker that has it.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -109,10 +109,9 @@ class Part(Kept):
         residuals = self.normal.residuals.worked_out
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
-    def with_residuals_of(self, other: "Part") -> "Part":
-        """Return the part with data and weights of another part, including its cached values."""
-        residuals = other.normal.residuals
-        return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=residuals)
+    def linearised(self, model: LinearModel, parameters: Parameters) -> "Part":
+        """Return the part with the same data and weights, and the columns of another linear model."""
+        return replace(self, columns=Columns(kernel_of(model, parameters, self.kernel.freq_hz)))
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
@@ -189,10 +188,6 @@ class ElasticFit:
     inertias: tuple[BodyInertia, ...] = ()
     loads: StaticLoads | None = None
     home: Execution = HERE
-
-    def with_residuals_of(self, other: "ElasticFit") -> "ElasticFit":
-        """Fit with the cached values of another fit with the same data and weights, here or at the workers."""
-        return replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
 
     def evaluated_by(self, execution: Execution) -> Execution:
         """Return the execution of work that evaluates it: one item after the other where its chunks are at workers."""
@@ -322,6 +317,8 @@ def part_with(
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
     """Return the model with inputs, outputs, hold and sampling of a response, or of its model."""
+    if all(getattr(model, name) == getattr(response, name) for name in ("inputs", "outputs", "hold", "controller")):
+        return model
     loads = {moved_by(name) for name in response.inputs if is_load(name)}
     is_closed = response.controller is not None and model.controller is None
     references = tuple(f"{REFERENCE}{name[6:]}" for name in model.inputs) if is_closed else ()
@@ -345,9 +342,14 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
     return replace(model, B=B, inputs=response.inputs, hold=response.hold, controller=loop)
 
 
-def linear_model(linearisation: Linearisation, response: Response, theta: FloatArray) -> LinearModel:
-    """Return the model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
-    model = linearisation.at(response.configuration, theta[:-1], places_of(response), response.quantity)
+def linear_model(
+    linearisation: Linearisation, response: Response, theta: FloatArray, varied: Collection[str] | None = None
+) -> LinearModel:
+    """Return the model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response.
+
+    varied: as of `Linearisation.at`.
+    """
+    model = linearisation.at(response.configuration, theta[:-1], places_of(response), response.quantity, varied)
     return replace(at_measured_places(model, response), theta_ref=theta)
 
 

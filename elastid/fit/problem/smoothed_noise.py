@@ -31,12 +31,14 @@ where the noise is as smooth as supposed. A line that is noisier than chance all
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import is_
 from typing import Any
 
 import numpy as np
 from scipy.special import fdtr, gammainc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient, stored_beside
+from elastid.base.matrices import inverse
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
@@ -84,12 +86,7 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     own S; fewer than 16 lines are not divided.
     """
     models = [_across_lines(S, each) for each in (replace(shapes, own=shapes.own[:MOTIONS]), shapes)]
-    return max(models, key=lambda C: float(np.sum(-np.linalg.slogdet(C)[1] - _traces(np.linalg.inv(C), S))))
-
-
-def _traces(W: Any, S: ComplexArray) -> FloatArray:
-    """tr(W S) (F,)."""
-    return np.asarray(np.einsum("fab,fba->f", W, S).real)
+    return max(models, key=lambda C: -float(np.sum(np.linalg.slogdet(C)[1]) + np.sum(np.linalg.inv(C).mT * S).real))
 
 
 def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
@@ -116,15 +113,12 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
     b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), reached)
     for _ in range(30):
-        W = np.asarray(np.linalg.inv(_sum(a, b, shapes, g) + floor), np.complex128)
-        WSW = np.asarray(W @ S @ W)
-        t = _traces(W, S) / n_y
-        w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
-        (motion, torque), (motion_expected, torque_expected) = _powers(WSW, w, shapes, g), _powers(W, w, shapes, g)
-        a, b = (
-            a * quotient(np.maximum(motion, 0.0), motion_expected),
-            b * quotient(np.maximum(torque, 0.0), torque_expected),
-        )
+        W = inverse(_sum(a, b, shapes, g) + floor)
+        WS = W @ S
+        w = np.minimum(1.0, n_y / np.maximum(np.einsum("faa->f", WS).real, 1e-300))
+        (motion, motion_expected), (torque, torque_expected) = _powers(np.stack([WS @ W, W]), w, shapes, g)
+        a = a * quotient(np.maximum(motion, 0.0), motion_expected)
+        b = b * quotient(np.maximum(torque, 0.0), torque_expected)
     return lambda at: np.asarray(
         (_sum(a, b, at, at.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
     )
@@ -139,9 +133,9 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """sum_k w_k tr(Q W) of the noise on the outputs (p, n_y), and of torques (q, n_u)."""
-    motion = np.einsum("pfa,f,faa->pa", shapes.own, w, W).real
-    return motion, (shapes.torque * w) @ np.einsum("fij,fij->fj", g.conj(), W @ g).real
+    """sum_k w_k tr(Q W) of each W (m, F, n_y, n_y), of the noise on outputs (m, p, n_y) and torques (m, q, n_u)."""
+    motion = np.einsum("pfa,mfa->mpa", shapes.own, np.einsum("mfaa->mfa", W).real * w[:, None])
+    return motion, (shapes.torque * w) @ np.einsum("fij,mfij->mfj", g.conj(), W @ g).real
 
 
 @frozen_value
@@ -150,20 +144,12 @@ class SmoothedNoise(Kept):
 
     Both in the same form: matrices of all elements are computed when needed and not stored.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
-    G (F, n_y, n_u): of the response.
     """
 
     measured: Covariance
     smooth: Covariance
     own_variance: FloatArray
     own_matrix: FloatArray
-    G: ComplexArray
-
-    def is_of(self, response: Response) -> bool:
-        """Return True if `smooth_noise` gives this result, with identical numbers of the response."""
-        return any(self.measured is matrix for matrix in (response.total, response.noise)) and np.array_equal(
-            self.G, response.G
-        )
 
     @property
     def variance(self) -> FloatArray:
@@ -190,20 +176,28 @@ class SmoothedNoise(Kept):
 def smooth_noise(response: Response) -> SmoothedNoise | None:
     """Return smoothed noise of a response, from the total covariance or, where larger, from the noise covariance.
 
-    None where no uncertainty is known.
+    None where no uncertainty is known.  The numbers are cached in that covariance, for one response.
     """
-    raw = larger(response)
+    raw, key = larger(response), (response.G, response.freq_hz, response.quantity)
     if raw is None:
         return None
+    if math.isinf(raw.dof) and raw.form != "diagonal":
+        return SmoothedNoise(raw, raw, np.zeros(len(response.G)), np.zeros(len(response.G)))
+    cache = vars(raw)
+    if not all(map(is_, key, cache.get("smooth_of", [None] * 3))):
+        cache["smooth"], cache["smooth_of"] = _smooth(response, raw), key
+    return SmoothedNoise(raw, *cache["smooth"])
+
+
+def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray, FloatArray]:
+    """Smooth covariance, and how much of variance and matrix is the own of a line, as `SmoothedNoise` has them."""
     F, n_y, n_u = response.G.shape
     if raw.form == "diagonal":
         variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)
         factor = np.full(F, float(kappa.max()))
-        return SmoothedNoise(raw, Covariance(variance, raw.dof), factor, factor, response.G)
+        return Covariance(variance, raw.dof), factor, factor
     S = raw.matrix if raw.left is None or raw.right is None else raw.right
     assert S is not None
-    if math.isinf(raw.dof):
-        return SmoothedNoise(raw, raw, np.zeros(F), np.zeros(F), response.G)
     covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = stored_beside(S, covariance)
@@ -212,7 +206,7 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", raw.left).real[:, None, :]
         smooth = Covariance(variance, raw.dof, raw.left, covariance)
-    return SmoothedNoise(raw, smooth, kept_variance, kept_matrix, response.G)
+    return smooth, kept_variance, kept_matrix
 
 
 def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray:

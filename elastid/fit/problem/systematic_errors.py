@@ -115,25 +115,20 @@ def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
     return replace(response, bias=G @ (inverse @ response.bias) @ (inverse @ G))
 
 
-def bias_slopes(part: Part, response: Response, mixing: ComplexArray | None) -> ComplexArray:
-    """-dr (n_e, F, n_y, n_u) of whitened residuals r with respect to the errors of a response, subtracted from Ghat.
-
-    mixing: `Part.mixing`.
-    """
-    return -mixed(mixing, errors_of(response) * part.error_gain)
-
-
 def with_factors(
-    slopes: ComplexArray, part: Part, response: Response, factors: Sequence[Factor], mixing: ComplexArray | None
-) -> tuple[ComplexArray, FloatArray]:
-    """Slopes J (n, F, n_y, n_u) and T (n_x + n_b, n) of residuals with respect to x and c, dr / d(x, c) = T J. slopes:
-    with respect to x.
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], part: Part, response: Response,
+    mixing: ComplexArray | None,
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:  # fmt: skip
+    """Return whitened r (F, n_y, n_u), slopes J (n, F, n_y, n_u) and T (n_x + n_b, n): dr / d(x, c) = T J.
 
+    fit: whose parameters count.  mixing: `Part.mixing`.
     Most factors are of other configurations, and count here by their mean alone: n is far below n_x + n_b.
     """
-    C = shares_of(response, factors)
-    J = np.concatenate([slopes, bias_slopes(part, response, mixing)]) if len(factors) else slopes
-    return J, block_diag(np.eye(len(slopes)), C[:, : len(J) - len(slopes)])
+    (r, slopes), C = fit.block(part, x, mixing), shares_of(response, factors)
+    if not len(factors):
+        return r, slopes, np.eye(len(slopes))
+    J = np.concatenate([slopes, -mixed(mixing, errors_of(response) * part.error_gain)])
+    return r, J, block_diag(np.eye(len(slopes)), C)
 
 
 def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:
@@ -155,10 +150,7 @@ def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, 
 def _sums(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[Part, Response]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """J^T J, J^T r and T (`with_factors`) of one configuration; fit: whose parameters count."""
-    part, response = pair
-    mixing = part.mixing
-    r, J = fit.block(part, x, mixing)
-    J, T = with_factors(J, part, response, factors, mixing)
+    """J^T J, J^T r and T (`with_factors`) of one configuration."""
+    r, J, T = with_factors(fit, x, factors, *pair, pair[0].mixing)
     rows = as_real(J).reshape(len(J), -1)
     return rows @ rows.T, rows @ as_real(r).ravel(), T

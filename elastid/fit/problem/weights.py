@@ -10,11 +10,11 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value, quotient
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
+from elastid.base.matrices import inverse
 from elastid.base.names import posture_of
 from elastid.base.workers import Kept
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, WeightSpec, misnamed
-from elastid.frf.matrices import inverse
 from elastid.response import Covariance, Response
 
 
@@ -34,17 +34,17 @@ class Whitening(Kept):
     def matrix(self) -> ComplexArray:
         """L^-1 (F, n_y n_u, n_y n_u) of C~ relative to sigma, elements in the order of G; computed at every call."""
         F, n_y, n_u = self.sigma.shape
-        row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
-        C = self.noise.full()[:, row_by_row[:, None], row_by_row]
+        used = np.isfinite(self.sigma)
+        s = np.where(used, self.sigma, 1.0).reshape(F, 1, -1)
+        factors = used_factors(self.noise, used, is_split=self.floor == 0)
         self.noise.release()
-        used = np.isfinite(self.sigma).reshape(F, -1)
-        s = np.where(used, self.sigma.reshape(F, -1), 1.0)
+        if len(factors) == 2:
+            return np.asarray(inverse_triangle(factors[::-1]) * s)
         diagonal = np.arange(n_y * n_u)
+        row_by_row = diagonal.reshape(n_u, n_y).T.ravel()
+        C = factors[0][:, row_by_row[:, None], row_by_row]
         C[:, diagonal, diagonal] += (self.floor * np.abs(self.G)).reshape(F, -1) ** 2
-        both = used[:, :, None] & used[:, None, :]
-        relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
-        relative[:, diagonal, diagonal] += ~used
-        return inverse(np.asarray(np.linalg.cholesky(relative)))
+        return inverse_triangle([C / (s.mT * s)])
 
     def lines(self, keep: BoolArray | slice) -> "Whitening":
         """Return the whitening on some lines; keep (F,) is True where a line stays."""
@@ -63,24 +63,35 @@ def declared_model_error(response: Response, spec: WeightSpec) -> float:
     return TYPICAL_MODEL_ERROR if noise is None or np.any((noise.variance == 0) & (response.G != 0)) else 0.0
 
 
-def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec) -> bool:
-    """Return True if C~ weighs the elements of a line jointly, False if each element counts by itself.
+def used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
+    """Return left and right, or, unless split, cov(vec G); 1 in place of elements that are not used (F, n_y, n_u)."""
+    flat = vec(used)
+    lines = flat.all(axis=1)
+    if is_split and noise.left is not None and noise.right is not None and np.array_equal(lines, flat.any(axis=1)):
+        parts = (noise.left, noise.right)
+        return tuple(np.where(lines[:, None, None], part, np.eye(part.shape[1])) for part in parts)
+    C = np.where(flat[:, :, None] & flat[:, None, :], noise.full(), 0.0)
+    C[:, range(C.shape[1]), range(C.shape[1])] += ~flat
+    return (C,)
 
-    smooth: the noise.  sigma (F, n_y, n_u): standard deviations of the weights, inf for discarded elements.
+
+def inverse_triangle(factors: Sequence[ComplexArray]) -> ComplexArray:
+    """Return L^-1 (F, n, n) of C = L L^H, the Kronecker product of its factors, as L is of theirs.
+
+    Raises LinAlgError where C is singular.
     """
-    if spec.covariance == "diagonal" or smooth is None or smooth.is_diagonal:
-        return False
-    return declared_model_error(response, spec) > 0 or not _is_singular(smooth.covariance, sigma)
+    first, *others = (inverse(np.asarray(np.linalg.cholesky(C))) for C in factors)
+    for other in others:
+        first = np.einsum("fab,fcd->facbd", first, other).reshape(len(other), first.shape[1] * other.shape[1], -1)
+    return first
 
 
-def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
-    deviation = np.sqrt(np.einsum("faa->fa", C).real)
-    deviation[deviation == 0] = np.inf
-    used = np.swapaxes(np.isfinite(sigma), 1, 2).reshape(len(sigma), -1)
-    part = np.where(used[:, :, None] & used[:, None, :], C / (deviation[:, :, None] * deviation[:, None, :]), 0.0)
-    part[:, range(C.shape[1]), range(C.shape[1])] = 1.0
-    values = np.linalg.eigvalsh(part)
-    return bool(np.any(values[:, 0] < 1e-10 * values[:, -1]))  # rounding
+def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
+    ends = np.ones((len(sigma), 2))  # least and largest eigenvalue of each line
+    for C in used_factors(noise, np.isfinite(sigma)):
+        deviation = np.sqrt(np.einsum("faa->fa", C).real)
+        ends *= np.linalg.eigvalsh(C / (deviation[:, :, None] * deviation[:, None, :]))[:, [0, -1]]
+    return bool(np.any(ends[:, 0] < 1e-10 * ends[:, 1]))  # rounding
 
 
 @frozen_value
@@ -116,10 +127,9 @@ class Weights(Kept):
         return scaled
 
 
-def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = None) -> Weights:
+def weigh(response: Response, spec: FitSpec) -> Weights:
     """Return the weights of one measured response under the study's band, floor, smoothing and factors.
 
-    smoothed: smoothed noise of a response; smoothed again if that response has other values.
     Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
     where = response.configuration.name
@@ -131,7 +141,7 @@ def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = No
             "fit.weights.model_error is 0; set it, for example to 0.01",
             f"configuration {where}",
         )
-    noise = smoothed if smoothed is not None and smoothed.is_of(response) else smooth_noise(response)
+    noise = smooth_noise(response)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
@@ -147,7 +157,9 @@ def weigh(response: Response, spec: FitSpec, smoothed: SmoothedNoise | None = No
     if silent := int((used & (sigma == 0)).sum()):
         texts.append(f"{silent} elements are not fitted: their variance and the model error are zero")
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
-    is_joint = spec.criterion == "complex" and weighs_correlations(response, noise, sigma, spec.weights)
+    is_joint = False  # whether C~ weighs the elements of a line jointly
+    if noise is not None and not noise.is_diagonal and (spec.criterion, spec.weights.covariance) == ("complex", "auto"):
+        is_joint = floor > 0 or not _is_singular(noise.smooth, sigma)
     if noise is not None:
         noise.measured.release()
     scale = _scale(noise, np.square(floor * np.abs(response.G)), is_joint)
@@ -160,7 +172,7 @@ def with_model_error(spec: FitSpec, floor: float | None) -> FitSpec:
     return replace(spec, weights=replace(spec.weights, model_error=floor))
 
 
-def vec(array: FloatArray | ComplexArray) -> Any:
+def vec(array: BoolArray | FloatArray | ComplexArray) -> Any:
     """Return (..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
     return array.mT.reshape(*array.shape[:-2], -1)
 

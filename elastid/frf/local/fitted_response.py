@@ -29,10 +29,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
+from elastid.base.matrices import power
 from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.least_squares import LocalFit
-from elastid.frf.matrices import power
 from elastid.frf.quality import coherences_of_powers, quality_of
 from elastid.response import Covariance, Levels, Quality
 

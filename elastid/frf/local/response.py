@@ -41,6 +41,7 @@ from numpy.fft import rfft
 
 from elastid.base.arrays import PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
 from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.matrices import power
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
 from elastid.frf.lines import analysed_lines
@@ -61,7 +62,6 @@ from elastid.frf.local.least_squares import (
     window_power,
     windows,
 )
-from elastid.frf.matrices import power
 from elastid.frf.quality import discarded_lines_note, local_modes, measured_response, wide_windows
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, undivided_logs, unit_scale

@@ -174,7 +174,8 @@ class Columns(Kept):
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
         n, wanted = self.kernel.model.n, self.kernel.wanted
-        slopes = [self.kernel.model.slopes.get(name, Slope()) for name in wanted]
+        none = Slope()
+        slopes = [self.kernel.model.slopes.get(name, none) for name in wanted]
         terms = [
             (place, power, matrix)
             for place, slope in enumerate(slopes)
@@ -239,6 +240,10 @@ class Columns(Kept):
         (rows, columns), pieces, model = self.elements, self.pieces, self.kernel.model
         G = np.empty((self.kernel.freq_hz.size, len(model.outputs), len(model.inputs)), complex)
         dG, places = np.empty((len(self.kernel.wanted), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
+        element = np.empty(G.shape[1:], np.int64)
+        element[rows, columns] = range(len(rows))
+        if self.is_symmetric:
+            element[columns, rows] = range(len(rows))
         for part in self.at(theta):
             U = part.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
             of_elements = np.zeros((len(dG), *part.G.shape), complex)
@@ -246,10 +251,7 @@ class Columns(Kept):
                 of_elements[place] -= (
                     pieces.sigma[t, place] * part.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
                 )
-            for values, elements in ((G, part.G), (dG, of_elements)):
-                values[..., part.block, rows, columns] = elements
-                if self.is_symmetric:
-                    values[..., part.block, columns, rows] = elements
+            G[part.block], dG[:, part.block] = part.G.take(element, axis=1), of_elements.take(element, axis=2)
         return G, dG
 
     @cached_property

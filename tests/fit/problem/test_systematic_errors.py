@@ -10,9 +10,15 @@ from plants.three_mass import FREQ, NO_FLOOR, measured, noise_of, parameters, pl
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.frf_problem import Assembly, relinearise
 from elastid.fit.parameter_selection import choose
+from elastid.fit.problem import systematic_errors
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LocalOptimum, as_real
-from elastid.fit.problem.systematic_errors import bias_slopes, find_factors, next_factors, shares_of, with_modelled_bias
+from elastid.fit.problem.systematic_errors import (
+    find_factors,
+    next_factors,
+    shares_of,
+    with_modelled_bias,
+)
 from elastid.fit.problem.weights import weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Response
@@ -57,9 +63,10 @@ def test_the_factor_is_that_of_generalised_least_squares() -> None:
     x, _, c = solved(response)
     weights = [weigh(response, NO_FLOOR)]
     fit = elastic_fit([response], [plant()], weights, parameters(), "complex")
-    ((r, J),) = fit.blocks(x)
-    slopes = bias_slopes(fit.parts[0], response, fit.parts[0].mixing)
-    H = (shares_of(response, find_factors([response])) @ as_real(slopes).reshape(len(slopes), -1)).T
+    factors, mixing = find_factors([response]), fit.parts[0].mixing
+    r, every, _ = systematic_errors.with_factors(fit, x, factors, fit.parts[0], response, mixing)
+    J, slopes = np.split(every, [len(x)])
+    H = (shares_of(response, factors) @ as_real(slopes).reshape(len(slopes), -1)).T
     rows, residual = as_real(J).reshape(len(x), -1).T, as_real(r).ravel()
     whole = np.eye(len(rows)) + H @ H.T
     gradient = rows.T @ np.linalg.solve(whole, residual)
