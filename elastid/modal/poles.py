@@ -198,14 +198,14 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     columns = complex_columns(Q @ parts.reshape(2 * n, -1).T).reshape(-1, n, 2)
     near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(columns) ** 2, axis=2), axis=0)[:, None]
     about = np.zeros_like(near)
-    for r in np.flatnonzero(-2 * fit.poles.real <= spacing):
+    for r in np.flatnonzero(-2 * fit.poles.real <= spacing).tolist():
         near[r], about[r] = np.abs(omega - fit.poles[r].imag) < 2 * spacing, _about(fit, r)
     # Lines that no pole is judged by are as many rows as columns, with the same products.
-    single = np.any(near | about, axis=0)
-    basis, T = tall_qr(Q[np.tile(~single, 2)])
-    Q = np.concatenate([T, Q[np.tile(single, 2)]])
-    all_y = np.concatenate([basis.T @ fit.data.y[np.tile(~single, 2)], fit.data.y[np.tile(single, 2)]])
-    near, about = (np.pad(np.tile(lines[:, single], 2), ((0, 0), (len(T), 0))) for lines in (near, about))
+    near, about = np.tile(near, 2), np.tile(about, 2)
+    rest, y = ~np.any(near | about, axis=0), fit.data.y
+    basis, T = tall_qr(Q[rest])
+    Q, all_y = np.concatenate([T, Q[~rest]]), np.concatenate([basis.T @ y[rest], y[~rest]])
+    near, about = (np.pad(flags[:, ~rest], ((0, 0), (len(T), 0))) for flags in (near, about))
     outside = np.zeros_like(whole)
     for r in range(n):
         A = Q[~near[r]] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)

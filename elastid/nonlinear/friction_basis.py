@@ -195,27 +195,22 @@ def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: fl
     n, channel = whole_samples(record), record.inputs.index(place)
     s = laplace(n // 2 + 1, n, record.rate_hz)
     by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s != 0)
-    torque = hold_of(record)[:, channel] * np.exp(s * _delay(basis)) * rfft(record.u[:n, channel])
+    torque = _hold(record, channel, basis) * rfft(record.u[:n, channel])
     return motion_of(
         record, place, lambda motion: by_inertia * (torque - spectrum(rfft(friction_means(record, motion, basis)), n))
     )
 
 
-def _delay(basis: WeightedBasis) -> float:
-    return basis[0][0].delay_s if basis else 0.0
-
-
 def zoh_samples(record: Record, place: str, motion: Motion, basis: WeightedBasis) -> FloatArray:
     """Return a motor's friction (n,) along a motion as a torque that is held as u is."""
-    n = whole_samples(record)
+    n, H = whole_samples(record), _hold(record, record.inputs.index(place), basis)
     low = spectrum(rfft(friction_means(record, motion, basis)), n)
-    low *= np.exp(-_delay(basis) * laplace(len(low), n, record.rate_hz))
-    H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
     return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
 
 
-def hold_of(record: Record) -> ComplexArray:
-    """Return H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
+def _hold(record: Record, channel: int, basis: WeightedBasis) -> ComplexArray:
+    """Return H e^(s delay) (n // 2 + 1,) of a torque at the lines of all whole periods, on the time of the motions."""
     n = whole_samples(record)
-    return record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))
+    H = record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))[:, channel]
+    return np.asarray(H * np.exp((basis[0][0].delay_s if basis else 0.0) * laplace(len(H), n, record.rate_hz)))
