@@ -202,9 +202,9 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
         near[r], about[r] = np.abs(omega - fit.poles[r].imag) < 2 * spacing, _about(fit, r)
     # Lines that no pole is judged by are as many rows as columns, with the same products.
     near, about = np.tile(near, 2), np.tile(about, 2)
-    rest, y = ~np.any(near | about, axis=0), fit.data.y
-    basis, T = tall_qr(Q[rest])
-    Q, all_y = np.concatenate([T, Q[~rest]]), np.concatenate([basis.T @ y[rest], y[~rest]])
+    rest, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
+    T = np.linalg.qr(Qy[rest], mode="r")
+    Q, all_y = np.split(np.concatenate([T, Qy[~rest]]), [Q.shape[1]], axis=1)
     near, about = (np.pad(flags[:, ~rest], ((0, 0), (len(T), 0))) for flags in (near, about))
     outside = np.zeros_like(whole)
     for r in range(n):
