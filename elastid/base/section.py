@@ -4,15 +4,17 @@ Each section of a study lives in the room that uses it and knows no YAML; `study
 """
 
 from collections.abc import Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps
 from itertools import pairwise
-from typing import Any, TypeVar, dataclass_transform
+from typing import Any, TypeVar, dataclass_transform, get_args
 
 from elastid.base.names import check_different
 
 T = TypeVar("T")
 
+_in_validator = ContextVar("_in_validator", default=False)  # not in an adapter that makes texts or a JSON schema
 # A name such as 1 needs no quotes.
 _CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True, "allow_inf_nan": False}
 
@@ -59,10 +61,13 @@ class Key:
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """How pydantic validates the field; imported here so that value types stay free of pydantic."""
-        from pydantic_core import core_schema
+        """How pydantic validates the field, a section in it by its own validator, which is built if a study has one."""
+        from pydantic_core import core_schema  # value types stay free of pydantic
 
-        return core_schema.no_info_after_validator_function(self.checked, handler(source))
+        nested = core_schema.no_info_plain_validator_function(lambda value: validator(source).validate_python(value))
+        has_section = any(hasattr(part, "__pydantic_config__") for part in (source, *get_args(source)))
+        schema = nested if has_section and _in_validator.get() else handler(source)
+        return core_schema.no_info_after_validator_function(self.checked, schema)
 
 
 def _numbers(value: Any) -> Iterator[float]:
@@ -106,8 +111,12 @@ def section(cls: type[T]) -> type[T]:
 
 
 @cache
-def validator(section: type) -> Any:
-    """Return pydantic's validator of a section, built at the first use since that takes time."""
+def validator(section: Any) -> Any:
+    """Return pydantic's validator of a section, or of a union with sections, built at the first use: it takes time."""
     from pydantic import TypeAdapter  # value types stay free of pydantic until one is made
 
-    return TypeAdapter(section).validator
+    token = _in_validator.set(True)
+    try:
+        return TypeAdapter(section).validator
+    finally:
+        _in_validator.reset(token)

@@ -290,7 +290,10 @@ def _averaging_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
 
 def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion | None:
     """Return motion of the motors among the outputs of one configuration; None without any, or without a rate."""
-    records = _representative(records)
+    # Whole realisations, until all inputs have moved: further ones move the robot as far, with other phases.
+    records = sorted(records, key=lambda record: record.realisation)
+    last = records[min(max(_LEAST_RECORDS, len(records[0].inputs)), len(records)) - 1].realisation
+    records = [record for record in records if record.realisation <= last]
     first = records[0]
     columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]
     if not columns or not first.has_rate or not first.is_periodic:
@@ -314,14 +317,6 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     feedback = _feedback(records, motors, q, s, excited, moving) if has_all else None
     mean = np.where([order == 0 for order in orders], y[:, 0].real.mean(axis=0) / 2, np.nan)
     return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback).grouped(_MOST_LINES)
-
-
-def _representative(records: Sequence[Record]) -> list[Record]:
-    """Return whole realisations, until all inputs have moved: further ones move the robot as far, with other phases."""
-    first, by_realisation = records[0], sorted(records, key=lambda record: record.realisation)
-    least = min(max(_LEAST_RECORDS, len(first.inputs)), len(records))
-    last = by_realisation[least - 1].realisation
-    return [record for record in by_realisation if record.realisation <= last]
 
 
 def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> ComplexArray:

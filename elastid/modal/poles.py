@@ -192,23 +192,30 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     spacing = float(np.median(np.diff(omega)))
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
-    whole, outside = np.zeros((2, n, fit.residual.shape[1]))
-    for r, row in enumerate(rows):
-        # The part of the pole's columns that the others do not have.
-        columns = Q @ (np.linalg.pinv(row @ row.T) @ row).T
-        whole[r] = np.sum((columns @ (fit.coefficients * norms[:, None])[2 * r : 2 * r + 2]) ** 2, axis=0)
-        near = np.abs(omega - fit.poles[r].imag) < 2 * spacing
-        if -2 * fit.poles.real[r] > spacing:
-            near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(complex_columns(columns)) ** 2, axis=1))
-        used = np.tile(~near, 2)
-        A = Q[used] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
-        basis, y = tall_qr(A)[0], fit.data.y[used]
+    # The part of each pole's columns that the others do not have is Q times these.
+    parts = np.linalg.pinv(rows @ rows.mT) @ rows
+    whole = np.sum((parts.mT @ (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
+    columns = complex_columns(Q @ parts.reshape(2 * n, -1).T).reshape(-1, n, 2)
+    near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(columns) ** 2, axis=2), axis=0)[:, None]
+    about = np.zeros_like(near)
+    for r in np.flatnonzero(-2 * fit.poles.real <= spacing).tolist():
+        near[r], about[r] = np.abs(omega - fit.poles[r].imag) < 2 * spacing, _about(fit, r)
+    # Lines that no pole is judged by are as many rows as columns, with the same products.
+    near, about = np.tile(near, 2), np.tile(about, 2)
+    rest, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
+    T = np.linalg.qr(Qy[rest], mode="r")
+    Q, all_y = np.split(np.concatenate([T, Qy[~rest]]), [Q.shape[1]], axis=1)
+    near, about = (np.pad(flags[:, ~rest], ((0, 0), (len(T), 0))) for flags in (near, about))
+    outside = np.zeros_like(whole)
+    for r in range(n):
+        A = Q[~near[r]] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
+        basis, y = tall_qr(A)[0], all_y[~near[r]]
         y = y - basis[:, :-2] @ (basis[:, :-2].T @ y)
         outside[r] = np.sum((basis[:, -2:].T @ y) ** 2, axis=0)
-        about = np.tile(_about(fit, r)[~near], 2)
-        local = np.sum((scipy.linalg.orth(basis[about, -2:]).T @ y[about]) ** 2)
-        if near.sum() > 1 and local < LIMITS.outside * whole[r].sum():
-            outside[r] = 0.0
+        if near[r].sum() > 2:
+            at = about[r][~near[r]]
+            local = np.sum((scipy.linalg.orth(basis[at, -2:]).T @ y[at]) ** 2)
+            outside[r] *= local >= LIMITS.outside * whole[r].sum()
     return whole, outside
 
 

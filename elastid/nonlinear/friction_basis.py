@@ -25,9 +25,9 @@ torque that is logged later than the motion by tau has its friction by tau later
 .. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1} e^{-s \tau}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -69,6 +69,11 @@ class BasisFunction:
         """True if it depends on the velocity alone."""
         return self.kind in ("sign", "stribeck")
 
+    @property
+    def element(self) -> tuple[str, float]:
+        """Kind and threshold of the element with whose state it is computed."""
+        return self.kind.removesuffix(" damping"), self.threshold
+
     def reversal(self, distance: FloatArray) -> FloatArray:
         """Return the shape (n,) at `distance` (n,) after a reversal out of fast steady sliding: from -1 to 1."""
         if not self.when_fast:
@@ -98,17 +103,22 @@ class BasisFunction:
 
 
 WeightedBasis: TypeAlias = Sequence[tuple[BasisFunction, float]]
+States: TypeAlias = Callable[[str, float], FloatArray]
 
 
 def amplitudes(
     record: Record, motion: Motion, shapes: Sequence[BasisFunction], repetitions: IntArray, lines: IntArray
 ) -> ComplexArray:
     """Return amplitudes (n_f, F) of the basis functions of a motor at lines (F,), means over repetitions."""
-    path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
-    signals = (friction_means(record, motion, [(shape, 1.0)], path) for shape in shapes)
-    dft, N = rfft([_mean_period(record, means, repetitions) for means in signals]), record.period_samples
+    N, states = record.period_samples, elements(record, motion)
+    weights = np.zeros(whole_samples(record) // record.repeat_samples)
+    weights[repetitions] = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0) / len(repetitions)
+    dft = np.zeros((len(shapes), len(lines)), np.complex128)
+    for i in sorted(range(len(shapes)), key=lambda i: shapes[i].element):
+        mean = weights @ friction_means(record, motion, [(shapes[i], 1.0)], states).reshape(len(weights), -1)
+        dft[i] = rfft(np.concatenate([mean, -mean]) if record.half_wave else mean)[lines]
     delay = np.exp(-2j * np.pi * record.rate_hz / N * np.outer([shape.delay_s for shape in shapes], lines))
-    return dft[:, lines] * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay
+    return np.asarray(dft * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay)
 
 
 @lru_cache(maxsize=16)
@@ -121,32 +131,25 @@ def _between_cells(n: int, lines: int) -> ComplexArray:
     return frozen(np.exp(-1j * np.pi * cell) / (CELLS * np.sinc(cell)), np.complex128)
 
 
-def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatArray:
-    """Return the mean period (m,) of some repetitions of a signal (n m,)."""
-    weights = np.zeros(whole_samples(record) // record.repeat_samples)
-    weights[repetitions] = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0) / len(repetitions)
-    mean = weights @ x.reshape(len(weights), -1)
-    return np.concatenate([mean, -mean]) if record.half_wave else np.asarray(mean)
-
-
-def friction_means(record: Record, motion: Motion, basis: WeightedBasis, path: Path | None = None) -> FloatArray:
+def friction_means(record: Record, motion: Motion, basis: WeightedBasis, states: States | None = None) -> FloatArray:
     """Return the friction torque (n cells,) of a motor in the cells of the samples of whole periods.
 
-    path: `path_of` the motion, if known.
+    states: `elements` of the motion, if known.
     """
     memoryless = [(shape, f) for shape, f in basis if shape.is_memoryless]
-    steady = np.copysign(sum(f for shape, f in memoryless if shape.kind == "sign"), motion.by_sample[0])
-    means = np.repeat(steady, CELLS)
+    means = np.zeros(len(motion.velocity) - 1)
     if memoryless:
+        cells, F_c = means.reshape(-1, CELLS), sum(f for shape, f in memoryless if shape.kind == "sign")
+        cells[:] = np.copysign(F_c, motion.by_sample[0])[:, None]
         # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
         slow = motion.slowest <= 5 * max(shape.threshold for shape, _ in memoryless)
-        means.reshape(-1, CELLS)[slow] = sliding_means(motion.by_sample[:, slow].T, memoryless)
+        cells[slow] = sliding_means(motion.by_sample[:, slow].T, memoryless)
+    states = states or elements(record, motion)
     for shape, f in basis:
         if not shape.is_memoryless:
-            path = path or path_of(record, motion)
-            operator = stop if shape.kind.startswith("stop") else bristle
-            s = operator(path, shape.threshold) * (f / shape.threshold / 2)
-            means += 2 * CELLS * np.diff(s) if shape.is_damping else s[:-1] + s[1:]
+            s = states(*shape.element)
+            scale = f / shape.threshold / 2
+            means += (2 * CELLS * scale) * np.diff(s) if shape.is_damping else scale * (s[:-1] + s[1:])
     return means
 
 
@@ -171,10 +174,18 @@ def sliding_means(velocity: FloatArray, basis: WeightedBasis) -> FloatArray:
     return means.T
 
 
-def path_of(record: Record, motion: Motion) -> Path:
-    """Return the way of a bristle whose state at the start is not known: the first period is run over twice."""
-    before = motion.angle[: record.period_samples * CELLS]
-    return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
+def elements(record: Record, motion: Motion) -> States:
+    """Return the states s(kind, D) of stops and bristles along a motion, the last of them cached.
+
+    The state at the start is not known: the first period is run over twice.
+    """
+
+    @cache
+    def path() -> Path:
+        before = motion.angle[: record.period_samples * CELLS]
+        return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
+
+    return lru_cache(maxsize=1)(lambda kind, D: (stop if kind == "stop" else bristle)(path(), D))
 
 
 def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: float) -> Motion:
@@ -184,27 +195,22 @@ def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: fl
     n, channel = whole_samples(record), record.inputs.index(place)
     s = laplace(n // 2 + 1, n, record.rate_hz)
     by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s != 0)
-    torque = hold_of(record)[:, channel] * np.exp(s * _delay(basis)) * rfft(record.u[:n, channel])
+    torque = _hold(record, channel, basis) * rfft(record.u[:n, channel])
     return motion_of(
         record, place, lambda motion: by_inertia * (torque - spectrum(rfft(friction_means(record, motion, basis)), n))
     )
 
 
-def _delay(basis: WeightedBasis) -> float:
-    return basis[0][0].delay_s if basis else 0.0
-
-
 def zoh_samples(record: Record, place: str, motion: Motion, basis: WeightedBasis) -> FloatArray:
     """Return a motor's friction (n,) along a motion as a torque that is held as u is."""
-    n = whole_samples(record)
+    n, H = whole_samples(record), _hold(record, record.inputs.index(place), basis)
     low = spectrum(rfft(friction_means(record, motion, basis)), n)
-    low *= np.exp(-_delay(basis) * laplace(len(low), n, record.rate_hz))
-    H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
     return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
 
 
-def hold_of(record: Record) -> ComplexArray:
-    """Return H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
+def _hold(record: Record, channel: int, basis: WeightedBasis) -> ComplexArray:
+    """Return H e^(s delay) (n // 2 + 1,) of a torque at the lines of all whole periods, on the time of the motions."""
     n = whole_samples(record)
-    return record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))
+    H = record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))[:, channel]
+    return np.asarray(H * np.exp((basis[0][0].delay_s if basis else 0.0) * laplace(len(H), n, record.rate_hz)))

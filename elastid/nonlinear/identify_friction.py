@@ -25,9 +25,9 @@ from elastid.nonlinear.variable_projection import (
     basis_error_covariance,
     candidate_basis,
     choose,
-    covariance,
     delayed,
     estimate_coefficients,
+    inverse,
     median_swing,
     normal_equations,
     refined,
@@ -98,7 +98,8 @@ def _identify(
     swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
     first, friction = _FrictionFit(records[0], spec, picked_spectra, choice, swings), None
     if choice.shapes:
-        near = refined(choice, first.coefficients, places, first.velocity_noise)
+        noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in picked_spectra], axis=0))
+        near = refined(choice, first.sums[0], places, noise)
         between = replace(first, choice=near, data=gather(measured[:few], near.shapes, first.result))
         pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
@@ -153,16 +154,6 @@ class _FrictionFit:
         """Coefficients (n_f,), and the sums about them."""
         return estimate_coefficients(self.data, self.choice.motor_of)
 
-    @property
-    def coefficients(self) -> FloatArray:
-        """Coefficients (n_f,)."""
-        return self.sums[0]
-
-    @property
-    def velocity_noise(self) -> FloatArray:
-        """Standard deviation (n_m,) of the noise in the motions."""
-        return np.asarray(np.sqrt(np.mean([data.velocity_noise**2 for data in self.data], axis=0)))
-
     @cached_property
     def result(self) -> CompensatedFriction:
         """Compensate friction; return it with a note on each motor."""
@@ -174,7 +165,8 @@ class _FrictionFit:
             place_units=first.units_of_inputs,
             shapes=choice.shapes,
             coulomb_torque=coefficients,
-            covariance=covariance(equations) + basis_error_covariance(choice, coefficients),
+            covariance=0.5 * inverse(equations.A.sum(axis=0) * equations.dof_fraction)
+            + basis_error_covariance(choice, coefficients),
             configurations=tuple(spectra.name for spectra in self.data),
             before=normal_equations(self.data, 0 * coefficients, choice.motor_of).amplitude,
             after=equations.amplitude,
@@ -190,7 +182,7 @@ class _FrictionFit:
         for data in self.data:
             on = np.flatnonzero(data.excited)
             on = on[-max(1, len(on) // 20) :]
-            friction = compensation_torque(self.coefficients, data.Phi[on], self.choice.motor_of, data.U.shape[1])
+            friction = compensation_torque(self.sums[0], data.Phi[on], self.choice.motor_of, data.U.shape[1])
             G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
             s = 2j * np.pi * data.freq_hz[on, None]
             tops.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
@@ -206,9 +198,9 @@ class _FrictionFit:
         """
         result, motor_of, n = self.result, self.choice.motor_of, len(self.data)
         C, notes = result.covariance.copy(), list[Note]()
-        sums = [normal_equations([spectra], self.coefficients, motor_of) for spectra in self.data]
+        sums = [normal_equations([spectra], self.sums[0], motor_of) for spectra in self.data]
         for i, place in enumerate(result.places):
-            f = np.where(motor_of == i, self.coefficients, 0.0)
+            f = np.where(motor_of == i, self.sums[0], 0.0)
             power = np.array([max(f @ fold.A.sum(axis=0) @ f, 1e-300) for fold in sums])
             factor = np.array([f @ fold.b.sum(axis=0) for fold in sums]) / power
             weight = 2 * power * [fold.dof_fraction for fold in sums]

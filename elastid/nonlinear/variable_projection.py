@@ -118,12 +118,6 @@ def inverse(A: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
-def covariance(equations: NormalEquations) -> FloatArray:
-    """Return the covariance (n_f, n_f) of the coefficients by the residuals' scatter over experiments and lines."""
-    A = equations.A.sum(axis=0) * equations.dof_fraction
-    return 0.5 * inverse(A)
-
-
 def cross_validated_power(
     A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
@@ -369,11 +363,6 @@ def may_join(shape: BasisFunction, others: Sequence[BasisFunction]) -> bool:
     return not shape.is_damping or not kinds.isdisjoint(("stop", "bristle"))
 
 
-def is_damping_element(shape: BasisFunction, element: BasisFunction) -> bool:
-    """Return True if a shape damps a stop or a bristle, both of one threshold."""
-    return shape.kind == f"{element.kind} damping" and shape.threshold == element.threshold
-
-
 def select_motor_basis(
     equations: NormalEquations, motor: int, candidates: IntArray, shapes: Sequence[BasisFunction]
 ) -> tuple[IntArray, float]:
@@ -395,7 +384,8 @@ def select_motor_basis(
 
     total, every = power([]), candidates.tolist()
     singles = [[i] for i in every if may_join(shapes[i], ())]
-    pairs = [[i, j] for i in every for j in every if is_damping_element(shapes[j], shapes[i])]
+    same = [[i, j] for i in every for j in every if shapes[i].element == shapes[j].element]
+    pairs = [[i, j] for i, j in same if shapes[j].is_damping and not shapes[i].is_damping]
     chosen, least = greedy(partial(larger, firsts=singles), power, pays)
     if pairs:
         damped, damped_power = greedy(partial(larger, firsts=pairs), power, pays)
