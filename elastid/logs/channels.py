@@ -220,7 +220,7 @@ def _read(experiment: _Experiment, key: _Key, members: Sequence[int]) -> FloatAr
 
 
 def _on_grids(experiment: _Experiment, parts: Mapping[_Key, tuple[list[int], FloatArray]]) -> list[_Group]:
-    """Bring signals to their rates. Those of a file with several clocks start at the latest of their first stamps."""
+    """Bring signals to their rates. If a file has several clocks, all signals start at the latest first stamp."""
     groups = []
     for (number, rate_hz, time), (members, values) in parts.items():
         log, gridded, rows, first_s = experiment.log(number, (), rate_hz), values, None, None

@@ -344,7 +344,7 @@ def greedy(
     cost: Callable[[list[int]], float],
     pays: Callable[[float, float, list[int]], bool],
 ) -> tuple[list[int], float]:
-    """Select by forward selection: of the members that pay, add the one that lowers the cost most."""
+    """Select by forward selection: add the member that pays and lowers the cost most."""
     chosen: list[int] = []
     least = cost(chosen)
     while better := [(after, sets) for sets in larger(chosen) if pays(least, after := cost(sets), sets)]:
