@@ -58,7 +58,7 @@ class Covariance(Kept):
         if self.matrix is not None:
             return self.matrix
         if self.left is not None and self.right is not None:
-            return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
+            return kronecker(self.left, self.right)
         diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
         return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
 
@@ -89,6 +89,12 @@ class Covariance(Kept):
         left, right = block(self.left, columns), block(self.right, rows)
         variance, matrix = self.variance[:, rows][:, :, columns], block(self.matrix, of_vec)
         return replace(self, variance=variance, left=left, right=right, matrix=matrix)
+
+
+def kronecker(left: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """Return left (x) right (F, n m, n m) of stacks (F, n, n) and (F, m, m)."""
+    size = left.shape[1] * right.shape[1]
+    return np.asarray(np.einsum("fab,fcd->facbd", left, right).reshape(-1, size, size))
 
 
 def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:

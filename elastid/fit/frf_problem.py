@@ -104,9 +104,8 @@ class Assembly:
     def with_model_error(self, floor: float | None) -> "Assembly":
         """Return the assembly with the weights of a relative model error."""
         spec = with_model_error(self.spec, floor)
-        return replace(
-            self, spec=spec, weights=tuple(each_at_home(partial(weigh, spec=spec), self.responses, self.home))
-        )
+        weights = each_at_home(partial(weigh, spec=spec), self.responses, self.home)
+        return replace(self, spec=spec, weights=tuple(weights))
 
     @property
     def _dependent(self) -> set[str]:

@@ -16,17 +16,16 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import FitError, Note, notes_of
 from elastid.base.execution import HERE
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.rank_hypotheses import temper
-from elastid.fit.diagnosis.refit import thinning
+from elastid.fit.diagnosis.refit import Evaluated, evaluate, thinning
 from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_compensated
-from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home
-from elastid.fit.problem.least_squares import as_real
+from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home
 from elastid.fit.result import Result
 from elastid.fit.result_rows import Presliding
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
@@ -174,13 +173,10 @@ class _State:
     def _rows(self) -> tuple[dict[str, FloatArray], FloatArray]:
         """dr/ds (n_a, N) at the starting rates by joint, without its projection on dr/dx, and r (N,), with priors."""
         rows, columns, residuals, rates = [], [], [], _rates(self.base.responses)
-        for part in self.fit.parts:
-            mixing = part.mixing
-            r, J = self.fit.block(part, self.x, mixing)
-            rows.append(as_real(J).reshape(len(J), -1))
-            residuals.append(as_real(r).ravel())
-            G = part.kernel.response(part.theta(self.parameters, self.x))
-            columns.append(dict(_columns(part, G, mixing, rates)))
+        for evaluated in evaluate(self.fit, self.x):
+            rows.append(-evaluated.whitened(evaluated.free))
+            residuals.append(evaluated.residual)
+            columns.append(dict(_columns(evaluated, rates)))
         distance, slope = self.fit.priors(self.x)
         none = np.zeros((len(rates), len(distance)))  # priors have none
         measured = [joint for joint in columns[0] if all(joint in each for each in columns)]
@@ -229,16 +225,15 @@ def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
-def _columns(
-    part: Part, G: ComplexArray, mixing: ComplexArray | None, rates: FloatArray
-) -> Iterator[tuple[str, FloatArray]]:
-    """dr/ds (n_a, N) of the springs of each motor whose motion is in a response G (F, n_y, n_u), by its joint."""
-    model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
+def _columns(evaluated: Evaluated, rates: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    """dr/ds (n_a, N) of the springs of each motor whose motion is in a response, by its joint."""
+    kernel, G = evaluated.part.kernel, evaluated.G
+    model, s = kernel.model, 2j * np.pi * kernel.freq_hz[:, None, None]
     for j, place in enumerate(model.inputs):
         if place in model.outputs:
             by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
             dG = np.stack([-by_angle * s / (s + a) for a in rates])
-            yield place.removeprefix("motor "), as_real(part.slopes(G, dG, mixing)).reshape(len(rates), -1)
+            yield place.removeprefix("motor "), -evaluated.whitened(dG)
 
 
 def _torque_per_angle(responses: Sequence[Response], place: str) -> float:

@@ -214,14 +214,11 @@ class Linearisation:
         if self.point is not None:
             dq, of_point, dZ = self.point.at(point, theta, K, Z)
             slopes, of_theta = slopes + of_point, _reading(model, point.q, theta, tuple(outputs), dq)
-        absent = () if configuration.has_payload else model.of_payload
-        varied = set(model.parameters if varied is None else varied).difference(absent)
-        rows = [p for p, name in enumerate(model.parameters) if name in varied]
-        triangles_of_theta = slopes.T[rows].reshape(len(rows), 3, -1).swapaxes(0, 1)
-        of_theta = {letter: part[rows] for letter, part in of_theta.items()}
+        triangles_of_theta = slopes.T.reshape(len(model.parameters), 3, -1).swapaxes(0, 1)
         of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _places(model.n_q)], strict=True))
-        matrices, dZ = {"M": M, "D": D, "K": K, "C": C, "T": T}, None if dZ is None else dZ[rows]
-        of_name = _slopes([model.parameters[p] for p in rows], matrices, of_theta, Z, dZ)
+        absent = () if configuration.has_payload else model.of_payload
+        varied = set(names if varied is None else varied).difference(absent)
+        of_name = _slopes(model, {"M": M, "D": D, "K": K, "C": C, "T": T}, of_theta, Z, dZ, varied)
         places = model.inputs, tuple(outputs), quantity
         M, D, K = (projected(Z, matrix) for matrix in (M, D, K))
         B, C, T = Z.T @ model.B, C @ Z, T @ Z
@@ -282,12 +279,12 @@ def _places(n: int) -> IntArray:
 
 
 def _slopes(
-    names: Sequence[str], matrices: Mapping[str, FloatArray], of_theta: Mapping[str, FloatArray], Z: FloatArray,
-    dZ: FloatArray | None,
+    model: ElasticModel, matrices: Mapping[str, FloatArray], of_theta: Mapping[str, FloatArray], Z: FloatArray,
+    dZ: FloatArray | None, names: Collection[str],
 ) -> dict[str, Slope]:  # fmt: skip
-    """Slopes of Z^T (M, D, K) Z, of C Z and T Z by the names (n,) of the parameters that enter.
+    """Slopes of Z^T (M, D, K) Z, of C Z and T Z by name of those parameters that enter.
 
-    matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n, ...): derivatives.
+    matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n_theta, ...): derivatives.
     """
     parts = {letter: part @ Z for letter, part in of_theta.items()}
     if dZ is not None:
@@ -298,6 +295,6 @@ def _slopes(
     enters = {letter: np.any(part, axis=(1, 2)) for letter, part in parts.items()}
     return {
         name: Slope(**{letter: part[p] for letter, part in parts.items() if enters[letter][p]})
-        for p, name in enumerate(names)
-        if any(rows[p] for rows in enters.values())
+        for p, name in enumerate(model.parameters)
+        if name in names and any(rows[p] for rows in enters.values())
     }

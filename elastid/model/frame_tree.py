@@ -143,18 +143,15 @@ class Turn:
     origin: ca.SX
 
     def forth(self, v: ca.SX) -> ca.SX:
-        """The vector v (3,) of the turned frame in the axes before the turn."""
+        """Vectors v (3, n) of the turned frame in the axes before the turn."""
         i, j = PLANES[self.k]
         w = ca.SX(v)
-        w[i], w[j] = self.c * v[i] - self.s * v[j], self.s * v[i] + self.c * v[j]
+        w[i, :], w[j, :] = self.c * v[i, :] - self.s * v[j, :], self.s * v[i, :] + self.c * v[j, :]
         return w
 
     def back(self, v: ca.SX) -> ca.SX:
         """Vectors v (3, n) of the frame before the turn in the turned axes."""
-        i, j = PLANES[self.k]
-        w = ca.SX(v)
-        w[i, :], w[j, :] = self.c * v[i, :] + self.s * v[j, :], self.c * v[j, :] - self.s * v[i, :]
-        return w
+        return replace(self, s=-self.s).forth(v)
 
     def tensor(self, T: ca.SX) -> ca.SX:
         """The symmetric tensor T (3, 3) of the turned frame in the axes before the turn, in 9 products."""

@@ -10,6 +10,7 @@ other here.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import casadi as ca
 import numpy as np
@@ -78,26 +79,25 @@ def composites(
 def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]) -> ca.SX:
     """M (n, n), symmetric: row i is the momentum that joint i makes at a rate of 1, on every joint below it."""
     n = len(layout.frames)
-    M = ca.SX(n, n)
-    for i, frame in enumerate(layout.frames):
+    M, below = ca.SX(n, n), [list[tuple[list[int], ca.SX, ca.SX]]() for _ in layout.frames]
+    for i, frame in reversed([*enumerate(layout.frames)]):
         angular, linear = composite[i].I[:, frame.axis], ca.cross(UNIT[frame.axis], composite[i].h)
         if frame.slides:
             angular, linear = -linear, composite[i].m * UNIT[frame.axis]
-        M[i, i] = linear[frame.axis] if frame.slides else angular[frame.axis]
-        child, j = i, frame.parent
-        while j >= 0:
-            angular, linear = _force_on_parent(angular, linear, layout.frames[child], joint_turns[child])
-            carrier = layout.frames[j]
-            M[i, j] = M[j, i] = linear[carrier.axis] if carrier.slides else angular[carrier.axis]
-            child, j = j, carrier.parent
+        branches, moments, forces = zip(([i], angular, linear), *below[i], strict=True)
+        joints, angular, linear = [*chain(*branches)], ca.horzcat(*moments), ca.horzcat(*forces)
+        row = (linear if frame.slides else angular)[frame.axis, :]
+        M[i, joints], M[joints, i] = row, row.T
+        if frame.parent >= 0:
+            below[frame.parent].append((joints, *_force_on_parent(angular, linear, frame, joint_turns[i])))
     return M
 
 
 def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) -> tuple[ca.SX, ca.SX]:
-    """Moment about the origin and force (3,) of a frame, in its parent's axes and about the parent's origin."""
+    """Moments about the origin and forces (3, n) of a frame, in its parent's axes and about the parent's origin."""
     R = ca.DM(frame.R)
     force = R @ turn.forth(force)
-    return R @ turn.forth(moment) + ca.cross(turn.origin, force), force
+    return R @ turn.forth(moment) + ca.skew(turn.origin) @ force, force
 
 
 def bias(

@@ -128,12 +128,12 @@ def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
 class CompressedResiduals(Kept):
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
-    elements: rows and columns (n_e,) of the elements g, of `Columns`.  is_symmetric: whether G = G^T.
+    elements: rows and columns (n_e,) of the elements g, and entries (n_y, n_u), which element each is, of `Columns`.
     takes_compiled: True if the sums run in C.  precomputed: `compressed`, if it was computed before.
     """
 
     elements: tuple[IntArray, IntArray]
-    is_symmetric: bool
+    entries: IntArray
     takes_compiled: bool
     measured: ComplexArray
     gain: FloatArray
@@ -144,8 +144,8 @@ class CompressedResiduals(Kept):
     def has_data_of(self, other: "CompressedResiduals") -> bool:
         """Return True if these are residuals of the very same data, with the very same weights."""
         are_same = (np.array_equal(getattr(self, name), getattr(other, name)) for name in ("measured", "gain"))
-        form = (self.whitening is other.whitening, self.criterion, self.is_symmetric)
-        return form == (True, other.criterion, other.is_symmetric) and all(are_same)
+        form = (self.whitening is other.whitening, self.criterion, len(self.elements[0]))
+        return form == (True, other.criterion, len(other.elements[0])) and all(are_same)
 
     @property
     def worked_out(self) -> "CompressedResiduals":
@@ -160,7 +160,7 @@ class CompressedResiduals(Kept):
         if self.criterion == "complex":
             return float(data.constant[block].sum()), LineResiduals(data.q[block], G)
         with np.errstate(divide="ignore", invalid="ignore"):
-            error = self._log_measured[block] - self._full(np.log(G))
+            error = self._log_measured[block] - np.log(G).take(self.entries, axis=1)
             error.imag -= 2 * np.pi * np.rint(error.imag / (2 * np.pi))
         weighted = self._weighted(block, error)
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
@@ -172,15 +172,6 @@ class CompressedResiduals(Kept):
         """ln Ghat (F, n_y, n_u), the same at every x."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(self.measured)
-
-    def _full(self, G: ComplexArray) -> ComplexArray:
-        """G (F, n_y, n_u) of its elements (F, n_e)."""
-        rows, columns = self.elements
-        full = np.empty((len(G), *self.measured.shape[1:]), complex)
-        full[:, rows, columns] = G
-        if self.is_symmetric:
-            full[:, columns, rows] = G
-        return full
 
     def _weighted(self, block: slice, e: ComplexArray) -> ComplexArray:
         """gain e (F, n_y n_u) of some lines."""
@@ -195,7 +186,7 @@ class CompressedResiduals(Kept):
     @cached_property
     def _places(self) -> tuple[IntArray, IntArray]:
         (rows, columns), n_u = self.elements, self.measured.shape[2]
-        return rows * n_u + columns, columns * n_u + rows if self.is_symmetric else rows * n_u + columns
+        return rows * n_u + columns, columns * n_u + rows if len(rows) < self.entries.size else rows * n_u + columns
 
     @cached_property
     def _counts(self) -> BoolArray:

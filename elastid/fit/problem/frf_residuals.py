@@ -93,7 +93,7 @@ class Part(Kept):
     @cached_property
     def normal(self) -> NormalEquations:
         """Cost, gradient and normal matrix without the derivatives of every element."""
-        form = self.columns.elements, self.columns.is_symmetric, self.kernel.takes_compiled
+        form = self.columns.elements, self.columns.entries, self.kernel.takes_compiled
         residuals = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
         data = self.compressed
         return NormalEquations(self.columns, data if data is not None and data.has_data_of(residuals) else residuals)

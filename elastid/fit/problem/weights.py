@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.matrices import inverse
 from elastid.base.names import posture_of
 from elastid.base.workers import Kept
+from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, WeightSpec, misnamed
 from elastid.response import Covariance, Response
@@ -80,10 +81,7 @@ def inverse_triangle(factors: Sequence[ComplexArray]) -> ComplexArray:
 
     Raises LinAlgError where C is singular.
     """
-    first, *others = (inverse(np.asarray(np.linalg.cholesky(C))) for C in factors)
-    for other in others:
-        first = np.einsum("fab,fcd->facbd", first, other).reshape(len(other), first.shape[1] * other.shape[1], -1)
-    return first
+    return reduce(kronecker, [inverse(np.asarray(np.linalg.cholesky(C))) for C in factors])
 
 
 def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:

@@ -166,6 +166,16 @@ class Columns(Kept):
         return np.asarray(rows, np.int64), np.asarray(columns, np.int64)
 
     @cached_property
+    def entries(self) -> IntArray:
+        """The element that each entry of G (n_y, n_u) is."""
+        (rows, columns), model = self.elements, self.kernel.model
+        entries = np.empty((len(model.outputs), len(model.inputs)), np.int64)
+        entries[rows, columns] = range(len(rows))
+        if self.is_symmetric:
+            entries[columns, rows] = range(len(rows))
+        return entries
+
+    @cached_property
     def omega_0(self) -> float:
         """The highest of all lines, 1 without any."""
         return 2 * np.pi * float(self.kernel.freq_hz.max(initial=0.0)) or 1.0
@@ -174,8 +184,7 @@ class Columns(Kept):
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
         n, wanted = self.kernel.model.n, self.kernel.wanted
-        none = Slope()
-        slopes = [self.kernel.model.slopes.get(name, none) for name in wanted]
+        slopes = [self.kernel.model.slopes.get(name) or Slope() for name in wanted]
         terms = [
             (place, power, matrix)
             for place, slope in enumerate(slopes)
@@ -237,13 +246,9 @@ class Columns(Kept):
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) to the wanted parameters at theta (n_theta,)."""
-        (rows, columns), pieces, model = self.elements, self.pieces, self.kernel.model
-        G = np.empty((self.kernel.freq_hz.size, len(model.outputs), len(model.inputs)), complex)
+        pieces = self.pieces
+        G = np.empty((self.kernel.freq_hz.size, *self.entries.shape), complex)
         dG, places = np.empty((len(self.kernel.wanted), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
-        element = np.empty(G.shape[1:], np.int64)
-        element[rows, columns] = range(len(rows))
-        if self.is_symmetric:
-            element[columns, rows] = range(len(rows))
         for part in self.at(theta):
             U = part.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
             of_elements = np.zeros((len(dG), *part.G.shape), complex)
@@ -251,7 +256,7 @@ class Columns(Kept):
                 of_elements[place] -= (
                     pieces.sigma[t, place] * part.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
                 )
-            G[part.block], dG[:, part.block] = part.G.take(element, axis=1), of_elements.take(element, axis=2)
+            G[part.block], dG[:, part.block] = part.G.take(self.entries, axis=1), of_elements.take(self.entries, axis=2)
         return G, dG
 
     @cached_property

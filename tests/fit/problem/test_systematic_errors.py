@@ -13,12 +13,7 @@ from elastid.fit.parameter_selection import choose
 from elastid.fit.problem import systematic_errors
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LocalOptimum, as_real
-from elastid.fit.problem.systematic_errors import (
-    find_factors,
-    next_factors,
-    shares_of,
-    with_modelled_bias,
-)
+from elastid.fit.problem.systematic_errors import find_factors, next_factors, shares_of, with_modelled_bias
 from elastid.fit.problem.weights import weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Response
