@@ -4,7 +4,7 @@ Each section of a study lives in the room that uses it and knows no YAML; `study
 """
 
 from collections.abc import Iterator
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps
 from itertools import pairwise
@@ -115,8 +115,6 @@ def validator(section: Any) -> Any:
     """Return pydantic's validator of a section, or of a union with sections, built at the first use: it takes time."""
     from pydantic import TypeAdapter  # value types stay free of pydantic until one is made
 
-    token = _in_validator.set(True)
-    try:
-        return TypeAdapter(section).validator
-    finally:
-        _in_validator.reset(token)
+    context = copy_context()
+    context.run(_in_validator.set, True)
+    return context.run(TypeAdapter, section).validator
