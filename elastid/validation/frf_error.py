@@ -128,6 +128,12 @@ class FrfError:
         """Phase error over all judged lines of all elements, degrees."""
         return pooled_rms(self.phase_rms_deg, self.lines)
 
+    @property
+    def overall_rms_sigma(self) -> float:
+        """Residual over its standard deviation, rms over all elements with one."""
+        finite = self.rms_sigma[np.isfinite(self.rms_sigma)]
+        return math.sqrt(np.mean(finite**2)) if finite.size else math.nan
+
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
     """Return the mean-square sum of rms (...) weighted by the number of lines (...), as a root; NaN without lines."""
