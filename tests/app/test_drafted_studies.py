@@ -144,7 +144,7 @@ def drafted(case: Case, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("examples", [12, pytest.param(300, marks=pytest.mark.slow)])
-def test_new_writes_studies_that_check_accepts(examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_new_writes_studies_that_check_accepts(examples, tmp_path_factory):
     @settings(max_examples=examples, deadline=None)
     @given(case=CASES)
     def every(case: Case) -> None:

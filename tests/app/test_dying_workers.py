@@ -78,9 +78,7 @@ def stages_with_deaths(
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_in_each_stage_changes_no_byte(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path
-) -> None:
+def test_a_process_that_is_killed_in_each_stage_changes_no_byte(tmp_path, monkeypatch, tiny):
     """Of two, one that has done its first part."""
     alone = Run(load(tiny, ELASTIC), tmp_path / "alone", 1, Console(-1))
     names = (*alone.stages, "compare")

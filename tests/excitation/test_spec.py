@@ -32,12 +32,12 @@ SPOILT: tuple[tuple[str, dict[str, Any]], ...] = (
 
 
 @pytest.mark.parametrize(("key", "keys"), SPOILT, ids=str)
-def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key: str, keys: dict[str, Any]) -> None:
+def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key, keys):
     with pytest.raises(ValueError, match=key):
         MultisineSpec(**{**KNOWN, **keys})
 
 
-def test_amplitudes_are_levels_that_are_measured_one_after_the_other() -> None:
+def test_amplitudes_are_levels_that_are_measured_one_after_the_other():
     """Two amplitudes are two levels, each a multisine of its own; one amplitude is the multisine itself."""
     two = MultisineSpec(**{**KNOWN, "torque_rms": ((20.0, 5.0), (10.0, 2.5))})
     assert [two.at_amplitude(level).amplitudes for level in (1, 2)] == [((20.0, 5.0),), ((10.0, 2.5),)]
@@ -45,5 +45,5 @@ def test_amplitudes_are_levels_that_are_measured_one_after_the_other() -> None:
 
 
 @pytest.mark.parametrize("keys", GOOD, ids=str)
-def test_a_multisine_that_can_be_played_is_taken(keys: dict[str, Any]) -> None:
+def test_a_multisine_that_can_be_played_is_taken(keys):
     assert MultisineSpec(**{**KNOWN, **keys}).period_samples == 1000

@@ -25,7 +25,7 @@ def run_of(tiny: Path, friction: str) -> Run:
 
 
 @pytest.mark.slow
-def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
+def test_what_was_taken_out_is_in_every_result(tiny):
     """frf.h5, summary and robot.yml have the same; the model explains more."""
     run = run_of(tiny, "coulomb")
     friction = read_friction(run.path("estimate"))
@@ -42,7 +42,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
     assert numbers["f_m1"][0] == pytest.approx(viscous["value"], rel=1e-9)
 
 
-def test_estimate_prints_why_friction_was_not_compensated(capsys: pytest.CaptureFixture[str]) -> None:
+def test_estimate_prints_why_friction_was_not_compensated(capsys):
     """One line per motor, also of one whose friction stays."""
     _artefacts([], [], taken_friction()).report(Console(0))
     assert LEFT in capsys.readouterr().out

@@ -69,7 +69,7 @@ def _measure(folder: Path) -> tuple[Path, int]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kB on Linux alone")
-def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_log(tmp_path):
     """A log of 0.4 GB, 0.31 GB of it asked for, is measured with 200 MB."""
     asked = _write(tmp_path, 1600)
     records, peak = _measure(tmp_path)
@@ -130,7 +130,7 @@ def write(tiny: Path, further: str = LISTED + TOOL) -> Path:
 
 
 @pytest.mark.slow
-def test_a_study_with_load_tests_and_a_hammer(tiny: Path) -> None:
+def test_a_study_with_load_tests_and_a_hammer(tiny):
     """The simulated rig measures the deflections; the hammer's response is predicted."""
     path = write(tiny, LISTED + TOOL + TAPPED)
     folder = tiny.parent / "run"
