@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,7 +46,7 @@ def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("n_y", "n_u"), [(1, 1), (3, 3), (3, 2), (2, 3)])
-def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) -> None:
+def test_every_method_is_exact_without_noise(method, n_y, n_u):
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     F = len(lines)
     G = circular(rng, (F, n_y, n_u)) + 2
@@ -64,7 +63,7 @@ def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) ->
 
 
 @pytest.mark.parametrize("injection", ["reference", "torque"])
-def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection: str) -> None:
+def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection):
     """Output noise fed back into the inputs: what many blocks leave of the error is the bias of H1."""
     rng, M, F, n = np.random.default_rng(1), 400, 30, 2
     G, C = circular(rng, (F, n, n)) + 2 * np.eye(n), circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -77,7 +76,7 @@ def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(
     assert error["h1"] > 2 * error["joint"]
 
 
-def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() -> None:
+def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased():
     """Correlated noise on inputs and outputs, known from the periods: its error, scatter alone, is far below its."""
     rng, M, F, n = np.random.default_rng(1), 1500, 12, 2
     G = circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -90,7 +89,7 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() 
     assert error["errors_in_variables"] < 0.3 * error["h1"]
 
 
-def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
+def test_an_experiment_of_several_periods_counts_as_so_many_of_one():
     """The maximum likelihood estimate of both, and the variance of h1 of one input by the noise of each experiment."""
     rng, F, P = np.random.default_rng(4), 8, np.array([3, 4, 3, 4, 4])
     U, Y, Z = (circular(rng, (F, n, k)) for n, k in ((2, 5), (2, 5), (4, 9)))
@@ -106,7 +105,7 @@ def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
     np.testing.assert_allclose(variance, np.sum(power / P, axis=1) / np.sum(power, axis=1) ** 2, rtol=1e-12)
 
 
-def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
+def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs():
     """Two realisations of one experiment each move two inputs in two ways: H1 has an answer, a mean has none."""
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     G = circular(rng, (36, 2, 2))
@@ -139,7 +138,7 @@ def _noisy_records(n: int) -> list[Record]:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_h1_agrees_with_welch_spectra_line_by_line(n: int) -> None:
+def test_h1_agrees_with_welch_spectra_line_by_line(n):
     """The definition written out over SciPy's cross spectra, to 1e-10."""
     records = _noisy_records(n)
     u, y = _mean_periods(records)
@@ -153,7 +152,7 @@ def test_h1_agrees_with_welch_spectra_line_by_line(n: int) -> None:
 
 
 @pytest.mark.oracle("best_linear_approximation")
-def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
+def test_means_and_covariances_agree_with_best_linear_approximation():
     """G and its total covariance by the robust method, noisy inputs; its package needs Python 3.12."""
     from best_linear_approximation import robust
 
@@ -184,7 +183,7 @@ ONE = (
 
 
 @pytest.mark.slow
-def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: Path) -> None:
+def test_one_experiment_of_two_motors_finds_both_springs(study, tmp_path):
     """From study to report: both true stiffnesses to 1 %, in one run of the robot."""
     run = Run(load(study, ONE), tmp_path / "run", 1, Console(-1))
     run_all(run)
