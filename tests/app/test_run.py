@@ -133,12 +133,7 @@ def test_a_result_that_has_changed_on_the_disk_is_made_again(copy, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "stage"),
-    [
-        ("summary.json", "fit"),
-        ("report.html", "report"),
-        ("references/*.csv", "design"),
-    ],
+    ("name", "stage"), [("summary.json", "fit"), ("report.html", "report"), ("references/*.csv", "design")]
 )
 def test_a_text_that_has_changed_on_the_disk_is_made_again(copy, worked_on, capsys, name, stage):
     """One digit that another program would read, or a robot would follow: `run` says so and makes it again."""

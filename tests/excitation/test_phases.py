@@ -89,9 +89,7 @@ def test_gradient_of_the_norm_is_its_derivative(p):
         pytest.param(np.arange(1, 62, 2), 0, 1.41, id="odd 31"),
         pytest.param(np.arange(41, 141), 0, 1.48, id="band"),
         pytest.param(
-            with_detection(np.arange(1, 400, 2), 4, np.random.default_rng(0)).excited,
-            *(0, 1.46),
-            id="odd-random",
+            with_detection(np.arange(1, 400, 2), 4, np.random.default_rng(0)).excited, *(0, 1.46), id="odd-random"
         ),
         pytest.param(np.arange(1, 32), -1, 1.20, id="1/f"),
     ],

@@ -74,10 +74,7 @@ def test_the_stated_error_of_segments_holds_the_leakage_that_their_variance_lack
 
 def _refused() -> list[tuple[Sequence[Record], EstimatorSpec, str]]:
     lengths = [noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 900))]
-    return [
-        (lengths, AUTO, "h1"),
-        ([noise_record(3000, 0, noise=0.1)], replace(AUTO, segment=15.0), "local_rational"),
-    ]
+    return [(lengths, AUTO, "h1"), ([noise_record(3000, 0, noise=0.1)], replace(AUTO, segment=15.0), "local_rational")]
 
 
 @pytest.mark.parametrize(("records", "spec", "method"), _refused(), ids=["local_rational", "h1"])

@@ -22,14 +22,7 @@ from elastid.response import Response
 RATE = 500.0
 
 
-def _record(
-    lines: np.ndarray,
-    U: np.ndarray,
-    Y: np.ndarray,
-    *,
-    P: int = 2,
-    experiment: int = 0,
-) -> Record:
+def _record(lines: np.ndarray, U: np.ndarray, Y: np.ndarray, *, P: int = 2, experiment: int = 0) -> Record:
     """P periods of the spectra U (F, n_u), Y (F, n_y)."""
     return record_of(*periods_of(lines, 256, P, U, Y), 0, experiment, n=256, rate_hz=RATE)
 

@@ -40,7 +40,7 @@ def off(result: ComplexArray | FloatArray, expected: ComplexArray | FloatArray) 
 @pytest.mark.usefixtures("way")
 @pytest.mark.parametrize("lines_are_last", [True, False])
 @pytest.mark.parametrize(("F", "n", "m"), SHAPES)
-def test_sums_of_products_are_the_formulas(F, n, m, lines_are_last):
+def test_sums_of_products_are_the_formulas(F: int, n: int, m: int, lines_are_last: bool) -> None:
     """Over blocks with different numbers of columns, also of matrices that are transposed."""
     rng = np.random.default_rng(F)
     Y, U = ([laid_out(circular(rng, (F, rows, k)), lines_are_last) for k in (3, 7)] for rows in (n, m))
@@ -57,7 +57,7 @@ def test_sums_of_products_are_the_formulas(F, n, m, lines_are_last):
 @pytest.mark.usefixtures("way")
 @pytest.mark.parametrize("lines_are_last", [True, False])
 @pytest.mark.parametrize(("F", "n", "m"), SHAPES)
-def test_inverses_and_singular_values_are_those_of_lapack(F, n, m, lines_are_last):
+def test_inverses_and_singular_values_are_those_of_lapack(F: int, n: int, m: int, lines_are_last: bool) -> None:
     """A zero where elimination would start asks for another pivot; columns may be many times larger than others."""
     rng = np.random.default_rng(F)
     A = laid_out(circular(rng, (F, n, n)), lines_are_last)
@@ -72,7 +72,7 @@ def test_inverses_and_singular_values_are_those_of_lapack(F, n, m, lines_are_las
 @pytest.mark.usefixtures("way")
 @pytest.mark.parametrize("lines_are_last", [True, False])
 @pytest.mark.parametrize("n", [1, 2, 5, 6])
-def test_the_positive_part_keeps_positive_eigenvalues_alone(n, lines_are_last):
+def test_the_positive_part_keeps_positive_eigenvalues_alone(n: int, lines_are_last: bool) -> None:
     """Of any size, also where eigenvalues are equal but for their sign, or zero."""
     rng = np.random.default_rng(n)
     Q = np.linalg.qr(circular(rng, (43, n, n)))[0]
@@ -86,7 +86,7 @@ def test_the_positive_part_keeps_positive_eigenvalues_alone(n, lines_are_last):
     np.testing.assert_array_less(np.abs(found - expected), 1e-13 * size + 1e-300 + 0 * found.real)
 
 
-def test_the_kernels_refuse_numbers_of_another_size():
+def test_the_kernels_refuse_numbers_of_another_size() -> None:
     """They would be read beyond their end."""
     if not is_compiled():
         pytest.skip("the kernels in C are not built")
@@ -105,7 +105,7 @@ def groups_of(z: ComplexArray, sizes: tuple[int, ...], scale: ComplexArray) -> I
 @needs_kernels
 @pytest.mark.parametrize("is_channel_first", [True, False])
 @pytest.mark.parametrize(("F", "n", "sizes"), [(1, 1, (2,)), (8, 2, (3, 0)), (37, 5, (4, 2, 3)), (300, 12, (8,))])
-def test_scatter_in_c_is_that_of_numpy(F, n, sizes, is_channel_first):
+def test_scatter_in_c_is_that_of_numpy(F: int, n: int, sizes: tuple[int, ...], is_channel_first: bool) -> None:
     """One line and incomplete batches; any number of channels; a record in groups; two records."""
     rng = np.random.default_rng(F)
     shape = (sum(sizes), n, F + 3) if is_channel_first else (sum(sizes), F + 3, n)
@@ -123,7 +123,7 @@ def test_scatter_in_c_is_that_of_numpy(F, n, sizes, is_channel_first):
     np.testing.assert_allclose(packed.collected(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
-def test_groups_of_periods_scatter_like_all_at_once():
+def test_groups_of_periods_scatter_like_all_at_once() -> None:
     """Chan, Golub and LeVeque: the sum over groups and of their means is that about the mean of all."""
     rng, F, n = np.random.default_rng(0), 20, 3
     z, scale = circular(rng, (9, F, n)) + 5, np.ones((F, n), complex)

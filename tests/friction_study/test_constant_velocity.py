@@ -17,13 +17,7 @@ from elastid.app.commanded_robot import robot_of_friction
 from elastid.base.arrays import FloatArray
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.constant_velocity import FrictionCurve, Pass, estimate_friction_curve, passes_of
-from elastid.friction_study.result import (
-    FrictionResult,
-    SlidingFriction,
-    identify_friction,
-    law_numbers,
-    true_numbers,
-)
+from elastid.friction_study.result import FrictionResult, SlidingFriction, identify_friction, law_numbers, true_numbers
 from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw

@@ -10,6 +10,7 @@ import pytest
 from plants.friction_logs import COULOMB, INERTIA, RATE, RATIO, ROBOT, logs, sliding_torque, trapezoids, write_log
 from plants.refusals import refused
 
+from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
@@ -56,7 +57,16 @@ def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain, tmp_path):
 
 @pytest.mark.parametrize("loads", [("empty", "empty"), ("full", "full")])
 def test_without_a_difference_no_gain_is_known(loads, tmp_path):
-    assert not any(number.name.startswith("gain") for number in identified(tmp_path, 1.1, loads).numbers)
+    """All other numbers have their intervals, inertia that of all that turned."""
+    result = identified(tmp_path, 1.1, loads)
+    assert not any(number.name.startswith("gain") for number in result.numbers)
+    for number in result.numbers:
+        reach = QUANTILE_95 * number.std
+        assert (number.value - number.low, number.high - number.value) == pytest.approx((reach, reach), rel=0.2)
+    inertia = INERTIA + PAYLOAD * LENGTH**2 * (loads[0] == "full")
+    (joint,) = result.joints
+    assert joint.shared["inertia"][0] == pytest.approx(1.1 * inertia, rel=0.05)
+    assert (joint.misfit, [part.term for part in joint.missing], result.status) == ("", ["stribeck"], "partly")
 
 
 @pytest.mark.parametrize("factor", [1 / RATIO, 1 / RATIO**2, RATIO])

@@ -74,7 +74,11 @@ def test_half_of_four_hours_has_the_numbers(thermometer, tests):
     model = fit_warm_up(first if tests else without_tests(first))
     assert model.time_constants[0] == pytest.approx(TIME_CONSTANT, rel=0.1)
     assert warm_up_note(model, first, "1") == ()
-    assert [number.symbol for number in thermal_numbers("1", model, first)] == ["h", "C / h"][not thermometer :]
+    numbers = [*thermal_numbers("1", model, first)]
+    assert [number.symbol for number in numbers] == ["h", "C / h"][not thermometer :]
+    for number in numbers:
+        assert number.low * number.high == pytest.approx(number.value**2)
+        assert np.log(number.high / number.value) == pytest.approx(1.96 * number.std / number.value, rel=1e-3)
     if thermometer:
         assert model.h == pytest.approx(H, rel=0.05)
     else:

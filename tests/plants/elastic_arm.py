@@ -16,10 +16,7 @@ def arm(k_1=3e5, k_2=1.8e5, gravity=9.81) -> Robot:
     """Two driven elastic joints, each with a further elastic rotation."""
     upper = Body(
         "upper",
-        joints=(
-            Joint("1", "y", Spring(k_1, 500), Motor(2.5e-3, 120, 1.5e-3)),
-            Joint("1x", "x", Spring(4e5, 300)),
-        ),
+        joints=(Joint("1", "y", Spring(k_1, 500), Motor(2.5e-3, 120, 1.5e-3)), Joint("1x", "x", Spring(4e5, 300))),
         mass=60,
         center_of_mass=(0.05, 0, 0.4),
         inertia=(6.0, 6.2, 0.8),

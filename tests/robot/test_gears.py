@@ -26,7 +26,7 @@ def wrist(coupling: GearCoupling | None, rigid: str = "", shaft: str = "") -> Ro
     return Robot("wrist", bodies, gears=() if coupling is None else (coupling,))
 
 
-def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
+def test_a_coupling_behind_the_springs_joins_two_of_them():
     """Before the coupling E: the joints turn by E^-1 where a spring deflects by 1; eta_ij = the ratio given."""
     robot = wrist(GearCoupling("5", "6", 40.0, "before"))
     first, second = robot.gearboxes
@@ -41,7 +41,7 @@ def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
     assert not second.is_in_series
 
 
-def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> None:
+def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling():
     """X has one column: the range is its direction, and the row of `rigid` is across it."""
     robot = wrist(GearCoupling("6", "5", 40.0, "before"), rigid="6", shaft="")
     box = robot.gearboxes[1]
@@ -54,6 +54,6 @@ def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> No
 
 
 @pytest.mark.parametrize("coupling", [("5", "5", 40.0), ("5", "6", 0.0), ("5", "7", 40.0)])
-def test_a_coupling_that_turns_no_other_motor_is_refused(coupling: tuple[str, str, float]) -> None:
+def test_a_coupling_that_turns_no_other_motor_is_refused(coupling):
     with pytest.raises(ValueError, match=r"gears|ratio"):
         wrist(GearCoupling(*coupling))

@@ -34,9 +34,7 @@ from elastid.record import Configuration
     cycles=st.integers(1, 2),
 )
 @settings(deadline=None, max_examples=24)
-def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
-    kind: Any, ramp: float, hold: float, cycles: int
-) -> None:
+def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(kind, ramp, hold, cycles):
     """Position, velocity, acceleration agree; ends at rest; every period's velocity is the last one's."""
     size: dict[str, Any] = {"amplitude": 0.02} if kind == "sine" else {"velocity": (0.05, -0.1)}
     excitation = replace(EXCITATION, torque_rms=1.0, period=2.0, band_hz=(5.0, 60.0))
@@ -60,7 +58,7 @@ def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
     assert np.all(path.scale[plan.first_sample :][: 3 * N] == 1)
 
 
-def test_derivatives_of_a_sampled_motion_are_of_sixth_order() -> None:
+def test_derivatives_of_a_sampled_motion_are_of_sixth_order():
     """Within the run; x'' + omega^2 x = 0 of a sine of ten samples a radian to 1e-7 of its size."""
     omega, rate_hz = 2 * np.pi * 8, 500.0
     phase = omega * np.arange(400) / rate_hz
@@ -80,7 +78,7 @@ def test_derivatives_of_a_sampled_motion_are_of_sixth_order() -> None:
     ],
     ids=lambda carrier: "rest" if carrier is None else carrier.kind,
 )
-def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier: CarrierSpec | None) -> None:
+def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier):
     """Though it is worked out once for all samples at rest, and for one cycle of a carrier."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=0.25), arm(), 0)
 
@@ -92,7 +90,7 @@ def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
-def test_a_square_wave_is_filtered_and_leaves_the_analysed_lines_free() -> None:
+def test_a_square_wave_is_filtered_and_leaves_the_analysed_lines_free():
     """The ideal wave behind a Butterworth filter of second order without its phase, as scipy has it."""
     excitation = replace(EXCITATION, torque_rms=1.0, period=10.0, band_hz=(0.9, 60.0), grid="odd-random")
     plan = make_plan(excitation, experiment(), arm(), 0)
@@ -110,7 +108,7 @@ def test_a_square_wave_is_filtered_and_leaves_the_analysed_lines_free() -> None:
 
 
 @pytest.mark.parametrize("carrier", CARRIERS[1:], ids=lambda carrier: carrier.kind)
-def test_a_carrier_that_leaves_a_joints_limits_is_refused(carrier: CarrierSpec) -> None:
+def test_a_carrier_that_leaves_a_joints_limits_is_refused(carrier):
     """To either side, in the ramps of a constant velocity too."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
     path = movement(carrier, plan).position[:, 0]
@@ -121,7 +119,7 @@ def test_a_carrier_that_leaves_a_joints_limits_is_refused(carrier: CarrierSpec) 
                 check_movement(carrier, replace(plan, configurations=(posture,)), arm())
 
 
-def test_a_carrier_of_other_motors_or_on_excited_lines_is_refused() -> None:
+def test_a_carrier_of_other_motors_or_on_excited_lines_is_refused():
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
     check_movement(CarrierSpec(0.01, cycles=int(plan.lines[0]) - 1), plan, arm())
     for wrong in (CarrierSpec(0.01, cycles=int(plan.lines[0])), CarrierSpec((0.1, 0.1, 0.1))):

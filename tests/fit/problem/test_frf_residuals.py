@@ -10,7 +10,7 @@ from plants.two_mass import circular
 
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.problem.frf_residuals import elastic_fit
-from elastid.fit.problem.least_squares import Evaluation, ResidualKind, difference, distance_to_optimum, error_gain
+from elastid.fit.problem.least_squares import Evaluation, difference, distance_to_optimum, error_gain
 from elastid.fit.problem.weights import weigh
 from elastid.fit.robust_covariance import autocovariance, correlation_length
 from elastid.fit.solve.solvers import solve
@@ -112,7 +112,7 @@ G = np.array([1.0 + 2.0j, -3.0 + 0.5j])
 
 
 @pytest.mark.parametrize("kind", ["complex", "log"])
-def test_the_slope_of_a_residual_is_its_difference_quotient(kind: ResidualKind) -> None:
+def test_the_slope_of_a_residual_is_its_difference_quotient(kind):
     """s = -de/dG, and the gain of a small error of the measured response is the same."""
     measured, step = 1.3 * G, 1e-7
     e, moved = (difference(kind, measured, model) for model in (G, G + step))
@@ -120,7 +120,7 @@ def test_the_slope_of_a_residual_is_its_difference_quotient(kind: ResidualKind) 
     np.testing.assert_allclose(difference(kind, G + step, G) / step, error_gain(kind, G), rtol=1e-6)
 
 
-def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations() -> None:
+def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations():
     """V = 4 (x - 3)^2 + dof at x = 5: the standard deviation is 1 / 2, twice that where V is four times its dof."""
     dof, offset = 10, 2.0
     for cost, expected in ((10.0, 4.0), (40.0, 2.0)):
