@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 from plants.arm_study import STUDY, command
+from plants.runs import run_of
 from plants.two_axes import study as study
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
-from elastid.study import load
+from elastid.app.run import run_all
 
 
 @pytest.fixture(scope="session")
@@ -28,5 +27,5 @@ def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, st
     (folder / "robot.yml").write_text(robot)
     delayed = "    controller: {delay_samples: 1}\n    noise:"
     (folder / "study.yml").write_text(study.replace("rate_hz: 500", "rate_hz: 400").replace("    noise:", delayed))
-    run_all(Run(load(folder / "study.yml"), folder / "run", 1, Console(-1)))
+    run_all(run_of(folder / "study.yml", folder / "run"))
     return folder

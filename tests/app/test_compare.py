@@ -1,15 +1,14 @@
 """elastid compare: the model that made the responses wins, what the data do not need is said to be not needed."""
 
-import json
 import shutil
 
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import run_of, summary_of
 from plants.two_axes import STUDY, measured
 
 from elastid.app.compare import compare, variants
-from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.robot.simplified import stiffened
 from elastid.study import load
@@ -17,7 +16,7 @@ from elastid.study.robots import yaml_text
 
 
 def found(run: Run) -> dict:
-    return json.loads((run.folder / "compare.json").read_text())
+    return summary_of(run.folder, "compare.json")
 
 
 @pytest.mark.slow
@@ -65,7 +64,7 @@ def test_variants_that_cannot_be_are_refused(study, option, holds):
 
 
 def test_a_model_without_variants_is_refused(tiny):
-    run = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
+    run = run_of(tiny, tiny.parent / "run")
     run_all(run, ("design", "measure", "estimate"))
     with refused("compare/variants", place="study.yml"):
         compare(run)
@@ -76,9 +75,7 @@ def test_the_report_shows_the_comparison(finished, tmp_path):
     """Once compared, the page has the table, and is current; other responses make it go."""
     shutil.copytree(finished / "run", tmp_path, dirs_exist_ok=True)
     option = 'compare.variants=[{name: heavy load, set: ["robot.bodies.0.inertia=1.3e-3"]}]'
-    run, changed = (
-        Run(load(finished / "study.yml", (option, f"seed={seed}")), tmp_path, 1, Console(-1)) for seed in (1, 5)
-    )
+    run, changed = (run_of(finished / "study.yml", tmp_path, option, f"seed={seed}") for seed in (1, 5))
     run_all(run)
     before = run.path("report").read_text().count("heavy load")
     compare(run)

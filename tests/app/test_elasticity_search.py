@@ -1,12 +1,12 @@
 """elastid compare --search: elastic joints are found, rigid ones stay rigid."""
 
-import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import summary_of
 from plants.two_axes import measured
 
 from elastid.app.compare import search_elasticity
@@ -24,7 +24,7 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study):
     """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
     run = measured(study, load(study, (STIFF,)).study.robot, *FIT, seed=0)
     search_elasticity(run)
-    content = json.loads((run.folder / "compare.json").read_text())
+    content = summary_of(run.folder, "compare.json")
     trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}
     assert {key: t["taken"] for key, t in trials.items()} == {
         (1, "1x"): False,
@@ -68,7 +68,7 @@ def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path, seed, for
     lines = np.linspace(3, 36, 30)
     run = measured(study, truth, f"model.formulation={formulation}", seed=seed, freq_hz=lines, noise=0.05)
     search_elasticity(run)
-    content = json.loads((run.folder / "compare.json").read_text())
+    content = summary_of(run.folder, "compare.json")
     assert [(t["becomes"], *t["coordinates"]) for t in content["search"] if t["taken"]] == [
         ("free", "rod rod"),
         ("rigid", "gear 2"),

@@ -1,6 +1,5 @@
 """`elastid new DIR --from LOG` writes a study that is accepted and runs, every guess marked."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ from plants.drafts import save
 from plants.measured import BENCH, EMPS, KUKA, measured
 from plants.mjcf_arm import ARM as CRANE
 from plants.refusals import refused
+from plants.runs import summary_of
 from scipy.io import savemat
 
 from elastid.app import cli
@@ -55,7 +55,7 @@ def test_a_motion_becomes_a_study_of_friction_that_runs(motion, tmp_path):
     new(tmp_path, motion)
     assert (folder / "study.yml").read_text().count("# guessed: ") >= 6
     assert cli.run_command(["run", str(folder / "study.yml"), "--run", str(folder / "run"), "-q"]) in (0, 3)
-    summary = json.loads((folder / "run" / "summary.json").read_text())
+    summary = summary_of(folder / "run")
     numbers = {name: number["value"] for name, number in summary["parameters"].items()}
     for k in (1, 2):
         assert numbers[f"Fc_m{k}"] == pytest.approx(4, rel=0.01)

@@ -10,10 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
+from plants.runs import run_of
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
-from elastid.study import load
+from elastid.app.run import run_all
 from tests.app.test_cli import tree
 
 STAGES = "design", "measure", "estimate", "fit"
@@ -26,7 +25,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str])
     folder = tmp_path_factory.mktemp("whole")
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
         (folder / name).write_text(text)
-    run = Run(load(folder / "study.yml", OPTIONS), folder / "run", 1, Console(-1))
+    run = run_of(folder / "study.yml", folder / "run", *OPTIONS)
     run_all(run, STAGES)
     return folder
 

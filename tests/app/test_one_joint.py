@@ -1,7 +1,6 @@
 """What is done with the fit of one elastic joint, and a live session: closed forms, and the truth in the intervals."""
 
 import csv
-import json
 import re
 import shutil
 from pathlib import Path
@@ -9,6 +8,7 @@ from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
+from plants.runs import summary_of
 
 from elastid.app import cli, model_commands
 from elastid.base.errors import FitError
@@ -74,7 +74,7 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder, tmp
     """Torque and motion of its twin within 1 %."""
     run = folder / "run"
     assert command("predict", folder, tmp_path, "--with", run, "--set", "seed=5") == 0
-    prediction = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
+    prediction = summary_of(tmp_path, "prediction.json")
     assert all(signal["error"] < 1e-2 for each in prediction["simulation"] for signal in each["signals"])
     assert command("predict", folder, run, "--with", run, "--set", "seed=5") == 2
     assert command("predict", folder, tmp_path, "--with", tmp_path) == 2

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from plants.cogged_joint import CoggedJoint, simulated
 from plants.moving_arm import ARM, motion
+from plants.runs import summary_of
 
 from elastid.app import cli
 from elastid.app.model_commands import on_logs
@@ -72,7 +73,7 @@ def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_
     for name, study in (("second", second), ("third", third)):
         folder = tmp_path / name
         assert command("predict", study, "--with", tmp_path / "first", "--run", folder) == 0
-        content = json.loads((folder / "prediction.json").read_text(encoding="utf-8"))
+        content = summary_of(folder, "prediction.json")
         (torque,) = content["torque"]
         left[name] = torque["unexplained_fraction"]
         assert content["not_predicted"] == {}
@@ -119,7 +120,7 @@ def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_log
     two_axes(tmp_path, "first.csv", 1)
     two_axes(tmp_path, "second.csv", 2)
     assert command("run", study, "--run", run, "--jobs", "1") == 0
-    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    summary = summary_of(run)
     assert {row["log"] for row in summary["torque"]} == {"first"}
     (body,) = summary["rigid_bodies"]
     assert body["joints"] == ["1", "2"]
@@ -128,7 +129,7 @@ def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_log
     logs = two_axes(tmp_path, "third.csv", 3), two_axes(tmp_path, "sprung.csv", 4, missing=40.0)
     words = [word for log in logs for word in ("--log", log)]
     assert command("predict", study, "--with", run, *words, "--run", tmp_path / "other", "--jobs", "1") == 0
-    prediction = json.loads((tmp_path / "other" / "prediction.json").read_text(encoding="utf-8"))
+    prediction = summary_of(tmp_path / "other", "prediction.json")
     left = {(row["log"], row["place"]): row for row in (*summary["validation"]["torque"], *prediction["torque"])}
     assert len(left) == 6
     for (log, _), row in left.items():

@@ -1,18 +1,16 @@
 """Logs at rest, of slow loops and of warm-ups through a whole study: numbers, page and refusals."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants import lugre_joint, warm_rig
 from plants.friction_logs import THERMOMETER_LINE, write_log, write_study
+from plants.runs import run_of, summary_of
 
-from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.friction_study.result import FrictionNumber, FrictionResult
 from elastid.store.friction_study import read_friction_result
-from elastid.study import load
 
 STUDY = """
 name: logs
@@ -32,7 +30,7 @@ experiment:
 
 
 def opened(study: Path) -> Run:
-    return Run(load(study), study.parent / "run", 1, Console(-1))
+    return run_of(study, study.parent / "run")
 
 
 def result_of(run: Run) -> FrictionResult:
@@ -58,7 +56,7 @@ def test_bristles_from_logs_at_rest_alone(tmp_path):
         # Without a log that slides viscous friction is not known, and is in the damping.
         truth += lugre_joint.VISCOUS if name == "s1_m1" else 0.0
         assert abs(found[name].value - truth) < 3.3 * found[name].std
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    summary = summary_of(tmp_path / "run")
     assert summary["status"] == "partly"
     assert (tmp_path / "run" / "report.html").exists()
 

@@ -1,6 +1,5 @@
 """file -> value -> file: what is kept, what is done again, what is left when work is stopped."""
 
-import json
 import os
 import re
 import shutil
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import run_of, summary_of
 
 from elastid.app import run as running
 from elastid.app.console import Console
@@ -32,10 +32,6 @@ from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 
 ALL = ["design", "measure", "estimate", "fit", "validate", "report"]
-
-
-def run_of(study: Path, folder: Path, *overrides: str, jobs: int = 1) -> Run:
-    return Run(load(study, overrides), folder, jobs, Console(-1))
 
 
 @pytest.fixture
@@ -204,7 +200,7 @@ def test_a_stopped_measurement_goes_on_where_it_was(finished, tmp_path, monkeypa
 
 def test_the_summary_has_the_truth_beside_each_estimate(finished):
     """Schema 1; the mode is that of both inertias on the spring."""
-    summary = json.loads((finished / "run" / "summary.json").read_text())
+    summary = summary_of(finished / "run")
     assert summary["schema"] == 1
     assert summary["status"] == "converged"
     k_1 = summary["parameters"]["k_1"]
@@ -227,7 +223,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch
     run = run_of(copy / "study.yml", copy / "run", "validation.configurations=[b]")
     run_all(run)
     assert seen == ["a"]
-    summary = json.loads((copy / "run" / "summary.json").read_text())
+    summary = summary_of(copy / "run")
     assert [error["configuration"] for error in summary["frf_error"]] == ["a", "b"]
 
 
@@ -237,7 +233,7 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy):
     (copy / "run" / "figures" / "mine.png").touch()
     with refused("fit/not-identifiable"):
         run_all(run)
-    summary = json.loads((copy / "run" / "summary.json").read_text())
+    summary = summary_of(copy / "run")
     assert summary["status"] == "failed"
     assert "m_load" in summary["message"]
     assert not run.is_current("fit")
@@ -267,4 +263,4 @@ def test_a_fit_that_did_not_converge_is_still_shown(copy):
             run_all(run)
         assert run.is_current("report")
         assert read_fit(run.path("fit")).status == "not_converged"
-    assert json.loads((copy / "run" / "summary.json").read_text())["status"] == "not_converged"
+    assert summary_of(copy / "run")["status"] == "not_converged"

@@ -1,12 +1,12 @@
 """A torque sensor behind the gear as the input: k and d without the friction in front of it."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.drafts import drafted, save
 from plants.refusals import refused
+from plants.runs import summary_of
 
 from elastid.app.cli import run_command
 from elastid.study import load_with_logs
@@ -89,7 +89,7 @@ def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)
     assert run_command(["run", str(tmp_path / "study.yml"), "-q", "--jobs", "1", "--run", str(tmp_path / "run")]) == 0
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    summary = summary_of(tmp_path / "run")
     assert summary["status"] == "converged"
     for name, truth, limit in (("k_1", K, 1e-3), ("d_1", D, 1e-2)):
         estimate = summary["parameters"][name]
@@ -143,7 +143,7 @@ def test_friction_in_front_of_sensors_needs_no_model_of_the_links(tmp_path):
     """Coulomb and viscous friction of both joints within 1 %; the links and gravity are in the sensors' torques."""
     drafted(tmp_path, arm_log(tmp_path))
     assert run_command(["run", str(tmp_path / "new" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    summary = summary_of(tmp_path / "run")
     assert summary["status"] == "identified"
     for name, term in (("Fc", "coulomb"), ("f", "viscous")):
         for i, truth in enumerate(TORQUES[term], start=1):

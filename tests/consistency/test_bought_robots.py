@@ -12,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from plants.runs import summary_of
 
 from elastid.app import cli
 
@@ -103,7 +104,7 @@ fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
     study.write_text(text)
     assert cli.run_command(["check", str(study)]) == 0
     assert cli.run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
-    summary, true = json.loads((tmp_path / "run" / "summary.json").read_text()), makes.TR
+    summary, true = summary_of(tmp_path / "run"), makes.TR
     stiffness = {"k_1": true["k"][0], "k_2": true["k"][1], "k_3": true["k"][2], "k_2z": true["kz"]}
     numbers = summary["parameters"]
     for name, value in stiffness.items():
@@ -168,7 +169,7 @@ def test_references_alone_give_stiffness_damping_and_delay(rate, makes, tmp_path
     }
     (tmp_path / "study.yml").write_text(json.dumps(study))
     cli.run_command(["run", str(tmp_path / "study.yml"), "-q", "--run", str(tmp_path / "run")])
-    summary, true = json.loads((tmp_path / "run" / "summary.json").read_text()), makes.TR
+    summary, true = summary_of(tmp_path / "run"), makes.TR
     assert summary["status"] == "converged"
     springs = dict(zip(("1", "2", "3", "2z"), (*true["k"], true["kz"]), strict=True))
     dampers = dict(zip(springs, (*true["d"], true["dz"]), strict=True))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import run_of
 
-from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.base.errors import StudyError
 from elastid.design.configuration_selection import draw_candidates
@@ -131,7 +131,7 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path):
 
 def stage(path: Path, *names: str) -> tuple[Run, dict]:
     """The run after some stages, and its summary."""
-    run = Run(load(path), path.parent / "run", 1, Console(-1))
+    run = run_of(path, path.parent / "run")
     run_all(run, names)
     summary = run.folder / "summary.json"
     return run, json.loads(summary.read_text()) if summary.exists() else {}

@@ -1,6 +1,5 @@
 """Friction of real axes, from records that were made for something else."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.measured import EMPS, EMPS_PULSES, measured, with_records
+from plants.runs import summary_of
 from scipy.io import loadmat
 
 from elastid.app import cli
@@ -27,8 +27,7 @@ def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
     """`elastid run` of a shipped study, which ends with that exit code, and the summary it leaves."""
     study = with_records(ROOT / "configs" / "real" / f"{name}.yml")
     assert cli.run_command(["run", str(study), "--run", str(folder), "-q"]) == code
-    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
-    return summary
+    return summary_of(folder)
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.measured import BENCH, DATA, measured, with_records
+from plants.runs import summary_of
 
 from elastid.app import cli
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -38,8 +39,7 @@ SHIPPED = sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml")])
 def run(study: Path, folder: Path, *options: str, commands: Sequence[str] = ()) -> dict[str, Any]:
     """`elastid run`, and the summary it leaves."""
     assert cli.run_command(["run", str(with_records(study)), *commands, "--run", str(folder), "-q", *options]) == 0
-    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
-    return summary
+    return summary_of(folder)
 
 
 def measured_and_fitted(study: Path, folder: Path) -> tuple[Any, Any]:
@@ -62,7 +62,7 @@ def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and a message."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 1
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = summary_of(tmp_path)
     assert summary["status"] == "model_error"
     (note,) = (note for note in summary["notes"] if note["code"] == "fit/likely-cause")
     first = summary["modification_indices"][0]
@@ -89,7 +89,7 @@ def test_the_bench_comes_out_as_measured(tmp_path):
         pair = [nearest(r.freq_hz, r.G[:, 0, 0], near, sign) for r in (measured, model)]
         assert pair[0] == pytest.approx(pair[1], rel=0.01)
         assert pair[1] == pytest.approx(1.0, rel=0.03)
-    (torque,) = json.loads((tmp_path / "validation.json").read_text())["torque"]
+    (torque,) = summary_of(tmp_path, "validation.json")["torque"]
     assert torque["fractions"]["rigid body"] + torque["fractions"]["elasticity"] == pytest.approx(1.02, abs=0.02)
     assert torque["unexplained_fraction"] < 0.015
     assert torque["unexplained_without_friction"] == pytest.approx(0.097, abs=0.02)
@@ -101,7 +101,7 @@ def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error, tmp_path):
     """Residuals 48 times the noise, of 16 %: exit code 3, a whole report, and the intervals include the stiffness."""
     options = ("--set", f"fit.weights.model_error={error}", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 3
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = summary_of(tmp_path)
     assert summary["status"] == "misfit"
     assert (tmp_path / "report.html").stat().st_size > 100_000
     low, high = summary["parameters"]["k_1"]["interval95"]

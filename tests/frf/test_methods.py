@@ -8,12 +8,12 @@ import pytest
 from plants import random_plants
 from plants.random_plants import ALL_PERIODS, experiments_of
 from plants.refusals import refused
+from plants.runs import run_of
 from plants.two_axes import study as study
 from plants.two_mass import circular
 from scipy.signal import csd
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
+from elastid.app.run import run_all
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.estimate import estimate
 from elastid.frf.estimators import METHODS, arithmetic, errors_in_variables, h1, joint, noise_covariance
@@ -22,7 +22,6 @@ from elastid.record import Record
 from elastid.store.measured import read_responses
 from elastid.store.plan import read_forecast, read_plan
 from elastid.store.results import read_fit
-from elastid.study import load
 
 RATE, N = 500.0, 256
 
@@ -185,7 +184,7 @@ ONE = (
 @pytest.mark.slow
 def test_one_experiment_of_two_motors_finds_both_springs(study, tmp_path):
     """From study to report: both true stiffnesses to 1 %, in one run of the robot."""
-    run = Run(load(study, ONE), tmp_path / "run", 1, Console(-1))
+    run = run_of(study, tmp_path / "run", *ONE)
     run_all(run)
     plan, forecast, result = read_plan(run.path("design")), read_forecast(run.path("design")), read_fit(run.path("fit"))
     assert [experiment.name for experiment in plan.experiments] == ["bent-r0-e0"]
@@ -193,7 +192,7 @@ def test_one_experiment_of_two_motors_finds_both_springs(study, tmp_path):
     assert read_responses(run.path("estimate"))[0].G.shape[1:] == (2, 2)
     assert result.values["k_1"] == pytest.approx(36e3, rel=0.01)
     assert result.values["k_2"] == pytest.approx(12e3, rel=0.01)
-    whole = Run(load(study, [*ONE, "experiment.experiments=2"]), tmp_path / "whole", 1, Console(-1))
+    whole = run_of(study, tmp_path / "whole", *[*ONE, "experiment.experiments=2"])
     run_all(whole, ["design"])
     two = read_forecast(whole.path("design"))
     np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)

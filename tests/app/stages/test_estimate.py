@@ -1,9 +1,9 @@
 """Friction is found before the responses are estimated, from records that are read one configuration at a time."""
 
-import json
 from pathlib import Path
 
 import pytest
+from plants.runs import summary_of
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.app.console import Console
@@ -32,7 +32,7 @@ def test_what_was_taken_out_is_in_every_result(tiny):
     assert friction is not None
     level, std = friction.coulomb_friction("motor 1")
     assert abs(level - 0.01) < 0.002, (level, std)
-    summary = json.loads((run.folder / "summary.json").read_text())
+    summary = summary_of(run.folder)
     assert [(each["motor"], each["F_c"], each["std"]) for each in summary["friction"]] == [("motor 1", level, std)]
     viscous = summary["parameters"]["fm_1"]
     assert viscous["contains"] == SLOPE

@@ -1,9 +1,9 @@
 """How a fit ends: everything is written, the last line says what its status means, the exit code what to make of it."""
 
-import json
 import shlex
 
 import pytest
+from plants.runs import summary_of
 from plants.two_axes import measured
 
 from elastid.app import cli
@@ -37,7 +37,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(study, capfd, factor, status,
     assert step.sentence in " ".join(streams.out.split())
     said = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
     assert (f"{said} {step.text}" in streams.out) == step.text.startswith("--set")
-    summary = json.loads((run.folder / "summary.json").read_text())
+    summary = summary_of(run.folder)
     assert summary["status"] == status
     assert len(summary["parameters"]) > 3
     assert ended("validate") == 0

@@ -1,6 +1,5 @@
 """A friction study is run, resumed, refused and exported as every other one."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 from plants.friction_records import TEMPLATE
 from plants.lugre_joint import COULOMB, RATE_HZ, ROBOT, VISCOUS, rich, simulate
 from plants.refusals import refused
+from plants.runs import summary_of
 from scipy.signal import butter, sosfiltfilt
 
 from elastid.app.cli import run_command
@@ -51,7 +51,7 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished, monkeypatch):
     assert all(run.is_current(name) for name in run.stages)
     records = read_friction_records(finished / "run" / "records.h5").records
     assert len(list((finished / "run" / "references").iterdir())) == len(records)
-    summary = json.loads((finished / "run" / "summary.json").read_text())
+    summary = summary_of(finished / "run")
     assert summary["status"] == "identified"
     assert {"value", "std", "interval95", "unit", "learnt_from", "truth"} <= set(summary["parameters"]["Fc_m1"])
 

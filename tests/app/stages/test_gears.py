@@ -1,21 +1,19 @@
 """The stage gears, from a study to its files: on a simulated arm whose gears do everything at once."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from plants.artefacts import some_fit
 from plants.refusals import refused
+from plants.runs import run_of
+from plants.runs import summary_of as summary
 from plants.two_mass_gear import LINES, Gear, records, robot
 from ruamel.yaml import YAML
 
 from elastid.app import cli
-from elastid.app.console import Console
-from elastid.app.run import Run
 from elastid.app.stages.gears import on_straight_springs, with_gear_section
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
@@ -31,7 +29,7 @@ from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot
 from elastid.robot.simplified import with_joints
 from elastid.store.results import read_gears
-from elastid.study import load, load_robot
+from elastid.study import load_robot
 from tests.consistency.test_readme import numbers
 from tests.report.test_content import sheets
 
@@ -47,15 +45,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def summary(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
-    return content
-
-
 @pytest.mark.parametrize(("options", "has_gears"), [((), True), (("gears=null",), False)])
 def test_stages_before_the_gears_know_whether_they_follow(options, has_gears, tmp_path):
     """Notes that ask for the section `gears` are not for a study that has it."""
-    run = Run(load(STUDY, options), tmp_path, 1, Console(-1))
+    run = run_of(STUDY, tmp_path, *options)
     assert {run.work(stage).has_gears for stage in ("estimate", "fit")} == {has_gears}
 
 
@@ -116,7 +109,7 @@ def test_the_robot_that_was_found_moves_as_the_log(folder):
     first = load_robot(folder / "identified_robot.yml").driven[0]
     assert first.gear.transmission_error[0].amplitude == pytest.approx(2e-5, rel=0.1)
     assert first.friction.coulomb == pytest.approx(12.0, rel=0.01)
-    runs = json.loads((folder / "validation.json").read_text())["simulation"]
+    runs = summary(folder, "validation.json")["simulation"]
     (run,) = runs
     motion = [signal for signal in run["signals"] if signal["signal"] == "motor angle"]
     assert motion

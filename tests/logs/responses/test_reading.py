@@ -1,6 +1,5 @@
 """Frequency responses of other programs: one analytic plant through every format, universal files' units, refusals."""
 
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,11 +13,11 @@ import pytest
 from plants.lab_logs import RATIO, ROBOT
 from plants.notes import said
 from plants.refusals import refused
+from plants.runs import run_of, summary_of
 from plants.two_mass import two_inertias
 from scipy.io import savemat
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
+from elastid.app.run import run_all
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
@@ -27,7 +26,6 @@ from elastid.logs.responses.table import uff_geometry, uff_places, uff_table
 from elastid.record import Configuration, Motion
 from elastid.response import Response
 from elastid.store.measured import read_responses
-from elastid.study import load
 
 pyuff = pytest.importorskip("pyuff")
 CONSTANT, DELAY = 0.5, 2e-3
@@ -301,22 +299,22 @@ def elsewhere(tmp_path: Path, tiny_texts: tuple[str, str]) -> Path:
 def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere):
     """estimate (import), fit, validate, report: the true stiffness within its interval; again from that frf.h5."""
     folder = elsewhere.parent / "run"
-    run = Run(load(elsewhere), folder, 1, Console(-1))
+    run = run_of(elsewhere, folder)
     assert tuple(run.stages) == ("estimate", "fit", "validate", "report")
     run_all(run)
-    found = json.loads((folder / "summary.json").read_text())
+    found = summary_of(folder)
     low, high = found["parameters"]["k_1"]["interval95"]
     assert low < 60 < high
     assert high - low < 0.5
     assert (folder / "report.html").is_file()
     assert not (folder / "records.h5").exists()
-    assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
+    assert run_of(elsewhere, folder).is_current("estimate")
     with refused("study/stage", place="study.yml"):
         run_all(run, ["measure"])
     again = elsewhere.with_name("again.yml")
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
     again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
-    run_all(Run(load(again), folder / "again", 1, Console(-1)), ["estimate"])
+    run_all(run_of(again, folder / "again"), ["estimate"])
     for old, same in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
         np.testing.assert_array_equal(old.G, same.G)
         np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
@@ -325,11 +323,11 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere):
 def test_a_response_measured_at_other_angles_is_refused(elsewhere):
     """frf.h5 of elastid knows its configuration."""
     folder = elsewhere.parent / "run"
-    run_all(Run(load(elsewhere), folder, 1, Console(-1)), ["estimate"])
+    run_all(run_of(elsewhere, folder), ["estimate"])
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b: [30 deg]", "b: [40 deg]").replace("b.mat", "run/frf.h5")
     elsewhere.write_text(text)
     with refused("responses/table", place="frf.h5"):
-        run_all(Run(load(elsewhere), folder / "again", 1, Console(-1)), ["estimate"])
+        run_all(run_of(elsewhere, folder / "again"), ["estimate"])
 
 
 @pytest.mark.parametrize(
