@@ -14,7 +14,8 @@ from plants.refusals import refused
 from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_record import FrictionRecord
+from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.presliding import (
     Elements,
     PreslidingFit,
@@ -24,7 +25,11 @@ from elastid.friction_study.presliding import (
     presliding_responses,
     slipped,
 )
+from elastid.friction_study.result import identify_friction
+from elastid.friction_study.sliding_friction import SlidingFriction
+from elastid.friction_study.spec import FrictionSpec
 from elastid.model.formulation import ElasticJoint
+from elastid.study import load_robot
 
 JOINT = ElasticJoint(plant.MOTOR, plant.LINK, plant.STIFFNESS, plant.DAMPING)
 RATE, PERIOD, COUNT = plant.RATE_HZ, plant.PERIOD, plant.COUNT
@@ -65,6 +70,26 @@ def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away():
     assert abs(sigma_0) < 0.002
     assert abs(sigma_1) < 0.01
     assert not found.notes
+
+
+def test_a_law_has_the_bristles_of_its_test_at_rest_and_supplies_no_energy(tmp_path):
+    """Damping of bristles falls over at most 4 sqrt(2 e) F_c / sigma_1."""
+    (tmp_path / "robot.yml").write_text(plant.ROBOT)
+    v = np.geomspace(0.5, 60, 12)
+    torque = plant.COULOMB + plant.VISCOUS * v
+    curve = FrictionCurve("joint 1", v, 0 * v, torque, 0 * v + 0.002, 0 * v, np.full(12, np.nan))
+    records = FrictionRecords(tuple(measured((0.075, 0.15), 1)))
+    found = identify_friction(
+        load_robot(tmp_path / "robot.yml"), [SlidingFriction("1", False, curve)], records, FrictionSpec()
+    )
+    numbers, (joint,) = {number.name: number for number in found.numbers}, found.joints
+    truth = {"Fc_m1": plant.COULOMB, "f_m1": plant.VISCOUS, "s0_m1": plant.SIGMA_0, "s1_m1": plant.SIGMA_1}
+    assert {name: number.value for name, number in numbers.items()} == pytest.approx(truth, rel=0.01)
+    assert joint.viscous == numbers["f_m1"].value
+    bristles = joint.friction.lugre
+    assert (bristles.stiffness, bristles.damping) == (numbers["s0_m1"].value, numbers["s1_m1"].value)
+    largest = 4 * np.sqrt(2 * np.e) * joint.friction.coulomb / bristles.damping
+    assert 0.8 * largest < bristles.damping_velocity < largest
 
 
 def test_noise_without_a_period_identifies_bristles():

@@ -5,9 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants import arm
 from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate
+from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
+from elastid.friction_record import FrictionRecord
 from elastid.friction_study import extended_kalman_filter
 from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.extended_kalman_filter import (
@@ -19,8 +22,10 @@ from elastid.friction_study.extended_kalman_filter import (
     estimate_noise,
 )
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, consistency
-from elastid.friction_study.friction_tracking import TrackedFriction, track_friction, with_tolerances
+from elastid.friction_study.friction_tracking import TrackedFriction, track_friction, track_joints, with_tolerances
 from elastid.friction_study.result import JointFriction
+from elastid.friction_study.spec import FilterSpec
+from elastid.robot import Friction
 
 
 def stops_and_moves(seconds: float) -> FloatArray:
@@ -173,6 +178,28 @@ def test_what_a_study_has_identified_narrows_the_bands():
     assert known["gravity"] == pytest.approx(0.01)
     useless = JointFriction("1", False, constant_velocity=replace(levels, shared={"inertia": (2.0, 4.0)}))
     assert with_tolerances(rigid, useless).tolerances["inertia"] == 0.5
+
+
+def test_friction_of_the_records_in_which_a_joint_moves_alone_is_followed():
+    """Beside the inertia and gravity that the study found; a joint that never moves alone has a note, or is refused."""
+    rng, t = np.random.default_rng(0), np.arange(3000) / 200.0
+    waves = [(0.6, 1.9, 0.0), (0.3, 4.3, 1.0)]
+    q, v, a = (sum(A * w**k * np.sin(w * t + p + k * np.pi / 2) for A, w, p in waves) for k in range(3))
+    torque = 2.0 * a + 5.0 * np.sign(v) + 3.0 * v + 4.0 * np.cos(q) - 1.5 * np.sin(q) + 0.5
+    record = FrictionRecord("alone", "1", "motion", 200.0, q, torque + 0.05 * rng.standard_normal(len(t)))
+    both = [replace(record, name="both", joint=joint) for joint in "12"]
+    shared = {"inertia": (2.0, 0.01), "gravity.cos": (4.0, 0.04), "gravity.sin": (-1.5, 0.02), "offset": (0.5, 0.01)}
+    one = np.ones(1)
+    levels = FrictionCurve("joint 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one, shared=shared)
+    first = JointFriction("1", False, constant_velocity=levels, friction=Friction(6.0), viscous=2.5)
+    second, spec = replace(first, joint="2"), FilterSpec(drift=2.0, torque_std=0.1, settle=3.0)
+    (found,), (note,) = track_joints(arm.robot(damping=None), [first, second], [record, *both], spec)
+    coulomb, viscous, offset = found.values[-1]
+    assert (coulomb + 1.2 * viscous, offset) == pytest.approx((5 + 1.2 * 3, 0.0), abs=0.1)
+    assert np.all((found.low[-1] < [5.0, 3.0, 0.0]) & (found.high[-1] > [5.0, 3.0, 0.0]))
+    assert note.code == "filter/record"
+    with refused("filter/start"):
+        track_joints(arm.robot(damping=None), [second], both, spec)
 
 
 @pytest.mark.parametrize("joint", [FOLLOWED, replace(FOLLOWED, stiffness=0.0)])

@@ -20,7 +20,7 @@ from elastid.friction_study.inverse_dynamics_regression import (
     torque_components,
 )
 from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.regressor import columns_of
+from elastid.friction_study.regressor import change_of, columns_of
 from elastid.model.formulation import ElasticJoint
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
@@ -123,6 +123,8 @@ def test_directions_are_told_apart_only_where_they_are():
     fit = regress_motion(swing(1, uneven=6.0))
     assert fit.terms.by_direction
     assert fit.regression["directions.viscous"] == pytest.approx(6.0, rel=0.1)
+    even = regress_motion(swing(1)).regression
+    assert change_of(fit.regression, even)[fit.regression.names.index("directions.viscous")] == 0
 
 
 def test_friction_over_the_angle_is_a_part_where_it_matters():

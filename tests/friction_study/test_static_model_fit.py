@@ -64,6 +64,13 @@ def test_what_the_conditions_cannot_tell_is_named_and_has_no_number(conditions, 
     assert f" {count};" in reasons(law)[part]
 
 
+@pytest.mark.parametrize("conditions", [{"temperatures": (33.0, 52.0, 74.0)}, {"loads": (0.0, 0.5, 1.0)}])
+def test_three_temperatures_and_loads_tell_all_of_their_parts(conditions):
+    law = StaticLaw.of(drawn(published_levels(**conditions), 3), LawSpec())
+    assert not {"temperature", "load"} & reasons(law).keys()
+    assert law.dof == len(law.curve.torque) - len(law.names)
+
+
 def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribeck_velocity():
     """nu_s is 34 rad/s at 60 degC."""
     fast, slow = (
