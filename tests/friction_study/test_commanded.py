@@ -22,7 +22,7 @@ from plants.marks import slow
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords
-from elastid.friction_study.commanded import DELAY, CommandedJoint
+from elastid.friction_study.commanded import DELAY, CommandedJoint, acting_gains
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.sliding_friction import (
     identify_sliding_friction,
@@ -95,6 +95,17 @@ def test_one_joint_is_recovered_at_every_delay(delay_s, tmp_path):
     assert (fit.seconds, fit.travel) == pytest.approx((600 / RATE_HZ, q.std()))
     moved = simulated_commands(robot_of(ONE_ROBOT, tmp_path), {"1": log(q, r, np.array(GAINS[:1]))[0]}, {"1": fit})
     assert np.std(moved - q) < 1.2e-4
+    assert 1e-4 < fit.relative_error < 1e-3
+
+
+def test_late_feedback_acts_as_less_damping_and_as_inertia():
+    """Held for 2 tau, velocities tau_v late: to the second order in s."""
+    kp, kd, tau, tau_v = np.array([400.0]), np.array([20.0]), np.array([2e-3]), np.array([1e-3])
+    damping, inertia = acting_gains(kp, kd, tau, tau_v)
+    s = 1.0j
+    held = (1 - np.exp(-2 * s * tau)) / (2 * s * tau)
+    late = kp * held + kd * s * held * np.exp(-s * tau_v)
+    np.testing.assert_allclose(late, kp + damping * s + inertia * s**2, rtol=0, atol=2e-4)
 
 
 def test_links_of_a_model_load_their_motors_by_the_equations_of_the_arm(tmp_path):
