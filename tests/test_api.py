@@ -28,7 +28,7 @@ result = elastid.identify(elastid.estimate(records), robot, parameters)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("nouns") / "bench"
     assert run_command(["new", str(folder), "--template", "recorded"]) == 0
     return folder
@@ -36,7 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder):
     """The same records, responses and fit; arrays of a file lie elsewhere in memory, which moves the last bit."""
-    names: dict[str, object] = {"folder": folder}
+    names = {"folder": folder}
     exec(SCRIPT, names)
     result = names["result"]
     assert isinstance(result, elastid.Result)

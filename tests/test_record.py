@@ -10,14 +10,14 @@ HOME = Configuration("home", np.zeros(1))
 
 def record(n: int = 100, period: int = 50, **changes: object) -> Record:
     """A record of one input and one output."""
-    values: dict[str, object] = {
+    values = {
         "u": np.ones((n, 1)),
         "y": np.ones((n, 1)),
         "inputs": ("motor 1",),
         "outputs": ("motor 1",),
         "quantities": ("position",),
     }
-    return Record("test", HOME, 0, 0, 1000.0, period, **(values | changes))  # type: ignore[arg-type]
+    return Record("test", HOME, 0, 0, 1000.0, period, **(values | changes))
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def record(n: int = 100, period: int = 50, **changes: object) -> Record:
 def test_a_record_refuses_what_disagrees(changes, says):
     """Too short, or shapes that do not fit the names."""
     with pytest.raises(ValueError, match=says):
-        record(**changes)  # type: ignore[arg-type]
+        record(**changes)
 
 
 def test_a_held_torque_acts_half_a_sample_late_and_weaker_by_a_sinc():

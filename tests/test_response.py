@@ -51,7 +51,6 @@ def test_another_quantity_scales_the_response_and_its_variance():
     omega = 6 * np.pi
     acceleration = in_quantity(response, "acceleration")
     np.testing.assert_allclose(acceleration.G, -(omega**2) * G)
-    assert acceleration.noise is not None
     np.testing.assert_allclose(acceleration.noise.variance, omega**4)
     np.testing.assert_allclose(acceleration.total.full(), omega**4)
     np.testing.assert_allclose(in_quantity(acceleration, "position").G, G)
@@ -62,7 +61,7 @@ def test_places_choose_elements_and_their_covariance():
     rng = np.random.default_rng(3)
     F, n_y, n_u = 4, 3, 2
 
-    def positive(n: int) -> np.ndarray:
+    def positive(n):
         root = rng.normal(size=(F, n, n)) + 1j * rng.normal(size=(F, n, n))
         return root @ root.conj().transpose(0, 2, 1)
 
@@ -79,12 +78,11 @@ def test_places_choose_elements_and_their_covariance():
     kept = [2 + 3, 0 + 3]  # of the column-stacked response
     expected = kronecker.full()[:, kept][:, :, kept]
     for covariance in (part.noise, part.total):
-        assert covariance is not None
         np.testing.assert_allclose(covariance.full(), expected)
     np.testing.assert_allclose(part.std[:, :, 0] ** 2, np.einsum("faa->fa", expected).real)
     with pytest.raises(UnknownNameError, match="no output motor 9; there are motor 1, motor 2, joint 1"):
         response["motor 9", "motor 1"]
     with pytest.raises(TypeError, match='response\\["joint 1", "motor 1"\\]'):
-        response["motor 1"]  # type: ignore[index]
+        response["motor 1"]
     with pytest.raises(ValueError, match="home: it has no coherence"):
         _ = response.coherence

@@ -11,7 +11,7 @@ from elastid.app.run import run_all
 
 
 @pytest.fixture(scope="session")
-def fitted_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fitted_arm(tmp_path_factory) -> Path:
     """One that has been fitted, in its own folder, with a move."""
     folder = tmp_path_factory.mktemp("arm")
     (folder / "study.yml").write_text(STUDY, encoding="utf-8")
@@ -21,7 +21,7 @@ def fitted_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
+def finished(tmp_path_factory, tiny_texts) -> Path:
     """The folder of the tiny study that was run, at 400 Hz and with a delay of its controller."""
     folder, (study, robot) = tmp_path_factory.mktemp("finished"), tiny_texts
     (folder / "robot.yml").write_text(robot)

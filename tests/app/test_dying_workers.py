@@ -63,7 +63,7 @@ def stages_with_deaths(
     run: Run, names: Sequence[str], folder: Path, monkeypatch: pytest.MonkeyPatch, work_in: str
 ) -> set[str]:
     """Stages carried out, and in which of them a worker died; work_in: the function that hands their work out."""
-    found, flag = set[str](), folder / "died"
+    found, flag = set(), folder / "died"
     parallel = getattr(execution, work_in)
 
     def dying(*given: Any) -> Iterator[Any]:

@@ -4,7 +4,6 @@ import importlib
 import inspect
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from plants.refusals import refused
@@ -28,7 +27,7 @@ TARGET = Target("stiffness", ("model",), "parameters as text", write_stiffness)
 
 
 @pytest.fixture
-def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def installed_target(tmp_path, monkeypatch) -> Iterator[None]:
     """A package with one target, as pip installs it."""
     (tmp_path / "stiffness_target.py").write_text(PACKAGE)
     info = tmp_path / "stiffness_target-1.0.dist-info"

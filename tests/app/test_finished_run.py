@@ -14,7 +14,7 @@ KEYS = ["report.formats=[]", "compare={variants: [{name: undamped, set: [fit.par
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
+def done(tmp_path_factory) -> FinishedRun:
     folder = tmp_path_factory.mktemp("run") / "bench"
     assert run_command(["new", str(folder), "--template", "recorded"]) == 0
     return elastid.run(folder / "study.yml", folder / "run", set=KEYS, verbosity=-2)

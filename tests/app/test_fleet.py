@@ -50,7 +50,7 @@ def killed_in_the_middle(folder: Path, done: int, pids: Callable[[], list[int]])
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> tuple[Path, Path]:
+def finished(tmp_path_factory, tiny_texts) -> tuple[Path, Path]:
     """A fleet of three robots and two dates, and its folder: run by two processes, of which one was killed."""
     home = tmp_path_factory.mktemp("fleet")
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):

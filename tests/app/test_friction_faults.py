@@ -45,7 +45,6 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path, capsys):
     numbers = {number.name: number for number in joint.numbers}
     assert numbers["Fc_m1"].value == pytest.approx(COULOMB, rel=0.02)
     assert numbers["f_m1"].value == pytest.approx(VISCOUS, rel=0.02)
-    assert joint.constant_velocity is not None
     assert joint.constant_velocity.n_conditions == len(SPEEDS)
     assert "warning" not in capsys.readouterr().err
 

@@ -33,7 +33,7 @@ REAL = {
 
 
 @pytest.fixture
-def motion(tmp_path: Path) -> Path:
+def motion(tmp_path) -> Path:
     """A semicolon-separated log of two joints that move slowly, with times in ms and angles in deg."""
     rate, t = 200.0, np.arange(6000) / 200.0
     columns = {"time": 1000 * t}
@@ -302,7 +302,6 @@ def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path)
         for i in (1, 2)
         for role, name in (("y", "position_rad"), ("reference", "command_rad"))
     }
-    assert recorded.controller is not None
     assert (recorded.controller.position_gain, recorded.controller.velocity_gain) == ((20.0, 10.0), (1.0, 4.0))
     path = tmp_path / "new" / "study.yml"
     path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.startswith("friction:")))
@@ -340,7 +339,6 @@ def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp, tmp_path):
     t, command = commands()
     np.savez(tmp_path / "log.npz", time_s=t, command_rad=command, position_rad=0.9 * command, kp=np.array(kp), kd=1.0)
     controller = new(tmp_path, tmp_path / "log.npz").experiment.as_recorded().controller
-    assert controller is not None
     assert (controller.position_gain, controller.velocity_gain) == ((1.0, 1.0), (1.0, 1.0))
 
 
@@ -372,7 +370,6 @@ def test_logs_that_are_not_of_one_study_are_refused(change, numbers, tmp_path):
     for name, more in (("a", {}), ("b", change)):
         np.savez(tmp_path / f"{name}.npz", **(arrays | more), kd=1.0)
     controller = new(tmp_path, tmp_path / "a.npz").experiment.as_recorded().controller
-    assert controller is not None
     assert controller.position_gain == (20.0, 20.0)
     with refused("records/channels", holds=("b.npz", *numbers)):
         texts_from_logs(tmp_path / "new", [tmp_path / "a.npz", tmp_path / "b.npz"])

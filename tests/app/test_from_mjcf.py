@@ -40,10 +40,8 @@ def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp
     robot = load_robot(new_from_logs(tmp_path / "new", [tmp_path / "crane.xml"]).parent / "robot.yml")
     assert [frame.name for frame in robot.frames] == ["trunk", "trunk 2", "tool"]
     x, *_ = robot.driven
-    assert x.motor is not None
     assert (x.motor.ratio, x.limits.torque) == (1.0, 0.05 * 7)
     bend = next(joint for joint in robot.joints if joint.name == "bend")
-    assert bend.spring is not None
     assert bend.spring.damping > 0
 
 
@@ -73,7 +71,6 @@ def test_dynamics_are_those_of_mujoco(tmp_path):
     np.testing.assert_allclose(pose.position[0], data.site("tool").xpos, atol=1e-12)
     np.testing.assert_allclose(pose.rotation[0].ravel(), data.site("tool").xmat, atol=1e-12)
     turn = robot.driven[1].motor
-    assert turn is not None
     assert turn.inertia * turn.ratio**2 == pytest.approx(12.0)
     assert turn.ratio == -60.0
 

@@ -137,7 +137,6 @@ def test_time_histories_of_universal_files_have_hit_points_and_geometry(tmp_path
     experiment = load(study).study.experiment
     assert experiment.as_recorded().places_of("bench", "u") == ("1z", "2z", "3z")
     geometry = geometry_of_files(experiment, study.parent)
-    assert geometry is not None
     assert geometry.motion == {f"{node}z": (f"{node}", "z") for node in (1, 2, 3)}
     assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
     (response,) = read_responses(tmp_path / "run" / "frf.h5")

@@ -20,7 +20,7 @@ OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
+def whole(tmp_path_factory, tiny_texts) -> Path:
     """The folder of a study with its run up to the fit, never stopped."""
     folder = tmp_path_factory.mktemp("whole")
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
@@ -31,7 +31,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str])
 
 
 @pytest.fixture
-def unfitted(whole: Path, tmp_path: Path) -> Path:
+def unfitted(whole, tmp_path) -> Path:
     """A run folder with everything before the fit."""
     shutil.copytree(whole / "run", tmp_path / "run")
     for name in ("fit.h5", "summary.json"):

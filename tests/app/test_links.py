@@ -11,7 +11,7 @@ SAYS = "[files/folder]"
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("links") / "bench"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
     assert run_command(on(folder, "run", "measure", "estimate")) == 0

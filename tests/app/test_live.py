@@ -24,7 +24,7 @@ GOAL = "k_*: 0.2 %"
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def study(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "study.yml"
     path.write_text(LIVE, encoding="utf-8")
     return path
@@ -35,7 +35,7 @@ def session(study: Path, folder: Path, *goals: str, jobs: int = 1, robot_time: f
 
 
 @pytest.fixture(scope="module")
-def measured(study: Path) -> Path:
+def measured(study) -> Path:
     """The folder of a session that has reached its goal, its final results not yet made."""
     folder = study.parent / "measured"
     _, reached, words = session(study, folder).work()
@@ -101,7 +101,7 @@ def change(path: Path, rows: Callable[[np.ndarray], np.ndarray]) -> None:
 
 
 # Columns: time_s, r 1, r 2, u 1, u 2, y 1, y 2.
-FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
+FAULTS = {
     "posture": (lambda path: change(path, lambda x: x + np.eye(7)[6] / 10), "(y) of motor 2"),
     "no column": (lambda path: path.write_text(path.read_text().replace("u motor 1", "torque_1")), "u motor 1"),
     "no log": (lambda path: path.write_bytes(b"\x00\x01"), "x1-r0-e0.csv"),

@@ -18,7 +18,7 @@ from elastid.study import load_robot
 
 
 @pytest.fixture(scope="module")
-def folder(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(finished, tmp_path_factory) -> Path:
     """A copy of the study that was run."""
     return Path(shutil.copytree(finished, tmp_path_factory.mktemp("joint") / "study"))
 

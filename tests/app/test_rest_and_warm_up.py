@@ -72,7 +72,6 @@ def warm(folder: Path, log: warm_rig.WarmLog, *files: str) -> Run:
 def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path):
     """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
     joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0))).at("1")
-    assert joint.thermal is not None
     assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)
     assert joint.thermal.fractions[1] < 0
     assert joint.constant_velocity is not None

@@ -3,11 +3,9 @@
 import os
 import re
 import shutil
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +23,6 @@ from elastid.app.stages import measure as measuring
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Record
-from elastid.response import Response
 from elastid.store.artefacts import read_stamp
 from elastid.store.plan import read_plan
 from elastid.store.results import read_fit
@@ -35,18 +32,18 @@ ALL = ["design", "measure", "estimate", "fit", "validate", "report"]
 
 
 @pytest.fixture
-def copy(finished: Path, tmp_path: Path) -> Path:
+def copy(finished, tmp_path) -> Path:
     return Path(shutil.copytree(finished, tmp_path / "copy"))
 
 
 @pytest.fixture
-def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def worked_on(monkeypatch) -> list[str]:
     """Stages write down their names instead of working."""
-    done: list[str] = []
+    done = []
     names = {stage.function: name for name, stage in stages_of(SIMULATED).items()}
 
-    def written_down(text: str) -> Callable[..., object]:
-        def stage(*_: object) -> Artefacts:
+    def written_down(text):
+        def stage(*_):
             done.append(names[text])
             return Artefacts({})
 
@@ -80,14 +77,13 @@ def test_check_foretells_the_plan(finished):
     """Numbers of its experiments, periods and lines."""
     text, plan = overview(load(finished / "study.yml").study), read_plan(finished / "run" / "plan.h5")
     numbers = re.search(r"(\d+) experiments: .*\s+(\d+) periods of .* \((\d+) of transient\); (\d+) ", text)
-    assert numbers is not None
     expected = len(plan.experiments), plan.periods + plan.transient_periods, plan.transient_periods, len(plan.lines)
     assert (*map(int, numbers.groups()),) == expected
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores of a process are those of Linux")
 def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(finished, monkeypatch):
-    started: list[Sequence[str]] = []
+    started = []
     monkeypatch.setattr(running, "load_for_workers", started.append)
     run_all(run_of(finished / "study.yml", finished / "run", jobs=2))
     assert not started
@@ -146,7 +142,6 @@ def test_every_result_says_where_it_came_from(finished):
     """Study with robot, seed, version and hashes, in every file."""
     for name in ("plan.h5", "records.h5", "frf.h5", "fit.h5", "validation.h5"):
         stamp = read_stamp(finished / "run" / name)
-        assert stamp is not None
         assert "name: tiny" in stamp.study
         assert "one elastic joint" in stamp.study
         assert stamp.seed == 1
@@ -212,10 +207,10 @@ def test_the_summary_has_the_truth_beside_each_estimate(finished):
 
 def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch):
     """The fit sees the others alone; validation and summary speak of all."""
-    seen: list[str] = []
+    seen = []
     inner = fitting.identified
 
-    def spy(responses: list[Response], *arguments: Any, **options: Any) -> Any:
+    def spy(responses, *arguments, **options):
         seen.extend(response.configuration.name for response in responses)
         return inner(responses, *arguments, **options)
 
@@ -243,10 +238,10 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy):
 
 
 @pytest.fixture
-def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
+def never_converging(monkeypatch):
     inner = fitting.identified
 
-    def give_up(*arguments: Any, **options: Any) -> Any:
+    def give_up(*arguments, **options):
         result, effects = inner(*arguments, **options)
         return replace(result, status="not_converged"), effects
 

@@ -21,7 +21,7 @@ TEMPLATES = ("serial", "parallel-linkage", "recorded", "frf", "friction")
 
 
 @pytest.fixture(scope="module")
-def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LoadedStudy]:
+def studies(tmp_path_factory) -> dict[str, LoadedStudy]:
     """A study of each template that comes with its files; the friction study with a filter, the first with a design."""
     home = tmp_path_factory.mktemp("studies")
     options = {"friction": ("filter={}",), "serial": ("design={count: 1}",)}
@@ -29,7 +29,7 @@ def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LoadedStudy]:
 
 
 @pytest.fixture(autouse=True)
-def same_code(monkeypatch: pytest.MonkeyPatch) -> None:
+def same_code(monkeypatch):
     """Thousands of stamps without reading the package each time."""
     monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
 

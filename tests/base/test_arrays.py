@@ -42,7 +42,7 @@ class Sample:
 def test_arrays_of_a_value_are_read_only_copies_of_their_type():
     """Whatever was given stays as it was, and so does the value."""
     x = np.arange(3)
-    value = Sample(x, x, x.tolist(), name="a")  # type: ignore[arg-type]
+    value = Sample(x, x, x.tolist(), name="a")
     assert [array.dtype for array in (value.x, value.G, value.lines)] == [np.float64, np.complex128, np.int64]
     assert value.kept is None
     x[0] = 5
@@ -52,7 +52,7 @@ def test_arrays_of_a_value_are_read_only_copies_of_their_type():
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
     with pytest.raises(FrozenInstanceError):
-        value.name = "b"  # type: ignore[misc]
+        value.name = "b"
 
 
 def test_a_value_checks_itself_once_it_is_frozen():
@@ -64,9 +64,9 @@ def test_a_value_checks_itself_once_it_is_frozen():
 def test_a_large_array_reads_the_rows_asked_for():
     """As double precision, by slices, columns and steps like an array in memory; whole where it is asked for."""
     values = np.arange(20, dtype=np.float32).reshape(10, 2) / 3
-    asked: list[tuple[int, int]] = []
+    asked = []
 
-    def rows(first: int, last: int) -> np.ndarray:
+    def rows(first, last):
         asked.append((first, last))
         return values[first:last]
 
@@ -100,7 +100,6 @@ def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_ki
     process = subprocess.Popen(
         [sys.executable, "-c", FILLED, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
     assert process.stdout.readline() == "3000\n"
     assert list(tmp_path.iterdir()) == []
     process.kill()

@@ -18,7 +18,7 @@ CODED = {"ElastidError", "StudyError", "DataError", "FitError", "MisfitError", "
 
 
 def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and_explained():
-    constants = set[object]()
+    constants = set()
     for file in sorted(PACKAGE.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in CODED:
@@ -35,7 +35,7 @@ def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and
 
 def test_every_code_has_one_exit_code():
     """A program that reads the code knows how the command ended."""
-    exit_codes: dict[str, set[int]] = {}
+    exit_codes = {}
     for file in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             kind = getattr(errors, getattr(getattr(node, "func", None), "id", ""), None)

@@ -14,7 +14,7 @@ from elastid.base.files import RENAME_PAUSES_S, clear_folder, path_below, read_t
 
 
 @pytest.fixture
-def elsewhere(tmp_path: Path) -> Path:
+def elsewhere(tmp_path) -> Path:
     """A folder of the user's with a file in it."""
     folder = tmp_path / "elsewhere"
     folder.mkdir()
@@ -89,10 +89,10 @@ def test_a_table_has_its_cells_with_their_lines(heads, rows):
 @pytest.mark.parametrize("refusals", [0, 1, len(RENAME_PAUSES_S), len(RENAME_PAUSES_S) + 1])
 def test_a_refused_renaming_is_tried_again_for_two_seconds(refusals, tmp_path, monkeypatch):
     """As Windows refuses it while a scanner reads; afterwards the file is new and whole, or as before."""
-    path, pauses, rename = tmp_path / "fit.h5", list[float](), Path.replace
+    path, pauses, rename = tmp_path / "fit.h5", [], Path.replace
     path.write_bytes(b"before")
 
-    def refusing(source: Path, target: Path) -> Path:
+    def refusing(source, target):
         if len(pauses) < refusals:
             raise PermissionError(13, "in use", str(source))
         return rename(source, target)

@@ -39,7 +39,7 @@ def test_bands_hold_so_often_as_they_say():
     rng, lines = np.random.default_rng(1), np.linspace(0, 1, 30)
     waves = np.array([np.exp(2j * np.pi * k * lines) for k in range(1, 6)])
 
-    def response(x: np.ndarray) -> np.ndarray:
+    def response(x):
         return (x @ waves)[:, None, None]
 
     spread = propagate(response, np.zeros(5), np.eye(5))

@@ -45,7 +45,7 @@ def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path):
 def test_ctrl_c_while_a_worker_starts_leaves_none_behind(monkeypatch):
     start, started = BaseProcess.start, []
 
-    def pressed(process: BaseProcess):
+    def pressed(process):
         if not started:
             signal.raise_signal(signal.SIGINT)
             time.sleep(0.1)

@@ -36,7 +36,7 @@ EDITS = {
 
 
 @pytest.fixture(scope="module")
-def makes(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+def makes(tmp_path_factory) -> ModuleType:
     """The simulator of an arm with drive cascades at 8 kHz, compiled into a folder of its own."""
     engine = find_spec("mujoco")
     if not RIG.is_dir() or engine is None or shutil.which("gcc") is None:
@@ -53,7 +53,7 @@ def makes(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
         patch.syspath_prepend(str(RIG))
         module, rig, arm = map(import_module, ("makes", "rig", "arm"))
         (folder / "arm.xml").write_text(arm.xml())
-        rig._xml = folder / "arm.xml"  # type: ignore[attr-defined]
+        rig._xml = folder / "arm.xml"
         return module
 
 
@@ -87,7 +87,7 @@ fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
     for file in sorted((tmp_path / "plan" / "references").glob("*.csv")):
         q = np.radians(np.genfromtxt(file, delimiter=",", skip_header=1)[:, 1:])
         q = q / (np.array(makes.N) if make == "drive" else 1.0)
-        name, realisation, experiment = re.fullmatch(r"(\w+)-r(\d+)-e(\d+)", file.stem).groups()  # type: ignore[union-attr]
+        name, realisation, experiment = re.fullmatch(r"(\w+)-r(\d+)-e(\d+)", file.stem).groups()
         runs[file.stem] = name, int(realisation), int(experiment), q - np.array(places[name])
     timing = {"first": 1.0, "period": 4.0, "whole": 16.0}
     monkeypatch.setattr(makes, "references", lambda *_, **__: (runs, timing))

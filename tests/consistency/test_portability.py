@@ -48,7 +48,7 @@ def posix_uses(tree: ast.Module) -> list[str]:
     above = {child: parent for parent in ast.walk(tree) for child in ast.iter_child_nodes(parent)}
     found = []
     for node in ast.walk(tree):
-        names: list[str] = []
+        names = []
         match node:
             case ast.Import(names=aliases):
                 names = [alias.name for alias in aliases if alias.name in POSIX_MODULES]

@@ -40,7 +40,7 @@ def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(t
     under_force, followed = ({s["signal"]: s for s in run["signals"]} for run in summary["simulation"])
     assert under_force["motor angle"]["error"] == pytest.approx(0.0042, abs=0.0005)
     assert followed["torque"]["error"] == pytest.approx(0.034, abs=0.003)
-    assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
+    assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0
 
 
 @pytest.mark.slow

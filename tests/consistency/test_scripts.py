@@ -8,7 +8,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ import pytest
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 EXAMPLES = SCRIPTS / "examples"
 # From the variables of an example, whether each of its promises is kept.
-Check: TypeAlias = Callable[[dict[str, Any]], list[Any]]
+Check = Callable[[dict[str, Any]], list[Any]]
 NOT_RUN = ("study_plants", "timing", "causes", "speed")
 RUNNABLE = sorted(path for path in SCRIPTS.glob("[bs]*/*.py") if path.stem not in NOT_RUN)
 
@@ -24,7 +24,7 @@ RUNNABLE = sorted(path for path in SCRIPTS.glob("[bs]*/*.py") if path.stem not i
 def example(name: str) -> dict[str, Any]:
     """The variables of an example, without its figures; the gallery and a notebook know no __file__."""
     path = EXAMPLES / f"{name}.py"
-    variables: dict[str, Any] = {"__name__": name}
+    variables = {"__name__": name}
     sys.path.insert(0, str(EXAMPLES))
     try:
         exec(compile(path.read_text(encoding="utf-8"), path, "exec"), variables)
@@ -34,7 +34,7 @@ def example(name: str) -> dict[str, Any]:
 
 
 def near(value: object, expected: object, part: float) -> bool:
-    return bool(np.allclose(value, expected, rtol=part, atol=0))  # type: ignore[arg-type]
+    return bool(np.allclose(value, expected, rtol=part, atol=0))
 
 
 def _follows_a_move(v: dict[str, Any]) -> list[bool]:
@@ -62,7 +62,7 @@ def _finds_the_bearing(v: dict[str, Any]) -> list[bool]:
     return [v["codes"] == [0, 0], tilts, models["gear 1 elastic"] > 100 * best]
 
 
-FAST: dict[str, Check] = {
+FAST = {
     "ex01_identify_from_python": lambda v: [
         v["low"] < v["true_stiffness"] < v["high"] < v["low"] + 0.05 * v["true_stiffness"]
     ],
@@ -91,7 +91,7 @@ FAST: dict[str, Check] = {
         np.all(v["agreement"] > 0.999), np.all(np.abs(v["modes"].zeta - v["zeta"]) < 4 * v["modes"].zeta_std),
     ],
 }  # fmt: skip
-SLOW: dict[str, Check] = {
+SLOW = {
     "ex03_responses_of_python_control": lambda v: [
         near([v["result"].values[n] for n in ("k_1", "d_1")], [3e3, 4.0], 1e-6), v["result"].status == "noise_unknown",
     ],

@@ -63,7 +63,7 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused():
 
     owners = [knot.owner for knot in knots(ARM, tree(ARM))]
 
-    def is_free(angles: np.ndarray) -> bool:
+    def is_free(angles):
         drawn = skeleton(ARM, angles[None])
         points = drawn.points[0][drawn.moves]
         joint2, joint3, tool, point = map(owners.index, ("2", "3", "fore", "hand"))

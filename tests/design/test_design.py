@@ -80,7 +80,7 @@ def _measured(problem: DesignProblem, plan: Plan, seed: int) -> list[Response]:
 
 def _with(**changes: object) -> DesignProblem:
     assert PROBLEM.design is not None
-    return replace(PROBLEM, design=replace(PROBLEM.design, **changes))  # type: ignore[arg-type]
+    return replace(PROBLEM, design=replace(PROBLEM.design, **changes))
 
 
 @pytest.mark.slow
@@ -192,7 +192,7 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices():
     assert found.plan.robot_time_s == 8 * 2 * 3 * 1.0
     assert "chosen among" in found.forecast.choice
 
-    def level(angles: np.ndarray) -> float:
+    def level(angles):
         given = {"c1": (0.0, 0.5), **{f"r{i}": (float(a), float(b)) for i, (a, b) in enumerate(angles)}}
         plain = replace(problem, design=None, experiment=replace(problem.experiment, configurations=given))
         return float(np.linalg.slogdet(design(plain).forecast.covariance)[1])

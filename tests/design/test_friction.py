@@ -1,7 +1,6 @@
 """Plans of friction studies: speeds within what a joint can do, and refusals by name."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +78,7 @@ def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gear
     np.testing.assert_allclose(*curves)
 
 
-REFUSED: list[tuple[dict[str, Any], Limits, float, str]] = [
+REFUSED = [
     ({"speeds": (0.01, 1.9), "window": (-0.2, 0.2)}, LIMITS, 8.0, ".window"),
     ({"speeds": (0.01, 2.5)}, LIMITS, 8.0, ".speeds"),
     ({"speeds": (0.01, 1.0)}, replace(LIMITS, torque=90.0), 8.0, ""),

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ GIVEN = {"upright": (0.0, 0.0), "level": (0.0, 1.4)}
 
 def problem(robot: Robot | None = None, excitation: MultisineSpec = EXCITATION, **candidates: object) -> DesignProblem:
     spec = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*")})
-    chosen = DesignSpec(count=1, candidates=CandidateSpec(given=GIVEN, **candidates))  # type: ignore[arg-type]
+    chosen = DesignSpec(count=1, candidates=CandidateSpec(given=GIVEN, **candidates))
     own = experiment(CarrierSpec(amplitude=0.01), configurations={}, ramp=0.25)
     return DesignProblem(robot or arm(), excitation, own, spec, "acceleration", 1, chosen)
 
@@ -120,7 +119,7 @@ def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture():
 def test_a_design_is_the_same_in_other_units(flat):
     """Torques, standard deviations, and the next experiment; numbers of the file within their tolerances."""
     robot = replace(without_dry_friction(arm()), tolerances=Tolerances())
-    asked = problem(robot, replace(EXCITATION, torque_rms="limits", flat=flat), floor=0.1)  # type: ignore[arg-type]
+    asked = problem(robot, replace(EXCITATION, torque_rms="limits", flat=flat), floor=0.1)
     other, goal = in_other_units(asked), Goal({"k_1": 1e-3, "d_2": 0.02})
     here, there = design(asked), design(other)
     np.testing.assert_allclose(there.plan.R, here.plan.R * factor("N*m"), rtol=1e-6)
@@ -144,7 +143,7 @@ def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked():
     std = np.array([0.02 if name == "k_1" else 0.05 for name in asked.free_names]) / 1.96
     np.testing.assert_allclose(goal.used(asked, asked.x, np.diag(std**2)), [1.0, 0.5], rtol=1e-4)
     intervals = {"k_1": (98.0, 102.0), "k_2": (0.0, np.inf)}
-    result: Any = SimpleNamespace(values={"k_1": 100.0, "k_2": 1.0}, interval=intervals.get)
+    result = SimpleNamespace(values={"k_1": 100.0, "k_2": 1.0}, interval=intervals.get)
     assert goal.reached(result) == {"k_1": pytest.approx(1.0), "k_2": np.inf}
 
 

@@ -22,8 +22,7 @@ from elastid.design.optimal import (
 def random_information(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int = 2) -> FloatArray:
     rng = np.random.default_rng(seed)
     J = rng.standard_normal((1, Q, d, rank)) + 0.3 * rng.standard_normal((S, Q, d, rank))
-    H: FloatArray = J @ np.swapaxes(J, -1, -2)
-    return H
+    return J @ np.swapaxes(J, -1, -2)
 
 
 @settings(max_examples=40, deadline=None)
@@ -120,7 +119,7 @@ def test_an_independent_solver_finds_the_same(seed):
     best = best_powers(groups, cost, criterion, known, 0.1, 1e-3)
     even = even_powers(cost)
 
-    def value(P: FloatArray) -> float:
+    def value(P):
         return -float(criterion.value(information(groups, P.reshape(even.shape), known)))
 
     rows = np.zeros((8, even.size))

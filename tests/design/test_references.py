@@ -35,7 +35,7 @@ from elastid.store.plan import read_peaks, write_references
 from elastid.study import load
 
 CYCLE = 0.004
-GAINS: dict[str, Any] = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "integral_time": 0.06}
+GAINS = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "integral_time": 0.06}
 
 
 def rows_of(rng: np.random.Generator, n: int = 40) -> np.ndarray:
@@ -105,7 +105,7 @@ def test_the_acting_torque_has_the_planned_spectrum(inject, path, controller):
 @cache
 def limited(torque_rms: Any = 120.0) -> tuple[SimulatedRig, Any]:
     """A rig with its plan within the limits, and their use."""
-    driven = ControllerSpec(kind="cascade", gains=GAINS, reference=ReferencePathSpec(CYCLE))  # type: ignore[arg-type]
+    driven = ControllerSpec(kind="cascade", gains=GAINS, reference=ReferencePathSpec(CYCLE))
     noise = NoiseSpec(torque_std=0.5, disturbance_std=0.5, encoder_counts=1 << 20)
     simulated = SimulatedSpec(substeps=4, controller=driven, noise=noise, carrier=CarrierSpec(amplitude=0.02))
     spec, machine = experiment(simulated=simulated), arm()

@@ -26,7 +26,7 @@ def scatter(
     V = 3 * rng.standard_normal((Q, N)) + np.reshape(J @ [20.0, 40.0], (Q, N))
     r = (V * std * rng.standard_normal((Q, 1))).ravel() + noise * rng.standard_normal(Q * N)
     r = r - J @ (J.T @ r)
-    rows, residuals, parts = np.reshape(J, (Q, N, 2)), np.reshape(r, (Q, N)), list[LineSums]()
+    rows, residuals, parts = np.reshape(J, (Q, N, 2)), np.reshape(r, (Q, N)), []
     for q in range(Q):
         ratios = RatioSums((("motor 1", 0.1 * q),), V[[q]] @ rows[q], V[[q]] @ V[[q]].T, V[[q]] @ residuals[q])
         parts.append(LineSums(**vars(evidence_of(rows[q], residuals[q])) | {"ratios": ratios}))
@@ -76,7 +76,7 @@ def test_implausible_ratios_count_with_their_tolerance():
 def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_response():
     """Noise in them would be correlated with residuals, and look like a scatter of the ratios."""
     responses = measure(arm(), np.random.default_rng(1), 0.05)
-    assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), list[FloatArray]()
+    assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), []
     (part, *_), G = assembly.at(parameters.x, SPEC.criterion).parts, responses[0]
     for data in (G.G, 1.1 * G.G):
         given = replace(G, G=data, ratio_std=np.full(2, 0.003))

@@ -24,7 +24,7 @@ OUTPUTS = ("motor 1", "motor 2", "body fore y")
 def read_as(**gains: float) -> Robot:
     """The arm whose channels read something else than what is there."""
     listed = {READING: ("y", "body fore y"), TORQUE: ("u", "motor 1")}
-    return replace(arm(), chain=Chain(channels=tuple(Channel(*listed[n], g) for n, g in gains.items())))  # type: ignore[arg-type]
+    return replace(arm(), chain=Chain(channels=tuple(Channel(*listed[n], g) for n, g in gains.items())))
 
 
 def measured(robot: Robot, seed: int | None = 3) -> list[Response]:

@@ -66,7 +66,7 @@ def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, ident
     rng, exact = np.random.default_rng(3), measure(arm())
     spec = FitSpec(starts=1, profile=(), parameters={"k_1": ParameterSpec(), "k_2": ParameterSpec()})
 
-    def floor_of_error(error: float) -> float:
+    def floor_of_error(error):
         wrong = (1 + error * rng.standard_normal(each.G.shape) for each in exact)
         known = [Covariance((1e-3 * np.abs(each.G)) ** 2 + 1e-30, np.inf) for each in exact]
         data = [replace(G, G=G.G * w, noise=C) for G, w, C in zip(exact, wrong, known, strict=True)]

@@ -141,7 +141,7 @@ def test_equations_without_geometry_refuse_it():
 @pytest.mark.slow
 def test_the_ends_of_a_rod_and_its_stiffness(formulation, seed):
     """The crank's length to a tenth of a millimetre, with the stiffness of rod, gears and bending, from 30 mm off."""
-    truth, spec = LINKAGE, ModelSpec(formulation)  # type: ignore[arg-type]
+    truth, spec = LINKAGE, ModelSpec(formulation)
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*")}
     wanted["p1_rod_x"] = ParameterSpec(start=-0.30, bounds=(-0.4, -0.2))
     responses = measure(truth, APART, seed, GYROSCOPES, spec)

@@ -58,7 +58,7 @@ def test_a_response_is_that_of_its_state_space_to_rounding(name, motors):
     spec = ModelSpec("minimal") if "minimal" in name else ModelSpec()
     own = replace(fitted.result, robot=fitted.model.robot, linear=fitted.linear, equations=spec)
     controller = ControllerSpec(4.0, kind="cascade") if motors == "controlled" else None
-    model = own.at("one", motors=motors, controller=controller)  # type: ignore[arg-type]
+    model = own.at("one", motors=motors, controller=controller)
     G = model.response(LINES).G
     np.testing.assert_allclose(model.state_space().response(LINES), G, atol=1e-9 * np.abs(G).max())
 

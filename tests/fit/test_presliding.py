@@ -106,7 +106,7 @@ def test_the_model_of_a_fitted_robot_has_the_friction_in_its_responses_and_not_i
     plain = identify(measure(arm(), np.random.default_rng(4), 0.003), arm(), SPEC)
     assert [linear.n for linear in result.linear] == [linear.n for linear in plain.linear]
     for G, modelled in zip(responses, robot.responses, strict=True):
-        error = np.abs(G.G - modelled.G) ** 2 / G.uncertainty.variance  # type: ignore[union-attr]
+        error = np.abs(G.G - modelled.G) ** 2 / G.uncertainty.variance
         assert 0.7 < float(np.mean(error)) < 1.4
 
 

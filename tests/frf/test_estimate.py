@@ -34,7 +34,7 @@ def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
 
 def _experiments(G: np.ndarray, lines: np.ndarray, M: int, rng: np.random.Generator, **how: object) -> list[Record]:
     """M realisations of n_u experiments without references."""
-    records = experiments_of(G, lines, M, rng, 256, rate_hz=RATE, **how)  # type: ignore[arg-type]
+    records = experiments_of(G, lines, M, rng, 256, rate_hz=RATE, **how)
     return [replace(record, r=None) for record in records]
 
 
@@ -192,13 +192,13 @@ def _noise(record: Record) -> Record:
     return replace(record, u=rng.normal(size=record.u.shape), y=rng.normal(size=record.y.shape))
 
 
-NO_INPUT: dict[str, Change] = {
+NO_INPUT = {
     "no torque": lambda r: replace(r, u=0 * r.u),
     "one motor at rest": lambda r: replace(r, u=_with(1, 0.0)(r.u)),
     "one torque logged twice": lambda r: replace(r, u=np.repeat(r.u[:, :1], 2, axis=1)),
     "noise alone": _noise,
 }
-ABSURD: dict[str, Change] = {
+ABSURD = {
     "huge torque": lambda r: replace(r, u=1e200 * r.u),
     "huge motion": lambda r: replace(r, y=1e250 * r.y),
     "vanishing torque": lambda r: replace(r, u=1e-200 * r.u),
@@ -211,7 +211,7 @@ ABSURD: dict[str, Change] = {
 def test_inputs_that_tell_nothing_are_refused(change, method):
     """By mean over realisations, pooled, and local methods alike; the message names the inputs."""
     with refused("frf/inputs-not-separable", "frf/lines"):
-        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
+        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)
 
 
 @pytest.mark.parametrize("method", ["arithmetic", "errors_in_variables", "local_rational"])
@@ -219,7 +219,7 @@ def test_inputs_that_tell_nothing_are_refused(change, method):
 def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change, method):
     """A wrong unit, or a placeholder for a missing value; squares of it would overflow."""
     with refused("records/missing-samples", place="record c-r0-e0"):
-        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
+        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0])

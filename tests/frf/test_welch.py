@@ -9,7 +9,6 @@ from plants.notes import noted
 from plants.refusals import refused
 from scipy.signal import coherence, csd, lfilter
 
-from elastid.base.arrays import ComplexArray
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.welch import Segments, make_segments
@@ -48,7 +47,7 @@ def test_several_records_and_inputs_are_pooled_like_scipys_cross_spectra():
 
 def test_leakage_is_in_the_total_covariance():
     """A resonance of 1 % at 30 Hz, four lines wide, from rest without noise: mean square over variance of its lines."""
-    plant, squares = Resonances((30.0,)), list[tuple[float, float]]()
+    plant, squares = Resonances((30.0,)), []
     for seed in range(20):
         record = noise_record(60_000, seed, n=1)
         response = estimate([replace(record, y=plant.driven(record.u))], replace(H1, segment=6.4))
@@ -157,6 +156,6 @@ def test_the_stated_lines_are_the_sum_of_the_autocorrelation_of_the_errors(metho
     spec = EstimatorSpec(method=method, quantity="position", lines="full", band_hz=(2.0, 45.0))
     found = [estimate([low_passed_record(seed)], spec) for seed in range(12)]
     G = np.stack([response.G[:, 0, 0] for response in found])
-    errors: ComplexArray = (G - G.mean(axis=0)) / G.std(axis=0)
+    errors = (G - G.mean(axis=0)) / G.std(axis=0)
     rho = [float(np.mean((errors[:, : -lag or None].conj() * errors[:, lag:]).real)) for lag in range(60)]
     assert found[0].correlated_lines == pytest.approx(1 + 2 * sum(rho[1:]) / rho[0], rel=0.35)

@@ -106,7 +106,7 @@ def test_slopes_of_two_directions_are_no_offset():
         ),
     ],
 )
-def test_passes_that_tell_nothing_are_refused(wrong, code):  # type: ignore[no-untyped-def]
+def test_passes_that_tell_nothing_are_refused(wrong, code):
     with refused(code):
         estimate_friction_curve(wrong(passes(0, SPEEDS[:3])), True)
 

@@ -47,7 +47,7 @@ def friction_of(folder: Path, side: str) -> dict[str, SlidingFriction]:
         columns = np.hstack([u / RATIO, s * RATIO] if side == "motor" else [tau, q])
         np.savetxt(folder / f"{seed}.csv", columns, delimiter=",", header="u_1,u_2,q_1,q_2", comments="")
     channels = [
-        ChannelSpec(role, f"motor {name}", f"{letter}_{name}", quantity=quantity, side=side)  # type: ignore[arg-type]
+        ChannelSpec(role, f"motor {name}", f"{letter}_{name}", quantity=quantity, side=side)
         for name in "12"
         for role, letter, quantity in (("u", "u", "torque"), ("y", "q", "position"))
     ]
@@ -62,14 +62,12 @@ def test_friction_of_coupled_motors_lies_within_intervals(side, tmp_path):
     friction = friction_of(tmp_path, side)
     for i, name in enumerate("12"):
         motion_friction = friction[name].motion
-        assert motion_friction is not None
         fit = motion_friction.regression
         assert abs(fit["coulomb"] - COULOMB[i]) < 3 * fit.std("coulomb")
         assert abs(fit["viscous"] - VISCOUS[i]) < 3 * fit.std("viscous")
         assert fit.std("coulomb") < 0.1 * COULOMB[i]
         assert fit.relative_error < 0.02
     body = motion_friction.rigid_body
-    assert body is not None
     of_joint = dict(zip(body.names, zip(body.values, body.std, strict=True), strict=True))["F_2"]
     assert of_joint[0] == pytest.approx(OF_JOINT, abs=3 * of_joint[1])
 

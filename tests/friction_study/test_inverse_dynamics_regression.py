@@ -160,7 +160,7 @@ def test_ripple_and_a_stribeck_effect_are_parts_where_they_are():
     ],
     ids=["too short", "turned", "one way", "too slow"],
 )
-def test_motions_that_tell_nothing_are_refused(wrong):  # type: ignore[no-untyped-def]
+def test_motions_that_tell_nothing_are_refused(wrong):
     with refused("friction/motion", place="motion of joint 1"):
         regress_motion(wrong(swing()))
 

@@ -59,7 +59,7 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs, seconds, correl
 def test_a_search_ends_at_the_optimum_of_each_start_that_has_one():
     """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
 
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x):
         return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
 
     ends = minimise(residual, [np.array([-1.2, 1.0]), np.array([np.nan, 0.0])])
@@ -85,7 +85,7 @@ def test_the_scattered_covariance_needs_no_variances():
     ends = []
     for _ in range(300):
         y = factor * rng.standard_normal(200)
-        ends += minimise(lambda slope, y=y: (y - slope * x) / factor**2, [np.zeros(1)], method="lm")  # type: ignore[misc]
+        ends += minimise(lambda slope, y=y: (y - slope * x) / factor**2, [np.zeros(1)], method="lm")
     spread = np.std([end.x[0] for end in ends])
     none, correlated = np.zeros(200), np.ones(200)
     stds = [np.sqrt(end.scattered_covariance(correlated, none)[0, 0]) for end in ends]

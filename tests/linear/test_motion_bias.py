@@ -68,7 +68,7 @@ def test_sums_and_differences_of_lines_meet_the_motion_again():
     effect = posture_effect(model, linear, linear.theta_ref, motion(rms, lines, angle, OPEN), FREQ)
     (M,), (D,), (K,) = linear.M[0], linear.D[0], linear.K[0]
 
-    def L(omega: np.ndarray) -> np.ndarray:
+    def L(omega):
         return K + 1j * omega * D - omega**2 * M
 
     omega, curvature = 2 * np.pi * FREQ, -WEIGHT * np.sin(angle)
@@ -142,7 +142,6 @@ def beyond_scatter(
     rest = to_response(linear, linear.theta_ref, response.freq_hz).G
     effect = estimate_motion_bias(linearisation.model, linear, linear.theta_ref, response)
     assert effect is not None
-    assert response.total is not None
     variance = response.total.variance
     left_in, taken = (np.median(np.abs(response.G - rest - each) ** 2 / variance, axis=0) for each in (0.0, effect))
     return left_in, taken

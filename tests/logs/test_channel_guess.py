@@ -102,7 +102,7 @@ def test_headings_of_drives_are_read(heading):
 
 
 def position(name: str, k: int = 1, **keys: object) -> ChannelSpec:
-    return ChannelSpec("y", f"motor {k}", name, **({"quantity": "position"} | keys))  # type: ignore[arg-type]
+    return ChannelSpec("y", f"motor {k}", name, **({"quantity": "position"} | keys))
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 JOINT = ReferencedJoint(delay_s=0.0034)
 CHANNELS = tuple(
-    ChannelSpec(role, "motor 1", name, quantity=quantity)  # type: ignore[arg-type]
+    ChannelSpec(role, "motor 1", name, quantity=quantity)
     for role, name, quantity in (
         ("u", "torque", "torque"), ("y", "angle", "position"), ("reference", "command", "position")
     )
@@ -62,7 +62,6 @@ def test_a_motor_at_rest_contradicts_no_gain():
     C_fb, C_ff = drives.controlled(f)
     U = C_ff * R - C_fb * Q + 0.1 * rng.standard_normal((80, 2))
     match = match_torques(drives, f, U, R, Q, 0.0)
-    assert match is not None
     assert match.explained > 0.999
     log = Log("log", ("u1", "u2"))
     report_controller(match, log)

@@ -102,14 +102,14 @@ def log() -> WarmLog:
 
 
 @pytest.fixture(scope="module")
-def folder(log: WarmLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(log, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("warm")
     write_warm(path / "warm.csv", log)
     return path
 
 
 @pytest.fixture(scope="module")
-def warm_up(folder: Path, log: WarmLog) -> WarmUp:
+def warm_up(folder, log) -> WarmUp:
     return read_warm_up(folder, log, FileSpec("warm.csv", purpose="warm_up"))
 
 

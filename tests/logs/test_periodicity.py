@@ -141,8 +141,8 @@ def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period):
         ChannelSpec("y", "motor 1", "rec.act_pos_mot_deg", column=1, quantity="position", unit="deg"),
     )
 
-    def rig(**changes: object) -> RecordedRig:
-        recorded = RecordedSpec(250.0, channels, (FileSpec(str(record_file(KUKA)), "home"),), **changes)  # type: ignore[arg-type]
+    def rig(**changes):
+        recorded = RecordedSpec(250.0, channels, (FileSpec(str(record_file(KUKA)), "home"),), **changes)
         return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
 
     periodic = rig(**period)

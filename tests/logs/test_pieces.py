@@ -28,7 +28,7 @@ NAMES = {"i1": "drive", "i2": "drive", "phi": "phi", "w2": "w2"}
 
 
 @pytest.fixture
-def large(monkeypatch: pytest.MonkeyPatch) -> None:
+def large(monkeypatch):
     """Everything is large from 8000 values on, and worked on 6400 at a time."""
     for module in (arrays, frf_spectra):
         monkeypatch.setattr(module, "MIN_LARGE_VALUES", 8000)

@@ -53,7 +53,7 @@ CLEAN = log(np.arange(P * N), noise=1e-4)
 
 
 def spec_of(**changes: Any) -> ExperimentSpec:
-    keys: dict[str, Any] = {"rate_hz": RATE, "period_samples": N, "channels": CHANNELS}
+    keys = {"rate_hz": RATE, "period_samples": N, "channels": CHANNELS}
     keys["files"] = (FileSpec("log.h5", "home"),)
     return ExperimentSpec({"home": (0.0,)}, recorded=RecordedSpec(**(keys | changes)))
 
@@ -91,7 +91,7 @@ def _all(change: Any) -> dict[str, FloatArray]:
     return {name: change(column) for name, column in CLEAN.items()}
 
 
-FAULTS: list[tuple[str, dict[str, FloatArray], dict[str, int], float]] = [
+FAULTS = [
     ("nothing", CLEAN, {}, 1.0),
     ("a gap in all", _all(lambda x: np.r_[x[:800], np.full(30, np.inf), x[830:]]), {"missing samples filled": 90}, 1.5),
     (

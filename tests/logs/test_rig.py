@@ -193,7 +193,7 @@ def test_a_reference_without_a_controller_is_a_note(tmp_path):
     rows = "\n".join(f"{a:.9g},{b:.9g}" for a, b in zip(sliding_torque(q), q, strict=True))
     (tmp_path / "log.csv").write_text(f"u,q\n{rows}\n")
     places = [("u", "u", "torque"), ("y", "q", "position"), ("reference", "q", "position")]
-    channels = tuple(ChannelSpec(role, "motor 1", name, quantity=what) for role, name, what in places)  # type: ignore[arg-type]
+    channels = tuple(ChannelSpec(role, "motor 1", name, quantity=what) for role, name, what in places)
     (record,) = read_friction_logs(
         friction_logs.ROBOT, logs(FileSpec("log.csv"), channels=channels), tmp_path, ["1"], {}
     ).records

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,17 +29,17 @@ from elastid.robot.simplified import without_dry_friction
 from elastid.simulation.spec import ReferencePathSpec
 
 CYCLE, RATE, POSTURES = 0.004, 1000.0, {"a": (0.2, 0.4), "b": (-0.3, 0.9)}
-GAINS: dict[str, Any] = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "low_pass_hz": 200.0}
+GAINS = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "low_pass_hz": 200.0}
 CONTROLLER = CascadeSpec(**GAINS, reference=ReferencePathSpec(CYCLE, "linear"), ticks=4)
 ROBOT = replace(without_dry_friction(arm(Limits())), gravity=(0.0, 0.0, 0.0))
 U, Y, R = (
-    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))  # type: ignore[arg-type]
+    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))
     for role, what in (("u", "torque"), ("y", "position"), ("reference", "position"))
 )
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def logs(tmp_path_factory) -> Path:
     """Whole periods of a robot with a controller at 1 kHz, one row for each of its references every 4 ms."""
     folder, noise = tmp_path_factory.mktemp("logs"), NoiseSpec(torque_std=0.5, encoder_counts=1 << 20)
     simulated = SimulatedSpec(substeps=2, controller=CONTROLLER.spec, noise=noise)

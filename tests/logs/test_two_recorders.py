@@ -28,7 +28,7 @@ from elastid.record import Record
 RATE, N = 500.0, 1000
 LINES = np.arange(5, 120, 2)
 U, Y, R = (
-    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))  # type: ignore[arg-type]
+    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))
     for role, what in (("u", "torque"), ("y", "position"), ("reference", "position"))
 )
 FURTHER = tuple(replace(channel, file=2) for channel in (*Y, *R))

@@ -189,8 +189,8 @@ def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held():
 def test_variants_and_independent_coordinates_are_choices_of_the_minimal_formulation(formulation):
     for choice in ({"variant": "rigid_loop"}, {"independent": ("joint 2",)}):
         with pytest.raises(ValueError, match=f"{next(iter(choice))} is a choice of the minimal formulation"):
-            ModelSpec(formulation, **choice)  # type: ignore[arg-type]
-        ModelSpec("minimal", **choice)  # type: ignore[arg-type]
+            ModelSpec(formulation, **choice)
+        ModelSpec("minimal", **choice)
 
 
 def test_keys_that_do_not_suit_a_robot_are_named_with_their_place():

@@ -116,7 +116,7 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case):
     scale = np.abs(G).max(axis=0)
     found = replace(linearisation, point=None)  # responses alone
 
-    def moved_by(place: int, by: float) -> np.ndarray:
+    def moved_by(place, by):
         theta = model.theta.copy()
         theta[place] += by
         there = found.at(at, theta, outputs, "acceleration")

@@ -123,4 +123,4 @@ def slide(**changes: object) -> Robot:
     joint = Joint("x", "x", Spring(5e6, 300.0), Motor(2e-3, screw, 1e-4), 20.0, motion="translation")
     elastic = Joint("e", (1, 0, 0), Spring(8e5, 100.0), motion="translation")
     bodies = (Body("carriage", joints=(joint,), mass=40), Body("load", "carriage", joints=(elastic,), mass=25))
-    return Robot("slide", bodies, **changes)  # type: ignore[arg-type]
+    return Robot("slide", bodies, **changes)

@@ -56,8 +56,7 @@ def torque_of(spring: Spring, x: np.ndarray) -> np.ndarray:
     """The law tau(Delta) as the model has it, read off a weightless beam whose motor is turned by Delta."""
     model = serial(replace(beam(spring, 10.0), gravity=(0.0, 0.0, 0.0)))
     q = np.vstack([np.zeros_like(x), x])
-    found: np.ndarray = model.potential_gradient.map(len(x))(q, model.theta).full()[1]
-    return found
+    return model.potential_gradient.map(len(x))(q, model.theta).full()[1]
 
 
 def at_rest(model: ElasticModel, angle: float) -> tuple[float, float]:
@@ -149,7 +148,7 @@ def test_slopes_follow_the_operating_point():
     linearisation, outputs = Linearisation.of(model), ("motor 1", "motor 2", "joint 2x", "motor 3")
     configuration, freq_hz = Configuration("c", (0.3, -0.7, 0.4)), np.linspace(1, 60, 30)
 
-    def response(theta: np.ndarray) -> np.ndarray:
+    def response(theta):
         linear = linearisation.at(configuration, theta, outputs, "acceleration")
         return frequency_response(linear, linear.theta_ref, freq_hz)
 

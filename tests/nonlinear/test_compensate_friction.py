@@ -135,7 +135,7 @@ def test_power_is_the_same_on_both_sides_and_the_way_back_leads_home():
     """u^T q of motors, whatever the order of the outputs; other outputs stay."""
     links, shafts = record(), to_shafts(record(), E)
 
-    def power(one: Record) -> np.ndarray:
+    def power(one):
         return one.u[:, 0] * one.y[:, 2] + one.u[:, 1] * one.y[:, 1]
 
     np.testing.assert_allclose(power(shafts), power(links))

@@ -89,11 +89,11 @@ def test_a_reversal_goes_from_one_direction_to_the_other():
 @pytest.mark.parametrize(("kind", "threshold"), [("sign", 1e-3), ("sign", 0.5), ("stribeck", 0.2)])
 def test_the_mean_over_a_cell_is_that_of_a_straight_velocity(kind, threshold):
     """It turns within a cell, is one-sided or constant, against ten thousand points of each cell."""
-    shape = BasisFunction("motor 1", kind, threshold)  # type: ignore[arg-type]
+    shape = BasisFunction("motor 1", kind, threshold)
     x = np.linspace(0, 1, 17)
     between = (np.arange(160_000) + 0.5) / 160_000
 
-    def velocity(x: np.ndarray) -> np.ndarray:
+    def velocity(x):
         return np.array([0.3 - x, 0.2 * x, 0.4 + 0.0 * x])
 
     expected = shape.sliding(velocity(between)).reshape(3, 16, -1).mean(axis=2)
@@ -140,8 +140,7 @@ def test_damping_acts_on_the_rate_of_its_element(element):
     """Its lines are those of the element times j omega over the sampling rate."""
     record, lines = swinging(7, 0.2), [7, 21]
     of_element, of_damping = (
-        amplitudes_of(record, BasisFunction("motor 1", kind, 0.05), lines)  # type: ignore[arg-type]
-        for kind in (element, f"{element} damping")
+        amplitudes_of(record, BasisFunction("motor 1", kind, 0.05), lines) for kind in (element, f"{element} damping")
     )
     np.testing.assert_allclose(of_damping, 2j * np.pi * np.array(lines) / N * of_element, rtol=2e-2)
 

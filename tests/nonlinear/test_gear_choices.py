@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,10 +23,10 @@ def estimate_of(magnitudes: Mapping[GearEffect, float], std: float = 1.0, cost: 
     """Magnitudes of one std, k and d as they start; each effect's basis function has power 1."""
     n = len(magnitudes)
     covariance, motion = np.diag([1e-6, 1e-6, *[std**2] * n]), SimpleNamespace(Phi=np.ones((1, 1, 1, n)))
-    drive: Any = SimpleNamespace(joints=("1", "2"), k=np.array([K, 2 * K]))
+    drive = SimpleNamespace(joints=("1", "2"), k=np.array([K, 2 * K]))
     f, scale_std = np.array([*magnitudes.values()]), np.zeros(n)
     return GearEstimate(
-        PARAMETERS, tuple(magnitudes), PARAMETERS.x, f, covariance, 0.0, cost, (motion,), (drive,), scale_std  # type: ignore[arg-type]
+        PARAMETERS, tuple(magnitudes), PARAMETERS.x, f, covariance, 0.0, cost, (motion,), (drive,), scale_std
     )  # fmt: skip
 
 
@@ -48,7 +47,7 @@ def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(monkeypatch,
         lambda data, before, effects, **_: estimate_of({e: magnitudes[e] for e in effects}),
     )  # fmt: skip
     estimate, data = estimate_of(magnitudes), SimpleNamespace()
-    pruned = selection._prune(data, estimate)  # type: ignore[arg-type]
+    pruned = selection._prune(data, estimate)
     assert {*pruned.effects} == expected
     assert (pruned is estimate) == (expected == {*magnitudes})
 
@@ -67,7 +66,7 @@ def test_a_range_far_stiffer_beyond_its_end_is_a_gap(monkeypatch, kind, magnitud
     """By 2.25 times; k is then that of the flanks. A gap without a stiffness within stays one."""
     monkeypatch.setattr(selection, "estimate_gear_parameters", lambda data, before, effects, **_: before)
     spring = GearEffect(kind, "1", 0.0 if kind == "cubic" else 1e-4)
-    data: Any = SimpleNamespace()
+    data = SimpleNamespace()
     found = selection._as_gap_or_range(data, estimate_of({FRICTION: 9.0, spring: magnitude}), "1")
     assert [effect.kind for effect in found.effects] == ["friction", expected]
     assert found.parameters.as_dict(found.x)["k_1"] == pytest.approx(stiffness)
@@ -90,14 +89,14 @@ def test_a_range_far_stiffer_beyond_its_end_is_a_gap(monkeypatch, kind, magnitud
 def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(monkeypatch, start, costs, expected):
     """12 for a number; two ranges, 1.5 times as far, where one explains nearly as much; no gap beside a range."""
 
-    def of(effects: tuple[GearEffect, ...]) -> GearEstimate:
+    def of(effects):
         names = " ".join(effect.kind for effect in effects if effect.kind != "friction")
         return estimate_of(dict.fromkeys(effects, 1.0), cost=costs.get(names, 1e3))
 
     monkeypatch.setattr(selection, "estimate_gear_parameters", lambda data, before, effects, *_, **__: of(effects))
     monkeypatch.setattr(selection, "_prune", lambda data, estimate: estimate)
     monkeypatch.setattr(selection, "_sizes", lambda data, estimate, j: (1.0, 1e-3))
-    data: Any = SimpleNamespace(joints=("1",), lines=[SimpleNamespace(Y=np.zeros(10))])
+    data = SimpleNamespace(joints=("1",), lines=[SimpleNamespace(Y=np.zeros(10))])
     first = GearEffect(start, "1", 1e-3 if start == "range" else 0.0)
     found = selection._best_law(data, of((FRICTION, first)), "1", selection.SPRINGS)
     springs = [effect for effect in found.effects if effect.kind != "friction"]
@@ -127,7 +126,7 @@ def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(gains, expe
     groups = [(effect, COSINE) if effect == SINE else (effect,) for effect in gains]
     every = [0.0, 0.0, *(x for group in groups for x in (gains[group[0]], 0.0)[: len(group)])]
     none = np.zeros((len(every), len(every))), np.zeros(len(every))
-    data: Any = SimpleNamespace(joint_normal_equations=lambda estimate, further: (sums_of(every), none))
+    data = SimpleNamespace(joint_normal_equations=lambda estimate, further: (sums_of(every), none))
     assert selection._select_effects(data, estimate_of({}), groups) == expected
 
 

@@ -18,7 +18,6 @@ from elastid.nonlinear.period_model import DriveLines
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
-from elastid.robot import Robot
 
 
 class Case(NamedTuple):
@@ -31,7 +30,7 @@ class Case(NamedTuple):
 
 def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     """Two realisations, 200 Nm rms at the excited lines."""
-    plant: Robot = robot(Gear() if gear is None else gear)
+    plant = robot(Gear() if gear is None else gear)
     numbers = plant.parameters() | {"delay": (0.0, "s")}
     free = ("k_1", "d_1")
     parameters = Parameters(
@@ -75,12 +74,12 @@ LATE = ModificationIndex("delay", "time", ("delay",), *NO_DATA, 1e-5, 9.0, 0.9, 
 
 def with_lines(good: Case, **changes: object) -> Case:
     """The case with other lines."""
-    return good._replace(data=replace(good.data, lines=[replace(good.data.lines[0], **changes)]))  # type: ignore[arg-type]
+    return good._replace(data=replace(good.data, lines=[replace(good.data.lines[0], **changes)]))
 
 
 def with_status(good: Case, status: str, *indices: ModificationIndex) -> Case:
     """The case with another end of its fit."""
-    return good._replace(result=replace(good.result, status=status, indices=indices))  # type: ignore[arg-type]
+    return good._replace(result=replace(good.result, status=status, indices=indices))
 
 
 def power(good: Case) -> np.ndarray:

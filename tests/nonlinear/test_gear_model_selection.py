@@ -150,7 +150,7 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage():
     arm, _ = parallel_linkage()
     magnitudes = {("friction", "2"): 40.0, ("behind", "2"): 20.0, ("friction", "3"): 35.0, ("behind", "3"): 18.0}
 
-    def rough(joint: Joint) -> Joint:
+    def rough(joint):
         if joint.motor is None:
             return joint
         at_motor, behind = (magnitudes[kind, joint.name] for kind in ("friction", "behind"))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 
-from elastid.base.arrays import FloatArray
 from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
@@ -33,7 +32,7 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides():
     """w + F tanh(w / w_s) = w_0: nearly at rest within F, slower by F beyond it."""
     w_0 = np.linspace(-3, 3, 61)[None]
 
-    def law(w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def law(w):
         return np.tanh(w / 0.2), (1 - np.tanh(w / 0.2) ** 2) / 0.2
 
     w = newton(law, lambda force: force, w_0, w_0.copy())[0]
@@ -76,7 +75,7 @@ PHASE = 2 * np.pi * np.arange(800) / 800
 def test_reversals_between_points_turn_where_the_motion_is_bent(scale):
     """A velocity of 0.4 of its slope on one side of 0, against the law on 200 times as many points."""
 
-    def bent(phase: FloatArray) -> FloatArray:
+    def bent(phase):
         return 0.1 * np.where(np.sin(phase) > 0, 1.0, 0.4) * np.sin(phase)
 
     dense = (np.arange(160_000) + 0.5) * np.pi / 80_000
@@ -119,7 +118,7 @@ def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must():
     by_place = {"motor": (link + spring) / det, "gear": link / det, "link": spring / det}
     assert elastic_joints(linearisation) == ("1",)
     for place, exact in by_place.items():
-        moved = (drive.C @ drive.H @ drive.directions(place, 0))[:, 0]  # type: ignore[arg-type]
+        moved = (drive.C @ drive.H @ drive.directions(place, 0))[:, 0]
         assert moved == pytest.approx(exact, rel=1e-9)
     assert drive.G[:, 0, 0] == pytest.approx(by_place["motor"], rel=1e-9)
     assert np.abs(drive.images).max() < 1e-9 * np.abs(drive.G).max()
@@ -134,14 +133,14 @@ MOTION = GearMotion(
 
 @pytest.mark.parametrize("kind", ["cubic", "progressive", "range", "gap"])
 def test_slopes_are_those_of_the_law(kind):
-    effect, x, h = GearEffect(kind, "1", 0.02), 0.03 * np.sin(PHASE), 1e-7  # type: ignore[arg-type]
+    effect, x, h = GearEffect(kind, "1", 0.02), 0.03 * np.sin(PHASE), 1e-7
     difference = (implicit_law(effect, x + h)[0] - implicit_law(effect, x - h)[0]) / (2 * h)
     assert implicit_law(effect, x)[1] == pytest.approx(difference, rel=1e-6, abs=1e-6)
 
 
 def test_an_edge_is_the_change_of_an_effect_with_its_scale():
     for kind, scale in (("behind", 0.02), ("load", 0.02), ("stop", 3e-4), ("gap", 3e-4)):
-        effect = GearEffect(kind, "1", scale)  # type: ignore[arg-type]
+        effect = GearEffect(kind, "1", scale)
         assert effect.edge is not None
         (_, before), (_, after) = (forces(replace(effect, scale=scale * part), MOTION)[0] for part in (0.98, 1.02))
         size = np.abs(after - before).max()

@@ -34,7 +34,7 @@ def measured_with(spec: EstimatorSpec) -> tuple[tuple[tuple[Record, ...], ...], 
 @pytest.mark.parametrize("friction", ["coulomb", "curve", "auto"])
 def test_the_level_of_coulomb_friction_is_found_without_a_model(friction, found):
     """Within 2 % of the truth at both motors, whatever shapes are allowed; torques in time have no delay."""
-    spec = replace(AUTO, friction=friction)  # type: ignore[arg-type]
+    spec = replace(AUTO, friction=friction)
     result = found if friction == "auto" else identify_motor_friction(*measured_with(spec))
     (delay_s,) = {shape.delay_s for shape in result.shapes}
     assert delay_s * measured()[0][0][0].rate_hz == pytest.approx(0, abs=0.1)

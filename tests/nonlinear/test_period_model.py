@@ -68,7 +68,7 @@ def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness
     model = formulate(robot)
     q0 = equilibrium(model, model.theta, at).q[:2, None]
 
-    def torques(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def torques(q, v, a):
         """(2, n), by the accelerations that the plant has under unit torques."""
         free = links(q, v, 0 * q)
         inverse = np.stack([links(q, v, 0 * q + unit[:, None]) - free for unit in np.eye(2)], axis=1)

@@ -28,7 +28,7 @@ JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
 
 def one_joint(**body: object) -> Robot:
     """A robot of one body on one flexible joint."""
-    return Robot("test", (Body("arm", joints=(JOINT,), **body),))  # type: ignore[arg-type]
+    return Robot("test", (Body("arm", joints=(JOINT,), **body),))
 
 
 @pytest.mark.parametrize("inertia", [(1.0, 1.0, 2.1), (1.0, 1.0, -0.1), (1.0, 1.0, 1.0, 0.0, 0.0, 1.5)])
@@ -69,7 +69,7 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points):
 def test_what_no_mechanism_can_be_is_refused(make, says):
     """Each message names the number at fault."""
     with pytest.raises(ValueError, match=says):
-        make()  # type: ignore[operator]
+        make()
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])

@@ -23,7 +23,6 @@ from elastid.simulation.closed_loop import (
     CHUNK_SAMPLES,
     MIN_CALLS,
     Commands,
-    Trajectory,
     closed_loop,
     compiled,
     simulate,
@@ -90,7 +89,7 @@ with_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C comp
 
 
 @pytest.fixture(autouse=True)
-def temporary(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
+def temporary(monkeypatch, tmp_path) -> Iterator[Path]:
     """A folder of temporary files and a choice of compilers of the test's own; nothing is left in the folder."""
     folder = tmp_path / "temporary"
     folder.mkdir()
@@ -126,7 +125,7 @@ def test_a_motion_has_the_same_bytes_with_and_without_a_compiler():
     commands = quiet(model, point.q, n, random.normal(0, 50, (n, 2)))
     drives, gains = Drives(np.full(2, 2e-6), np.full(2, np.inf)), tune(model, point.q, 1.5, 0.8)
 
-    def moved(samples: int) -> Trajectory:
+    def moved(samples):
         loop = closed_loop(model, rough(model, 4.0), FREE[:2], 1000.0, 2, drives, samples=samples)
         return simulate(loop, gains, commands, point.q)
 

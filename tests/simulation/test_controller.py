@@ -79,7 +79,6 @@ def test_a_notch_leaves_its_depth_at_its_frequency():
 def test_states_have_the_response():
     """C (z - A)^-1 B + D, of a motor without filters, too."""
     filters = filters_of(("1", "2"), SPEC, RATE_HZ)
-    assert filters is not None
     A, B, C, D = filters.matrices
     freq_hz = np.array([3.0, 17.0, 120.0])
     H = np.stack([C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D for z in np.exp(2j * np.pi * freq_hz / RATE_HZ)])
@@ -104,7 +103,6 @@ def test_the_simulated_loop_filters_and_delays_its_feedback():
     error = -gains.kp * angle - gains.kd * speed
     total = np.vstack([np.zeros((1, 2)), np.cumsum(error, axis=0)[:-1]]) / RATE_HZ
     feedback = error + gains.ki * total
-    assert filters is not None
     for axis in range(2):
         filtered = signal.sosfilt(np.array(filters.sections[axis]), feedback[:, axis])
         late = np.concatenate([[0.0], filtered[:-1]])
@@ -121,4 +119,4 @@ def test_the_simulated_loop_filters_and_delays_its_feedback():
 )
 def test_contradictions_are_refused(words, says):
     with pytest.raises(ValueError, match=says):
-        ControllerSpec(**words)  # type: ignore[arg-type]
+        ControllerSpec(**words)

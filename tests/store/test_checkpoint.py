@@ -1,7 +1,5 @@
 """Finished parts of interrupted work come back to the last bit, and only those of the same key."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": Fold("a", 1 / 7, np.nan, 3.0)
 
 
 @pytest.fixture
-def kept(tmp_path: Path) -> Checkpoint:
+def kept(tmp_path) -> Checkpoint:
     there = Checkpoint(tmp_path / "parts", "one")
     there.update({"start-0": START, "start-a/b": START, "refit-0": REFIT})
     return there

@@ -82,7 +82,7 @@ NAMES = ("summary.json", "figures", "references/*.csv")
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path) -> Path:
     """A run folder with a text, a figure and a reference."""
     for name in ("summary.json", "figures/a.png", "references/a.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -131,7 +131,6 @@ with lock_folder(Path(sys.argv[1])):
 def holding(folder: Path) -> subprocess.Popen[str]:
     """Another program that writes there."""
     other = subprocess.Popen([sys.executable, "-c", HOLDS, str(folder)], stdout=subprocess.PIPE, text=True)
-    assert other.stdout is not None
     assert other.stdout.readline() == "mine\n"
     return other
 

@@ -221,7 +221,7 @@ def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp
     write_artefact(path, "tree", STAMP, {"tree": (some_tree(), Tree)})
     whole = path.read_bytes()
     with h5py.File(path) as file:
-        places: list[str] = []
+        places = []
         file["tree"].visit(places.append)
         pairs = [(place, key) for place in places for key in file["tree"][place].attrs]
     content = ["text", -1, 10**9, math.nan, np.zeros(0), np.zeros((0, 3)), np.array(["a"], object), [-1, 10**12]]

@@ -32,7 +32,7 @@ CASCADE = (
     f"integral_time: 0.1, notches: [{NOTCH}]}}}}"
 )
 # Overrides that make a study of a kind.
-KINDS: dict[str, tuple[str, ...]] = {
+KINDS = {
     "simulated": (),
     "designed": ("design={count: 1, candidates: {given: {e: [0, 0]}}}",),
     "loaded": (FRAME, f"loads.tests=[{LOAD}]", "loads.tests.0.configuration=a"),
@@ -48,7 +48,7 @@ KINDS: dict[str, tuple[str, ...]] = {
 
 
 @pytest.fixture
-def study(tmp_path: Path) -> Path:
+def study(tmp_path) -> Path:
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)
     (tmp_path / "a.csv").write_text("u,y\n1,2\n")

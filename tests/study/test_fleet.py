@@ -9,7 +9,7 @@ from elastid.study.fleet import load_fleet
 
 
 @pytest.fixture
-def fleet(tmp_path: Path) -> Path:
+def fleet(tmp_path) -> Path:
     """The file of a fleet without members, next to a study."""
     (tmp_path / "study.yml").write_text("name: s\n")
     (tmp_path / "fleet.yml").write_text("name: f\nstudy: study.yml\n")

@@ -5,7 +5,6 @@ import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -35,7 +34,7 @@ INTERVALS = {("rail", "viscous"): (3.5, 4.5), ("rail", "kp"): (90.0, 110.0)}
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def files(tmp_path_factory) -> dict[str, Path]:
     """All snippets of two joints with gains and a delay of 12 ms."""
     gains = [(100.0, 8.0), (2000.0, 50.0)]
     actuators = actuators_of("bench", ROBOT, INTERVALS, gains, 0.012)
@@ -74,7 +73,7 @@ def test_isaac_lab_module_has_one_configuration_for_each_joint(files, monkeypatc
     ast.parse(source)
     monkeypatch.setitem(sys.modules, "isaaclab", SimpleNamespace())
     monkeypatch.setitem(sys.modules, "isaaclab.actuators", SimpleNamespace(DelayedPDActuatorCfg=dict))
-    content: dict[str, Any] = {}
+    content = {}
     exec(source, content)
     rail, knee = (content["ACTUATORS"][joint.name] for joint in (RAIL, KNEE))
     assert (rail["armature"], rail["viscous_friction"], rail["dynamic_friction"]) == (8.0, 4.0, 4.0)
@@ -131,7 +130,7 @@ def test_intervals_of_a_fit_are_on_the_link_side(serial_model):
 def test_intervals_of_a_friction_study_are_assigned_by_name():
     """Coulomb and viscous friction; no interval of a number for each direction. The delay is of all joints."""
 
-    def number(path: str, mark: str = "") -> FrictionNumber:
+    def number(path, mark=""):
         term = (TERMS | RIGID_TERMS)[path]
         return FrictionNumber(f"{term.name('rail')}{mark}", term.symbol, term.meaning, "N", 4.0, 0.1, 3.8, 4.2, "log")
 

@@ -44,7 +44,7 @@ def test_exported_functions_have_the_response(model, kind, tmp_path):
     if kind == "c":
         subprocess.run(["cc", "-O1", "-shared", "-fPIC", tmp_path / "robot.c", "-o", library, "-lm"], check=True)
 
-    def loaded(name: str) -> Any:
+    def loaded(name):
         return ca.external(f"robot_{name}", library) if kind == "c" else ca.Function.load(f"{tmp_path}/{name}.casadi")
 
     G = read_back(model, lambda name, *at: loaded(name)(*at).full(), loaded("input_matrix")()["B"].full())

@@ -15,7 +15,7 @@ from elastid.use.draws import draw_robots
 def test_table_and_robot_files_hold_the_same_numbers(tmp_path):
     """Each row is the robot of its number, read back in full; MJCF beside it has its stiffnesses."""
     draws = draw_robots(result(), 12, seed=3)
-    warnings: list[str] = []
+    warnings = []
     paths = write_draws(tmp_path, draws, "arm", warnings.append)
     assert [path.name for path in paths] == ["samples.csv", "robots", "mujoco"]
     assert not warnings

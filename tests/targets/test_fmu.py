@@ -60,7 +60,7 @@ def simulated(model: FittedRobot, torque: FloatArray) -> Trajectory:
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
-def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[FittedRobot, Path]:
+def unit(request, tmp_path_factory) -> tuple[FittedRobot, Path]:
     """A fitted robot and the folder of its units."""
     model = fitted_model(request.param)
     folder = tmp_path_factory.mktemp("fmu")

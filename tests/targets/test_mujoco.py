@@ -11,7 +11,7 @@ from plants.refusals import refused
 from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray
-from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint, Spring
+from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Spring
 from elastid.robot.simplified import with_joints
 from elastid.targets.mujoco import write_mujoco
 from elastid.targets.urdf import write_urdf
@@ -86,7 +86,7 @@ def test_mujoco_has_the_response(model, tmp_path, key, accuracy):
     moved = np.abs(rest + J.T @ multipliers - B @ at.held).max()
     assert moved < (1e-4 if model.robot.loops else 1e-6) * max(1.0, np.abs(at.held).max())
 
-    def pulled(dq: FloatArray) -> FloatArray:
+    def pulled(dq):
         f, J = at.force(dq, zero)
         return f + J.T @ multipliers
 
@@ -118,7 +118,7 @@ def test_coulomb_friction_that_was_found_is_frictionloss(serial_model, tmp_path)
     """At the motor on the link side; behind the gear, where motor angle and twist turn together, in a tendon."""
     import mujoco
 
-    def rubbed(joint: Joint) -> Joint:
+    def rubbed(joint):
         if joint.motor is None:
             return joint
         return replace(joint, motor=replace(joint.motor, coulomb=0.1, friction=None), friction=Friction(7.0))
@@ -140,7 +140,6 @@ def test_lost_motion_of_a_gear_is_a_slack_tendon(tmp_path, serial_model, inner):
 
     gap = 1e-3
     worn = serial_model.robot.flexible[0]
-    assert worn.spring is not None
     spring = Spring(worn.spring.stiffness, worn.spring.damping, backlash=gap, inner_stiffness=inner)
     robot = with_joints(serial_model.robot, lambda j: replace(j, spring=spring) if j.name == worn.name else j)
     (path,) = write_mujoco(tmp_path, serial_model, robot)

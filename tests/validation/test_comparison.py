@@ -178,7 +178,7 @@ def test_a_fit_of_a_variant_is_to_the_parameters_that_it_has(robot):
 
 
 @pytest.fixture(scope="module")
-def responses(robot: Robot) -> list[Response]:
+def responses(robot) -> list[Response]:
     """Of the robot in three configurations, with 2 % noise."""
     postures = {"a": (0.0, 0.2), "b": (0.5, 0.9), "c": (-0.4, -0.7)}
     return responses_of(robot, postures, np.random.default_rng(0), np.linspace(2, 50, 30), added=1e-3)

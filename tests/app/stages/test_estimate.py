@@ -29,7 +29,6 @@ def test_what_was_taken_out_is_in_every_result(tiny):
     """frf.h5, summary and robot.yml have the same; the model explains more."""
     run = run_of(tiny, "coulomb")
     friction = read_friction(run.path("estimate"))
-    assert friction is not None
     level, std = friction.coulomb_friction("motor 1")
     assert abs(level - 0.01) < 0.002, (level, std)
     summary = summary_of(run.folder)

@@ -33,7 +33,7 @@ def run_of(folder: Path, *overrides: str, jobs: int = 1) -> Run:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(tmp_path_factory) -> Path:
     """The folder of a small study that was run."""
     folder = tmp_path_factory.mktemp("friction")
     shutil.copytree(TEMPLATE, folder, dirs_exist_ok=True)
@@ -86,7 +86,7 @@ experiment:
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def study(tmp_path_factory) -> Path:
     """A study of a log of 20 s."""
     folder = tmp_path_factory.mktemp("follow")
     run = simulate(rich(20), seed=6, offset=0.0, stiction_ratio=1.0)

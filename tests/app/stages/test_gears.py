@@ -39,7 +39,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("gear")
     assert cli.run_command(["run", str(STUDY), "--run", str(path), "-q"]) == 0
     return path
@@ -61,7 +61,6 @@ def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(fo
         if name[:2] in ("k_", "d_"):
             assert abs(p["value"] / p["truth"] - 1) < (1e-3 if name[0] == "k" else 2e-2), name
     gears = read_gears(folder / "gears.h5")
-    assert gears is not None
     assert {number.name for number in gears.numbers} == set(content["gears"]["numbers"])
 
 

@@ -18,7 +18,7 @@ from elastid.study import load
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tmp_path_factory) -> Path:
     """The template frf with amplifiers of 20 N/V before both shakers, run to its end."""
     folder = tmp_path_factory.mktemp("frf") / "bench"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
@@ -43,7 +43,6 @@ def test_a_structure_that_is_driven_by_a_voltage(bench):
     """A response per volt in its 95 % regions, P(|error|^2 / variance > x) = (1 + x / dof)^-dof, and its peaks."""
     (found,) = read_responses(bench / "run" / "frf.h5")
     assert found.unit == "(m/s^2)/(V)"
-    assert found.total is not None
     ratio, dof = np.abs(found.G - 20 * true_response(found.freq_hz)) ** 2 / found.total.variance, found.total.dof
     assert np.mean(ratio < dof * (0.05 ** (-1 / dof) - 1)) > 0.9
     np.testing.assert_allclose(peaks(bench / "run"), true_modes()[0] / (2 * np.pi), rtol=1e-4)
@@ -78,7 +77,7 @@ def test_exports_are_read_back(bench, target, file):
     (response,) = read_responses(bench / "run" / "frf.h5")
     channels = load(bench / "study.yml").study.experiment.as_recorded().channels
     path = exported(bench, target) / file
-    spec = ResponsesSpec(files=({"path": file, "configuration": "bench"},), channels=())  # type: ignore[arg-type]
+    spec = ResponsesSpec(files=({"path": file, "configuration": "bench"},), channels=())
     if target == "csv":
         named = {"u": response.inputs, "y": response.outputs}
         again = [c for c in channels if c.at in named[c.role]]
@@ -94,7 +93,6 @@ def test_universal_files_become_configurations_of_a_study(count, bench, tmp_path
     files = [str(exported(bench, "uff") / "bench.uff")] * count
     assert run_command(["new", str(tmp_path), "--from", *files]) == 0
     experiment = load(tmp_path / "study.yml").study.experiment
-    assert experiment.responses is not None
     assert [file.configuration for file in experiment.responses.files] == [*experiment.configurations]
     assert len(experiment.configurations) == count
 

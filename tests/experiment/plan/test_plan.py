@@ -52,7 +52,7 @@ def test_a_motion_that_is_to_be_flat_is_flat_and_low_where_a_resonance_may_be(fl
     excitation = replace(LIMITED, torque_rms=50.0, flat=flat)
     plan = make_plan(excitation, experiment(), machine, 0, closed_loop=loop_of)
 
-    def motion(factor: float) -> np.ndarray:
+    def motion(factor):
         loop = loop_of(plan.configurations[0], factor * plan.freq_hz)
         return np.abs(np.einsum("fii,fi->fi", getattr(loop, flat), plan.R[0, 0, 0]))
 

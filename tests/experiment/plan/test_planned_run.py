@@ -1,6 +1,5 @@
 """Records that contradict the plan they were measured by are named for what they are, and clean ones are not."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +31,7 @@ def plan() -> Plan:
 
 
 @pytest.fixture(scope="module")
-def clean(plan: Plan) -> Record:
+def clean(plan) -> Record:
     return measured(robot(), plan)
 
 
@@ -51,7 +50,7 @@ def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan, cle
     assert said(plan, replace(clean, **{name: np.roll(getattr(clean, name), -5, axis=0) for name in "ruy"})) == ""
 
 
-FAULTS: dict[str, tuple[Callable[[Record], dict[str, np.ndarray]], str]] = {
+FAULTS = {
     "late": (lambda log: {name: np.roll(getattr(log, name), -100, axis=0) for name in "ruy"}, "0.2 s"),
     "injected exchanged": (lambda log: {"r": log.r[:, ::-1]}, "(r) of motor 1"),
     "injected motor side": (lambda log: {"r": log.r / [100, 90]}, "gain 0.0100"),

@@ -2,7 +2,6 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +12,8 @@ from plants.refusals import refused
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, freqs
 
-from elastid.base.arrays import FloatArray
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.plan.reference_trajectory import (
-    Movement,
     check_movement,
     derivatives,
     max_excursion,
@@ -36,7 +33,7 @@ from elastid.record import Configuration
 @settings(deadline=None, max_examples=24)
 def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(kind, ramp, hold, cycles):
     """Position, velocity, acceleration agree; ends at rest; every period's velocity is the last one's."""
-    size: dict[str, Any] = {"amplitude": 0.02} if kind == "sine" else {"velocity": (0.05, -0.1)}
+    size = {"amplitude": 0.02} if kind == "sine" else {"velocity": (0.05, -0.1)}
     excitation = replace(EXCITATION, torque_rms=1.0, period=2.0, band_hz=(5.0, 60.0))
     plan = make_plan(excitation, experiment(ramp=ramp, hold=hold), arm(), 0)
     carrier = CarrierSpec(cycles=cycles, kind=kind, **size)
@@ -82,7 +79,7 @@ def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier
     """Though it is worked out once for all samples at rest, and for one cycle of a carrier."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=0.25), arm(), 0)
 
-    def torque(_: Configuration, path: Movement) -> FloatArray:
+    def torque(_, path):
         return 3 * path.position + 0.2 * path.velocity**2 + 0.01 * path.acceleration
 
     expected = torque(plan.configurations[0], movement(carrier, plan))

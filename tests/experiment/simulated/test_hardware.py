@@ -80,7 +80,7 @@ def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_
     """A ripple so slow that it is a constant torque pushes; the velocity loop's integral takes it up."""
     push = 3.0
     ripple = TorqueRippleSpec(push / 80.0, 1, phase=math.pi / 2 - 80 * ARM[0])
-    spec = SimulatedSpec(controller=ControllerSpec(2.0, kind=kind), torque_ripple=(ripple,))  # type: ignore[arg-type]
+    spec = SimulatedSpec(controller=ControllerSpec(2.0, kind=kind), torque_ripple=(ripple,))
     simulated = rig(arm(), spec, rms=1e-6)
     record = simulated.measure(simulated.experiments[0])
     model = serial(arm())
@@ -134,7 +134,7 @@ def test_noise_has_the_power_that_its_section_states():
     for (signal, x), std in zip(signals.items(), (2.0, math.sqrt(10.0), math.sqrt(1.25)), strict=True):
         np.testing.assert_allclose(x.std(axis=0), std, rtol=0.05)
         freq_hz, power = welch(x, 1000.0, nperseg=1024, axis=0)
-        stated = spec.variances(signal, freq_hz[2:-1], 1000.0)  # type: ignore[arg-type]
+        stated = spec.variances(signal, freq_hz[2:-1], 1000.0)
         assert np.all(np.abs(np.log(500 * power[2:-1].T / stated)) < 0.5)
     np.testing.assert_allclose(noise.outputs[:, 1].std(), 2.5, rtol=0.02)
     assert abs(noise.disturbance.mean()) < 1e-9
@@ -147,7 +147,7 @@ def test_noise_has_the_power_that_its_section_states():
 
 def departure(robot: Robot, rms: float, reference: np.ndarray | None, **spec: object) -> tuple[np.ndarray, float]:
     """The response of the rig, and its rms relative distance from a reference response."""
-    simulated = rig(robot, SimulatedSpec(**spec), rms=rms, runs=2)  # type: ignore[arg-type]
+    simulated = rig(robot, SimulatedSpec(**spec), rms=rms, runs=2)
     G = response(simulated)
     return G, 0.0 if reference is None else float(np.sqrt(np.mean(np.abs(G / reference - 1) ** 2)))
 
@@ -200,7 +200,7 @@ def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_o
 def test_with_friction_the_response_tends_to_the_linear_one_with_friction_over_amplitude(kind):
     """A joint that slides under its carrier: half the friction is half the error, for static and dynamic friction."""
 
-    def robot(level: float) -> Robot:
+    def robot(level):
         bristles = LuGre(40 * level, 0.02 * level, 5.0) if kind == "lugre" else None
         return arm(friction=Friction(level, lugre=bristles))
 

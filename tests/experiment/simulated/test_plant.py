@@ -6,7 +6,6 @@ import numpy as np
 from plants.limited_arm import EXCITATION, arm, experiment
 from scipy.linalg import eigh
 
-from elastid.excitation.spec import Signal
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.plant import (
     DAMPING,
@@ -33,7 +32,7 @@ def test_the_closed_loop_response_is_what_the_simulation_does():
     loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
     rehearsal = rig.rehearse(rig.experiments[1])
     (last,) = np.nonzero((rehearsal.time_s > 5.999) & (rehearsal.time_s < 6.999))
-    signals: tuple[Signal, ...] = ("torque", "position", "velocity", "acceleration")
+    signals = ("torque", "position", "velocity", "acceleration")
     for signal, quantity in zip(rehearsal.signals, signals, strict=True):
         measured = np.fft.rfft(signal[last], axis=0)[plan.lines] / 250
         expected = np.einsum("foi,fi->fo", loop.stacked((quantity,)), plan.R[0, 0, 1])

@@ -50,7 +50,7 @@ def rig(machine: Robot, spec: SimulatedSpec, design: Plan) -> SimulatedRig:
 
 
 def three_axes(spec: SimulatedSpec = SimulatedSpec(), rms: float = 50.0, **changes: object) -> SimulatedRig:  # noqa: B008
-    machine = robot(**changes)  # type: ignore[arg-type]
+    machine = robot(**changes)
     return rig(machine, spec, plan(machine.motor_locations, POSTURE, rms))
 
 

@@ -10,9 +10,8 @@ from plants.data_sheet_arm import arm, measure
 from plants.faults import SPEC, Case, drawn, true_case
 
 from elastid.fit.diagnosis import rank_hypotheses
-from elastid.fit.diagnosis.confounded_parameters import UndetectableError, undetectable_errors
+from elastid.fit.diagnosis.confounded_parameters import undetectable_errors
 from elastid.fit.diagnosis.rigid_base import STIFFEST_BASE
-from elastid.fit.diagnosis.score_test import ScoreTest
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.robot import Body, Joint, Robot, Spring
@@ -24,7 +23,7 @@ def fitted(case: Case) -> Result:
 
 def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypatch):
     """Three of its errors per deviation move the parameter by three, and the fit is as fine as the true one."""
-    found, tests = list[UndetectableError](), list[ScoreTest]()
+    found, tests = [], []
 
     def kept(result, scores):
         found.extend(undetectable_errors(result, scores))

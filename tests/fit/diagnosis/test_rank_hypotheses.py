@@ -15,7 +15,6 @@ from plants.marks import slow
 from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
-from elastid.base.arrays import FloatArray
 from elastid.base.entry_points import group_entries
 from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
@@ -90,7 +89,7 @@ def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_fr
     rng = np.random.default_rng(seed)
     J, raw = rng.standard_normal((50, 5)) * 10.0 ** np.array([*decades, 0, 0]), rng.standard_normal(50)
 
-    def left(r: FloatArray, *columns: int) -> FloatArray:
+    def left(r, *columns):
         return r - J[:, columns] @ np.linalg.lstsq(J[:, columns], r, rcond=None)[0]
 
     r, limits = left(raw, 0, 1, 2), room / np.linalg.norm(J[:, 3:], axis=0)
@@ -189,7 +188,7 @@ CAUSE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), colum
 
 
 @pytest.fixture
-def installed_cause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def installed_cause(tmp_path, monkeypatch) -> Iterator[Path]:
     """Folder of a package with one cause, as pip installs it."""
     (tmp_path / "crosstalk_cause.py").write_text(PACKAGE)
     info = tmp_path / "crosstalk_cause-1.0.dist-info"

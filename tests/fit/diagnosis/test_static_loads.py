@@ -42,7 +42,7 @@ def read(where: str, places: tuple[str, str], G: ComplexArray, **further: str) -
     """A response with 1 % of noise."""
     G, noise = drawn(G, 0.01 * np.abs(G), np.random.default_rng(0))
     at = ei.Configuration(where, np.zeros(1))
-    return replace(ei.Response(F_HZ, G, places[:1], places[1:], "acceleration", at, noise=noise), **further)  # type: ignore[arg-type]
+    return replace(ei.Response(F_HZ, G, places[:1], places[1:], "acceleration", at, noise=noise), **further)
 
 
 def fitted_with_force(
@@ -56,7 +56,7 @@ def fitted_with_force(
     tool = Frame("tool", "load", Placement((LEVER, 0.0, 0.0)))
     robot = Robot("one", (Body("load", joints=(joint,), inertia=1e-3),), frames=(tool,), gravity=(0.0, 0.0, 0.0))
     s = 2j * np.pi * F_HZ[:, None, None]
-    motion = factor * s ** MOTION_ORDER[held] * LEVER**2 / (1e-3 * s**2 + 0.01 * s + softer * STIFFNESS)  # type: ignore[index]
+    motion = factor * s ** MOTION_ORDER[held] * LEVER**2 / (1e-3 * s**2 + 0.01 * s + softer * STIFFNESS)
     motors = read("a", ("motor 1", "motor 1"), two_inertias(F_HZ, 1e-3, 1e-3, STIFFNESS, 0.01, 1e-3)[:, :1])
     force = read("a at the tool", ("force tool y", "frame tool y"), motion, motors="locked", quantity=stated)
     return identify([motors, force], robot, FitSpec(parameters={"k_1": ParameterSpec()}, starts=1), loads=loads)

@@ -8,7 +8,7 @@ from plants.refusals import refused
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, cramer_rao, estimate, fit_of, measured, noise_of, parameters, plant
 from plants.two_mass import circular
 
-from elastid.fit.covariance import Uncertainty, estimate_uncertainty
+from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.frf_residuals import elastic_fit
 from elastid.fit.problem.least_squares import Evaluation, difference, distance_to_optimum, error_gain
 from elastid.fit.problem.weights import weigh
@@ -38,7 +38,7 @@ def test_both_criteria_converge_from_far_starts():
     response = measured(model, noise_of(model))
     starts = parameters().x + np.log(7.4) * np.random.default_rng(8).uniform(-1, 1, (30, 4))
 
-    def hits(criterion) -> int:
+    def hits(criterion):
         problem = fit_of(response, model, criterion=criterion).problem
         return sum(np.allclose(solve(problem, x).x, parameters().x, atol=1e-3) for x in starts)
 
@@ -91,7 +91,7 @@ def test_a_prior_takes_part_like_a_measurement():
     alone = {name: Parameter(name, v, log=True, free=False) for name, v in TRUTH.items() if name != "d_a"}
     weights = weigh(response, NO_FLOOR)
 
-    def estimated(prior: Prior | None) -> tuple[float, Uncertainty]:
+    def estimated(prior):
         free = parameters(**alone, d_a=Parameter("d_a", TRUTH["d_a"], "1", 1e-4, 1.0, log=True, prior=prior))
         fit = elastic_fit([response], [model], [weights], free, "complex")
         end = solve(fit.problem, free.x)

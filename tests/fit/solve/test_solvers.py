@@ -75,7 +75,7 @@ def test_variables_of_very_different_size_are_solved_alike(method):
     parameters = Parameters((Parameter("gain", 1e5, lower=0, upper=1e7), Parameter("delay", 5e-3, lower=0, upper=1e-2)))
     w = np.linspace(10, 300, 40)
 
-    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def residual(x):
         gain, delay = x
         e, dg = 1e6 * np.exp(-1e-4j * w) - gain * np.exp(-1j * w * delay), -np.exp(-1j * w * delay)
         rows = np.column_stack([e, dg, -1j * w * gain * dg])
@@ -100,7 +100,7 @@ def test_an_error_in_the_problem_is_raised_as_it_is(method, fail, error):
     """CasADi would swallow it, and Ctrl-C, and return a wrong x; nothing is evaluated after it."""
     calls = []
 
-    def evaluate(x: FloatArray) -> Evaluation:
+    def evaluate(x):
         calls.append(x)
         if len(calls) == 4:
             fail()
@@ -115,10 +115,10 @@ def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
     """IPOPT then returns a status and an x that is no solution."""
 
     class Interrupted:
-        def __call__(self, **_: object) -> dict[str, object]:
+        def __call__(self, **_):
             return {"x": np.zeros(2)}
 
-        def stats(self) -> dict[str, object]:
+        def stats(self):
             return {"return_status": "NonIpopt_Exception_Thrown", "iter_count": 1}
 
     monkeypatch.setattr(ca, "nlpsol", lambda *_: Interrupted())
@@ -130,7 +130,7 @@ def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
 def test_a_model_without_a_value_is_stepped_around(method):
     """Where the cost is not finite on the way, the step is shortened; at the start it is an error."""
 
-    def evaluate(x: FloatArray) -> Evaluation:
+    def evaluate(x):
         here = DECAY.evaluate(x)
         return here if x[1] > math.log(2.5) else replace(here, cost=math.nan)
 
@@ -154,7 +154,7 @@ def test_a_damping_that_hardly_acts_is_not_overshot():
     parameters = Parameters((Parameter("p", 1e-4, lower=1e-9, upper=1e8, log=True),))
     seen = []
 
-    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def residual(x):
         p = parameters.expand(x)
         seen.append(p[0])
         return np.append(p - 1, 0.1), np.array([p, [0.0]])
@@ -217,7 +217,7 @@ def test_starts_that_lead_nowhere_are_survived_unless_all_do():
     """One start without a finite cost ends last; none with one is an error that says how it ended."""
     ordinary = wavy()
 
-    def evaluate(x: FloatArray) -> Evaluation:
+    def evaluate(x):
         here = ordinary.evaluate(x)
         return here if x[0] < math.log(50) else replace(here, cost=math.inf)
 

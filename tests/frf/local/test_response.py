@@ -45,8 +45,7 @@ def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -
     """G (F, n_y, n_u), a polynomial in frequency."""
     C = circular(rng, (degree + 1, n_y, n_u))
     x = (FREQ - FREQ.mean()) / np.ptp(FREQ)
-    G: np.ndarray = np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
-    return G
+    return np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
 
 
 @given(

@@ -13,7 +13,7 @@ CHANNEL = ChannelSpec("y", "motor 1", "pos", quantity="position", unit="rad")
 
 
 @pytest.fixture
-def small_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_steps(monkeypatch):
     """Every text is a large one, with a known place every 7 lines, read in blocks of 10 lines and 50 bytes."""
     for module, name, value in (
         (text, "LARGE_BYTES", 0), (text, "BLOCK_LINES", 10), (lines, "_STEP", 7), (lines, "_CHUNK", 50),

@@ -103,7 +103,7 @@ def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path)
     path = tmp_path / "log.csv"
     path.write_text("x,x,y\n1,2,3\n4,5,6\n")
 
-    def read(name: str, column: int | None) -> list[float]:
+    def read(name, column):
         values = read_channels(path, [ChannelSpec("u", "motor 1", name, column)], TextFormatSpec())
         return [float(v) for v in values[:, 0]]
 

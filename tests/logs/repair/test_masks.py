@@ -10,7 +10,6 @@ from plants.marks import slow
 from plants.refusals import refused
 from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, outcome, wave
 
-from elastid.base.arrays import FloatArray
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.masks import CLIPPED, MASKED, report_clipping, report_steps, step, without_standstill
 from elastid.logs.repair.missing import FILLED, filled, repair
@@ -177,7 +176,7 @@ def test_repairs_restore_the_log_in_any_unit(half_wave, excess, scale):
         spoilt[[1733, 2250], 0] += 8 * size[0]
     spoilt[2600:2640, 1] = spoilt[2600, 1]
 
-    def is_periodic(drivers: FloatArray) -> None:
+    def is_periodic(drivers):
         assert repetition(scale * drivers, N).matches_stated_period
 
     log = replace(LOG, findings=Findings())

@@ -38,7 +38,7 @@ def test_gaps_in_even_times_become_missing_samples():
     assert not outcome(on_grid, t, x, 1000.0)[1]
 
 
-UNEVEN: dict[str, tuple[FloatArray, float, float]] = {
+UNEVEN = {
     "10 or 12 ms": (np.cumsum(RNG.choice([0.010, 0.012], 3000)), 100.0, 35.0),
     "jitter of a fifth": (np.arange(5000) / 1000 + RNG.uniform(-2e-4, 2e-4, 5000), 1000.0, 400.0),
     "another rate": (7.0 + np.arange(4000) / 98, 100.0, 40.0),

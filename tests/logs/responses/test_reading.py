@@ -283,7 +283,7 @@ fit:
 
 
 @pytest.fixture
-def elsewhere(tmp_path: Path, tiny_texts: tuple[str, str]) -> Path:
+def elsewhere(tmp_path, tiny_texts) -> Path:
     """A study of the robot of one elastic joint: stiffness 60, damping 0.01, from velocity responses with 1 % noise."""
     freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
     G = two_inertias(freq_hz, 1e-3, 1e-3, 60.0, 0.01, 1e-3)[:, 0, 0] / (2j * np.pi * freq_hz)

@@ -1,7 +1,6 @@
 """Figures: what each draws are the numbers of its result, and each can be read."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -122,7 +121,7 @@ def hysteresis(slides: bool) -> Drawn:
 def bode(modelled: bool) -> Drawn:
     """Magnitude in dB and phase in degrees of each element; dots are grey below two sigma."""
     measured, model = (replace(G, G=np.exp(-0.15j * G.freq_hz)[:, None, None] * G.G) for G in pair(2))
-    std, panels = 0.01 * np.abs(model.G), list[dict[str, Any]]()
+    std, panels = 0.01 * np.abs(model.G), []
     std[3] *= 100.0
     above = np.abs(measured.G) >= 2 * np.sqrt(measured.noise.variance)
     for i, y in ((i, y) for i in range(2) for y in (decibel, partial(np.angle, deg=True))):
@@ -145,7 +144,7 @@ def quality() -> Drawn:
     excited, even, odd = (Levels(f, size * noise, noise) for size in (10.0, 2.0, 3.0))
     of = Quality(np.ones((len(f), 2, 2)), multiple, G, u, noise, noise, excited, stochastic, even, odd)
     sizes = {"excited lines": 10, "noise": 1, "nonlinear, even": math.sqrt(3), "nonlinear, odd": math.sqrt(8)}
-    panels: list[dict[str, Any]] = [
+    panels = [
         {label: decibel(size * noise[:, i]) for label, size in sizes.items()}
         | {"stochastic nonlinear": decibel(stochastic[:, i])}
         for i in range(2)
@@ -200,7 +199,7 @@ def taken_out(*shapes: BasisFunction) -> Drawn:
 
 
 POSTURES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
-CASES: dict[str, Callable[[], Drawn]] = {
+CASES = {
     "parameters": partial(parameters, TRUTH),
     "parameters without a truth": parameters,
     "correlation": identifiability,
@@ -227,10 +226,10 @@ CASES: dict[str, Callable[[], Drawn]] = {
 def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name, monkeypatch):
     """No text covers another or leaves the figure; the legend has the labels, panels hold their lines."""
     figure, expected = CASES[name]()
-    texts: list[Text | None] = []
+    texts = []
     monkeypatch.setattr(RendererAgg, "draw_text", lambda *_, mtext=None, **__: texts.append(mtext))
     FigureCanvasAgg(figure).draw()
-    panels, labels = [axes for axes in figure.axes if axes.axison and axes.get_label() != "<colorbar>"], set[str]()
+    panels, labels = [axes for axes in figure.axes if axes.axison and axes.get_label() != "<colorbar>"], set()
     for axes, panel in zip(panels, expected, strict=True):
         values = shown(axes, 0 if name.startswith("parameters") else 1)
         for label, known in panel.items():

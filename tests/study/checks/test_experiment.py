@@ -37,7 +37,7 @@ TEMPLATES = {"simulated": "serial", "recorded": "recorded", "frf": "frf", "frict
 
 
 @pytest.fixture(scope="module")
-def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Study]:
+def studies(tmp_path_factory) -> dict[str, Study]:
     """A study of each kind, of friction with loads and with logs, of responses with and without a robot."""
     folder = tmp_path_factory.mktemp("studies")
     made = {kind: load(scaffold.new(folder / kind, name)).study for kind, name in TEMPLATES.items()}
@@ -245,7 +245,7 @@ def write_response(folder: Path) -> tuple[Mistake, ...]:
 
 
 @pytest.fixture(scope="module")
-def rigs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, tuple[Mistake, ...]]]:
+def rigs(tmp_path_factory) -> dict[str, tuple[Path, tuple[Mistake, ...]]]:
     folders = {name: tmp_path_factory.mktemp(f"rig-{i}") for i, name in enumerate(RIGS)}
     return {name: (folder, write_rig(folder, name)) for name, folder in folders.items()}
 

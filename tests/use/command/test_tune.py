@@ -45,12 +45,11 @@ def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity():
     """A zero that is 1 mrad off turns a tool of 1.2 m by 1.2 mm, which the loop of the motor does not see."""
     asked = given(draws=1)
     robot = asked.draws[0].with_parameters({"zero_1": 1e-3})
-    told = list[tuple[int, int]]()
+    told = []
     tuned = tune_move(replace(asked, draws=(robot,)), move(1.0), "arm", lambda *parts: told.append(parts))
     assert told == sorted(told)
     assert all(done < total == told[0][1] for done, total in told)
     high = tuned.outcomes[-1].high
-    assert high is not None
     reach = np.linalg.norm(tuned.target, axis=1).max()
     assert tuned.geometric_error_m == pytest.approx(1e-3 * reach, rel=0.01)
     assert high.max() < 0.1 * tuned.geometric_error_m
