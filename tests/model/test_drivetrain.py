@@ -176,20 +176,6 @@ def test_damping_in_series_is_right_to_first_order():
     assert errors[1] / errors[0] == pytest.approx(100, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("gears", "says"),
-    [
-        ([GearCoupling("5", "7", 1.0)], "joint 7 has a motor.*4, 5, 6"),
-        ([GearCoupling("5", "4", 1.0), GearCoupling("5", "4", 2.0)], "motor 5 with joint 4 is given twice"),
-        ([GearCoupling("5", "4", 79.2), GearCoupling("4", "5", -99.0)], "matrix of gear ratios is singular"),
-    ],
-)
-def test_gears_that_cannot_be_are_refused(gears, says):
-    """Unknown joints, couplings given twice, motors that no longer distinguish the joints."""
-    with pytest.raises(ValueError, match=says):
-        replace(wrist(), gears=tuple(gears))
-
-
 def test_logs_of_coupled_motors_come_to_the_link_side_together():
     """tau_a = eta^T tau_m and q_a = eta^-1 q_m of all channels; one that is missing is named."""
     robot = wrist()

@@ -12,6 +12,7 @@ from elastid.robot import (
     Body,
     CoilSpring,
     Compensator,
+    Frame,
     Joint,
     Limits,
     Loop,
@@ -110,3 +111,11 @@ def test_only_an_elastic_rod_has_stiffness_and_damping_as_parameters():
     assert {"k_pull", "d_pull"} < set(Loop("pull", ENDS, rod=Rod(0.5, stiffness=1e6)).numbers)
     with pytest.raises(ValueError, match="a rigid rod does not stretch"):
         Rod(0.5, damping=1.0)
+
+
+def test_places_that_translate_are_in_metres():
+    """Origins of frames, accelerometers and forces; their rotations and torques, and turning joints are not."""
+    robot = replace(one_joint(), frames=(Frame("tool", "arm"),))
+    turning = ("motor 1", "joint 1", "frame tool rz", "torque tool z")
+    moving = ("frame tool z", "accelerometer tool x", "force tool y")
+    assert robot.sliding((*turning, *moving)) == moving
