@@ -11,6 +11,7 @@ import elastid
 from elastid.app.console import forecast_table
 from elastid.base.arrays import FloatArray
 from elastid.design.design import design, presliding, sticking
+from elastid.design.forecast import Forecast
 from elastid.design.predicted_response import friction_linearisation
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec
@@ -125,6 +126,12 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast():
     assert np.all((ratio[[0, 2], 1] > 0.8) & (ratio[[0, 2], 1] < 1.25)), ratio
 
 
+def test_std_of_logarithms_are_relative():
+    parts = ("",) * 2, np.array([-2.0, -4.0]), (True, False), np.diag([0.01, 0.04]), ("a",)
+    forecast = Forecast(("k_1", "c"), *parts, np.ones(1), np.ones((1, 1, 2)), ())
+    np.testing.assert_allclose([forecast.std, forecast.relative], [[0.2, 0.2], [0.1, 0.05]])
+
+
 def test_an_exact_file_has_no_part_in_the_forecast():
     """The table then has no columns for it."""
     forecast = design(GIVEN).forecast
@@ -157,18 +164,26 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest():
 
 
 def test_information_is_a_function_of_powers_in_the_closed_loop():
-    """Injected torques are |I + F P| times those that act; one experiment of two motors informs half as much as two."""
+    """Injected torques are |I + F P| times those that act; one experiment of two motors informs half as much as two.
+
+    Distortion and the floor of the weights do not decrease with power.
+    """
     controller = ControllerSpec(2.0, kind="cascade", delay_samples=1)
     experiment = replace(GIVEN.experiment, simulated=SimulatedSpec(noise=NOISE, controller=controller))
-    problem = replace(GIVEN, experiment=experiment, fit=replace(GIVEN.fit, weights=WeightSpec(0.0, "diagonal")))
-    plan, x = problem.plan(experiment), problem.parameters.x
-    prospect, (configuration,) = problem.prospect(plan, 0), plan.configurations
-    H, source = prospect.information(configuration, x), prospect.source(configuration, x)
-    torque = closed_loop_of(TWO, controller, plan.rate_hz)(configuration, plan.freq_hz).torque
-    np.testing.assert_allclose(source.spread, np.abs(np.linalg.inv(torque)) ** 2)
-    single = replace(prospect, plan=replace(plan, R=plan.R[:, :, :1])).information(configuration, x)
-    for same in (source.information(np.sum(np.abs(prospect.R[0]) ** 2, axis=0)), 2 * single):
-        np.testing.assert_allclose(same, H, atol=1e-9 * H.max())
+    largest = []
+    for floor, distortion in ((0.0, 0.0), (0.02, 0.0), (0.02, 0.03)):
+        problem = replace(GIVEN, experiment=experiment, fit=replace(GIVEN.fit, weights=WeightSpec(floor, "diagonal")))
+        plan, x = problem.plan(experiment), problem.parameters.x
+        prospect, (configuration,) = replace(problem.prospect(plan, 0), distortion=distortion), plan.configurations
+        H, source = prospect.information(configuration, x), prospect.source(configuration, x)
+        torque = closed_loop_of(TWO, controller, plan.rate_hz)(configuration, plan.freq_hz).torque
+        np.testing.assert_allclose(source.spread, np.abs(np.linalg.inv(torque)) ** 2)
+        power = np.sum(np.abs(prospect.R[0]) ** 2, axis=0)
+        np.testing.assert_allclose(source.information(power), H, atol=1e-9 * H.max())
+        single = replace(prospect, plan=replace(plan, R=plan.R[:, :, :1])).information(configuration, x)
+        assert (np.abs(2 * single - H).max() < 1e-9 * H.max()) == (floor == 0)
+        largest.append(H.max())
+    assert largest == sorted(largest, reverse=True)
 
 
 def test_candidates_that_tip_over_are_no_choice():

@@ -76,6 +76,8 @@ def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gear
         guess = guess_friction(robot, robot.driven[0], 1.0)
         curves.append([guess.torque(part * speed) / torque for part in (0.0, 0.05, 1.0)])
     np.testing.assert_allclose(*curves)
+    known = guess_friction(axis(), axis().driven[0], 1.0)
+    assert [known.torque(speed) for speed in (0.0, 2.0)] == pytest.approx([34.0, 25.0 + 15.0 * 2.0])
 
 
 REFUSED = [
