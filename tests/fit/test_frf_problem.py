@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants import data_sheet_arm
+from plants.elastic_arm import started_elsewhere
 from plants.marks import SEEDS
 from plants.measured_robots import deviation, deviations, responses_of
 from plants.refusals import refused
@@ -48,12 +49,6 @@ CUBIC = arm(Spring(3e5, 500, cubic=2e11), Spring(1.8e5, 250, cubic=8e10))
 def measure(robot: Robot, postures: tuple[tuple[float, float], ...], seed: int) -> list[Response]:
     """Exact responses of the tangent in each posture with 2 % noise of known variance."""
     return responses_of(robot, postures, np.random.default_rng(seed), FREQ)
-
-
-def started_elsewhere(robot: Robot, by: float, seed: int) -> Robot:
-    rng = np.random.default_rng(seed)
-    wanted = [name for name in robot.parameters() if name.startswith(("k_", "d_", "fm_", "k3_"))]
-    return robot.with_parameters({n: robot.parameters()[n][0] * float(by ** rng.uniform(-1, 1)) for n in wanted})
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -51,5 +51,5 @@ def measure(robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=N
 def started_elsewhere(robot: Robot, by: float, seed: int = 0) -> Robot:
     """The robot with every stiffness, damping and friction off by a factor of up to `by`."""
     rng = np.random.default_rng(seed)
-    numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm")}
+    numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm", "k3")}
     return robot.with_parameters({n: v * float(by ** rng.uniform(-1, 1)) for n, v in numbers.items()})
