@@ -236,7 +236,8 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction():
     seen = dict(zip(forecasted.parameters, np.isfinite(forecasted.std), strict=True))
     assert seen == {"k_2": True, "I_upper": False, "m_upper": False}
     # I changes by dI, m by dm: dI / I * 0.1 + dm / m * 5 * 0.2^2 = 0, so that the ratio is -2.
-    assert [note.code for note in forecasted.notes if note.code == "fit/not-identifiable"] == ["fit/not-identifiable"]
+    (text,) = (note.text for note in forecasted.notes if note.code == "fit/not-identifiable")
+    assert "the combination +0.89 I_upper -0.45 m_upper (relative changes)" in text
 
 
 UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()})
@@ -309,6 +310,7 @@ def test_motors_that_reverse_within_their_presliding_distance_are_reported(ratio
     rows = [row for row in presliding(fitted, _bent(0.1, ratio, distance)) if row.place == "motor 2"]
     assert len(rows) == is_noted
     for row in rows:
+        assert row.unit == "N*m/rad"
         assert row.amplitude == pytest.approx(ratio)
         assert row.rate == pytest.approx(speed[1] * ratio / distance[1])
 
