@@ -1,6 +1,7 @@
 """Multisines that a study cannot ask for, each refused by the key that is to blame, next to some that it can."""
 
 import pytest
+from plants.refusals import advised
 
 from elastid.excitation.spec import MultisineSpec
 
@@ -33,6 +34,13 @@ SPOILT = (
 def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key, keys):
     with pytest.raises(ValueError, match=key):
         MultisineSpec(**{**KNOWN, **keys})
+
+
+def test_the_period_that_a_refusal_gives_is_taken():
+    known = KNOWN | {"rate_hz": 512.0}
+    with pytest.raises(ValueError, match=r"632\.064 samples at 512 Hz") as caught:
+        MultisineSpec(**{**known, "period": 1.2345})
+    assert MultisineSpec(**{**known, "period": advised(caught, "take")}).period_samples == 632
 
 
 def test_amplitudes_are_levels_that_are_measured_one_after_the_other():

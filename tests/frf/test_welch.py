@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.noise_record import AXIS, H1, MIX, RATE, SWEPT_HZ, Resonances, noise_record, sweeps
 from plants.notes import noted
-from plants.refusals import refused
+from plants.refusals import advised, refused
 from scipy.signal import coherence, csd, lfilter
 
 from elastid.frf.estimate import estimate
@@ -127,6 +127,16 @@ def test_inputs_in_proportion_are_refused_and_a_narrow_resonance_is_reported():
     notes = estimate([replace(noise_record(20_000, 0, n=1), u=u, y=y)], H1).notes
     (note,) = (note for note in notes if note.severity == "warning")
     assert noted(note) == ("frf/segment", "configuration c", pytest.approx([1.28, 1, 1, 29.69, 7.24], rel=0.01))
+
+
+@pytest.mark.parametrize(("segment", "says"), [(0.01, "Give at least"), (9.0, "to at most")])
+def test_the_segment_that_a_refusal_gives_is_taken(segment, says):
+    """Two inputs in 10 s at 200 Hz: of four samples at least, and of a sixth of the record at most."""
+    record = noise_record(2000, 0)
+    with refused("frf/segment", holds="configuration c: ") as caught:
+        estimate([record], replace(H1, segment=segment))
+    assert advised(caught, says) == pytest.approx(0.02 if segment < 1 else 10 / 6, rel=0.01)
+    assert len(estimate([record], replace(H1, segment=advised(caught, says))).freq_hz)
 
 
 def test_independent_segments_without_overlap_are_all_and_with_it_those_of_welch():

@@ -10,7 +10,7 @@ import pytest
 from plants import lugre_joint as plant
 from plants.lugre_joint import moved, multisine
 from plants.marks import slow
-from plants.refusals import refused
+from plants.refusals import advised, refused
 from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
 from elastid.base.arrays import FloatArray
@@ -220,5 +220,8 @@ def test_the_robot_file_has_the_same_shares_and_stiffness():
 
 
 def test_loops_of_a_few_counts_are_refused():
-    with refused("friction/presliding-loops", place="loops of joint 1"):
+    with refused("friction/presliding-loops", place="loops of joint 1") as caught:
         fit_presliding(replace(log(0), resolution=5e-3), None)
+    moved, least = advised(caught, "moved by"), advised(caught, "more than")
+    assert advised(caught, "rad,") == pytest.approx(moved / 5e-3, rel=0.02)
+    fit_presliding(replace(log(0), resolution=0.99 * moved / least), None)

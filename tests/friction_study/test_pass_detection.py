@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plants.cogged_joint import CoggedJoint, logged, simulated
 from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, trapezoids
-from plants.refusals import refused
+from plants.refusals import advised, refused
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_record import FrictionRecord
@@ -129,5 +129,7 @@ def test_signals_are_filtered_to_3_db_and_know_the_noise_of_their_position():
     one_way = MotionSignals.of(Motion("joint 1", rate, forth, forth), passband_hz)
     assert [each.moves(way) for each in (signals, one_way) for way in (1, -1)] == [True, True, True, False]
     assert sum(signals.seconds.values()) == pytest.approx(40.0)
-    with refused("friction/motion", place="motion of joint 1"):
+    with refused("friction/motion", place="motion of joint 1", holds="it lasts 1 s at 500 Hz") as caught:
         MotionSignals.of(Motion("joint 1", rate, forth[:500], forth[:500]), passband_hz)
+    enough = forth[: round(advised(caught, "Hz takes") * rate)]
+    assert MotionSignals.of(Motion("joint 1", rate, enough, enough), passband_hz).moves(1)

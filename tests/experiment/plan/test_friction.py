@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from plants.refusals import advised, refused
 
 from elastid.experiment.plan.friction import (
     RAMP_PEAK,
@@ -14,6 +15,7 @@ from elastid.experiment.plan.friction import (
     pass_reference,
     pass_time,
     plan_passes,
+    planned_pass,
 )
 
 LIMITS = PassLimits("motor 2", (-0.4, 0.8), 1.8, 6.0, 2 * np.pi / 240, 6.0, lag=0.02)
@@ -27,6 +29,19 @@ def test_the_fastest_pass_fills_the_window():
     assert room == pytest.approx(1.2 - LIMITS.turn - LIMITS.lag)
     assert fastest_speed(replace(LIMITS, turn=0.2, window=(0.0, 0.5))) > 0
     assert fastest_speed(replace(LIMITS, turn=0.6, window=(0.0, 0.5))) == 0
+
+
+def test_the_window_or_the_speed_that_a_refusal_gives_has_room():
+    """Three digits of the speed, four of the window; not much more speed, hardly less window."""
+    limits = replace(LIMITS, velocity=9.0)
+    with refused("friction/plan", place=".window", holds=("motor 2 at 4 rad/s", "the window is 1.2.")) as caught:
+        planned_pass(4.0, 1, limits)
+    room, speed = advised(caught, "needs"), advised(caught, "up to")
+    planned_pass(4.0, 1, replace(limits, window=(0.0, 1.001 * room)))
+    planned_pass(0.99 * speed, 1, limits)
+    for least, window in ((4.0, (0.0, 0.999 * room)), (1.05 * speed, limits.window)):
+        with refused("friction/plan"):
+            planned_pass(least, 1, replace(limits, window=window))
 
 
 def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed():
