@@ -3,7 +3,7 @@
 import gc
 import os
 import signal
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -16,7 +16,6 @@ one_blas_thread()  # before NumPy is loaded: two workers with two threads each w
 
 from elastid.app import run as work  # noqa: E402
 from elastid.model import formulation  # noqa: E402
-from elastid.model.elastic import ElasticModel  # noqa: E402
 
 # The same examples in every run of the same code; .ci/nightly draws others with the profile `default`.
 settings.register_profile("repeatable", derandomize=True)
@@ -112,7 +111,7 @@ def code_hashed_once() -> Iterator[None]:
 def equations_derived_once() -> Iterator[None]:
     """Models of equal robots are equal and do not change: many tests have the same robot."""
 
-    def once(derive: Callable[..., ElasticModel]) -> Callable[..., ElasticModel]:
+    def once(derive):
         derived = lru_cache(64)(derive)
         return lambda robot, *rest: derived(robot, *(tuple(e) if isinstance(e, Collection) else e for e in rest))
 
@@ -123,7 +122,7 @@ def equations_derived_once() -> Iterator[None]:
 
 
 @pytest.fixture
-def tiny(tmp_path: Path) -> Path:
+def tiny(tmp_path) -> Path:
     folder = tmp_path / "tiny"
     folder.mkdir()
     (folder / "robot.yml").write_text(TINY_ROBOT)

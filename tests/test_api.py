@@ -28,15 +28,15 @@ result = elastid.identify(elastid.estimate(records), robot, parameters)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("nouns") / "bench"
     assert run_command(["new", str(folder), "--template", "recorded"]) == 0
     return folder
 
 
-def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) -> None:
+def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder):
     """The same records, responses and fit; arrays of a file lie elsewhere in memory, which moves the last bit."""
-    names: dict[str, object] = {"folder": folder}
+    names = {"folder": folder}
     exec(SCRIPT, names)
     result = names["result"]
     assert isinstance(result, elastid.Result)
@@ -57,7 +57,7 @@ def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) 
         result["k_9"]
 
 
-def test_wrong_keys_are_named(folder: Path) -> None:
+def test_wrong_keys_are_named(folder):
     robot = elastid.read_robot(folder / "robot.yml")
     with refused("study/invalid", holds=("recorded.chanels", "channels")):
         elastid.read_records(robot, configurations={"bench": [0]}, rate_hz=1000, chanels=[], channels=[], files=[])

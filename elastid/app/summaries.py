@@ -247,7 +247,7 @@ def failed_friction(name: str, message: str) -> Content:
     }  # fmt: skip
 
 
-_ERRORS = " ".join(f"{name}=overall_{name}" for name in ("rms_log_db", "phase_rms_deg", "rms_sigma"))
+_ERRORS = "rms_log_db=overall_rms_log_db phase_rms_deg=overall_phase_rms_deg rms_sigma=overall_rms_sigma"
 
 
 def _head(name: str, status: str, message: str) -> Content:

@@ -21,9 +21,8 @@ from itertools import product
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
-from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.base.units import to_si
 from elastid.design.configuration_selection import Candidates, informations, obstacles
@@ -31,7 +30,7 @@ from elastid.design.design import completed_problem
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of
-from elastid.design.spec import unit_time_s
+from elastid.design.spec import identified_names, unit_time_s
 from elastid.experiment.plan.plan import DesignedConfiguration, Plan
 from elastid.fit.parameter_selection import with_tolerances
 from elastid.fit.result import Result
@@ -73,18 +72,13 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     widths: dict[str, float] = {}
     for text in (part.strip() for whole in texts for part in whole.split(",")):
         pattern, _, width = (part.strip() for part in text.partition(":"))
-        matches = matching(pattern, names)
         if not pattern or not 0 < (fraction := _share(width)) < 1:
             raise StudyError(
                 "design/goal",
                 f"--goal '{text}' is invalid. Give parameters and half-widths of their intervals between 0 and 100 % "
                 f"of the value, as {EXAMPLE}",
             )
-        if not matches:
-            raise StudyError(
-                "design/goal", f"--goal '{text}': the fit does not identify '{pattern}'; {did_you_mean(pattern, names)}"
-            )
-        for name in matches:
+        for name in identified_names(pattern, names):
             widths[name] = min(fraction, widths.get(name, np.inf))
     return Goal({name: widths[name] for name in names if name in widths})
 

@@ -95,14 +95,15 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
 
     StudyError for a pattern that matches none of the names.
     """
-    chosen = {pattern: matching(pattern, names) for pattern in patterns}
-    for pattern, matches in chosen.items():
-        if not matches:
-            raise StudyError(
-                "design/goal", f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}"
-            )
-    counts = [not patterns or any(name in matches for matches in chosen.values()) for name in names]
-    return np.eye(len(names))[:, counts]
+    chosen = {name for pattern in patterns for name in identified_names(pattern, names)}
+    return np.eye(len(names))[:, [not patterns or name in chosen for name in names]]
+
+
+def identified_names(pattern: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of parameters that match a pattern; StudyError if no name does."""
+    if not (matches := matching(pattern, names)):
+        raise StudyError("design/goal", f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}")
+    return matches
 
 
 def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int, periods: int) -> float:

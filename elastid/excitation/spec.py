@@ -144,9 +144,9 @@ def planned_lines(excitation: MultisineSpec, seed: int) -> Lines:
     """Return the lines of a study, its detection lines drawn from the seed; StudyError if the band has no line."""
     N = excitation.period_samples
     if excitation.grid == "lines":
-        chosen = user_lines(excitation.lines, excitation.band_hz, excitation.rate_hz, N)
-        return Lines(chosen, np.zeros(0, np.int64))
-    lines = grid_lines(excitation.grid, excitation.band_hz, excitation.rate_hz, N, excitation.ratio)
+        lines = user_lines(excitation.lines, excitation.band_hz, excitation.rate_hz, N)
+    else:
+        lines = grid_lines(excitation.grid, excitation.band_hz, excitation.rate_hz, N, excitation.ratio)
     if excitation.grid != "odd-random":
         return Lines(lines, np.zeros(0, np.int64))
     return with_detection(lines, excitation.group, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,))))

@@ -120,6 +120,11 @@ VelocityLimit: TypeAlias = Annotated[float, InUnit("rad/s", "m/s", is_finite=Fal
 AccelerationLimit: TypeAlias = Annotated[float, InUnit("rad/s^2", "m/s^2", is_finite=False)]
 JerkLimit: TypeAlias = Annotated[float, InUnit("rad/s^3", "m/s^3", is_finite=False)]
 TorqueLimit: TypeAlias = Annotated[float, InUnit("N*m", "N", is_finite=False)]
+OptionalSpring: TypeAlias = Annotated[Spring | None, Key("Spring of the gear or of an elastic joint (default: rigid "
+    "gear; without a motor, a free joint).", "give it to every driven joint whose gear is elastic, and to every joint "
+    "that models bending or bearing tilt.")]  # fmt: skip
+OptionalMotor: TypeAlias = Annotated[Motor | None, Key("Motor that drives the joint (default: no motor).", "for every "
+    "axis with a drive; configurations list angles in the order of the driven joints.")]  # fmt: skip
 
 
 @section
@@ -163,11 +168,8 @@ class Joint:
         "use the numbers of the controller's axes, so that k_1 belongs to motor 1.")]
     axis: Annotated[Axis, Key("Axis of the joint: x, y, z or a direction in the frame before the joint.",
         "positive as the controller counts; a wrong sign inverts the response of this axis.")] = "z"
-    spring: Annotated[Spring | None, Key("Spring of the gear or of an elastic joint (default: rigid gear; without a "
-        "motor, a free joint).", "give it to every driven joint whose gear is elastic, and to every joint that models "
-        "bending or bearing tilt.")] = None
-    motor: Annotated[Motor | None, Key("Motor that drives the joint (default: no motor).", "for every axis with a "
-        "drive; configurations list angles in the order of the driven joints.")] = None
+    spring: OptionalSpring = None
+    motor: OptionalMotor = None
     viscous: Annotated[Damping, Key("Viscous friction of the joint, on the link side.", "for bearings and seals behind "
         "the gear; friction before the gear belongs to the motor.", least=0)] = 0.0
     friction: Annotated[Friction | None, Key("Dry friction of the joint, on the link side (default: no dry friction).",

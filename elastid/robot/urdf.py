@@ -21,10 +21,9 @@ from elastid.base.section import Key, section
 from elastid.base.units import Damping
 from elastid.robot.body import BASE, TENSOR, TENSOR_LETTERS, Body, Frame, possible, six_numbers
 from elastid.robot.gears import GearCouplings
-from elastid.robot.joint import Joint, Limits, Motor
+from elastid.robot.joint import Joint, Limits, OptionalMotor, OptionalSpring
 from elastid.robot.placement import Placement
 from elastid.robot.robot import Frames, Gravity, OptionalPayload, Robot, RobotTolerances, Source
-from elastid.robot.spring import Spring
 
 _RULE = NameRule(without=SEPARATOR)
 
@@ -119,10 +118,8 @@ class UrdfJoint:
     """Properties of a joint that a URDF does not hold."""
 
     # fmt: off
-    spring: Annotated[Spring | None, Key("Spring of the gear or of an elastic joint (default: rigid gear; without a "
-        "motor, a free joint).", "give it to every gear whose stiffness is to be identified.")] = None
-    motor: Annotated[Motor | None, Key("Motor that drives the joint (default: no motor).", "for every driven joint; "
-        "its inertia times ratio^2 often exceeds the link inertia.")] = None
+    spring: OptionalSpring = None
+    motor: OptionalMotor = None
     elastic: Annotated[tuple[Joint, ...], Key("Further elastic joints behind the joint, in the axes of the link.",
         "for bending and bearing tilt, which the URDF does not contain.")] = ()
     viscous: Annotated[Damping | None, Key("Viscous friction (default: damping of the URDF file).", "if the damping in "

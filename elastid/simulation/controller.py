@@ -168,13 +168,13 @@ def _inverse_dynamics(model: ElasticModel) -> ca.Function:
 
 
 def notch(freq_hz: float, width: float, depth: float, rate_hz: float) -> FloatArray:
-    """Design section (6,) of a notch N."""
+    """Design section (6,), numerator before denominator in z^-1, of a notch N."""
     omega = 2 * np.pi * freq_hz
     return _discretise((1.0, depth * width * omega, omega**2), (1.0, width * omega, omega**2), omega, rate_hz)
 
 
 def low_pass(freq_hz: float, rate_hz: float) -> FloatArray:
-    """Design section (6,) of a Butterworth filter L of second order."""
+    """Design section (6,), numerator before denominator in z^-1, of a Butterworth filter L of second order."""
     omega = 2 * np.pi * freq_hz
     return _discretise((0.0, 0.0, omega**2), (1.0, math.sqrt(2) * omega, omega**2), omega, rate_hz)
 

@@ -110,7 +110,7 @@ class Tableau:
         return tuple(sum(row) for row in self.rows)
 
     def amplification(self, z: ComplexArray) -> ComplexArray:
-        """Evaluate R(z): stability function, by which a step h multiplies a solution exp(lambda t), at z = h lambda."""
+        """Evaluate stability function R(z) (...,): a step h multiplies exp(lambda t) by it, at z = h lambda (...,)."""
         stages = list[ComplexArray]()
         for row in self.rows:
             stages.append(1 + z * sum((a * k for a, k in zip(row, stages, strict=True)), np.zeros_like(z)))
@@ -188,7 +188,7 @@ def _weighted_sum(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
 
 
 def least_steps(poles: ComplexArray, duration: float) -> int:
-    """Find the steps of FIFTH_ORDER in `duration` that let no mode grow: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
+    """Find the steps of FIFTH_ORDER in a duration, s, for poles (n,), rad/s: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
     n = max(1, math.ceil(np.abs(poles).max() * duration / MAX_STEP_RATE))
     while True:
         z = poles * (duration / n)

@@ -46,7 +46,7 @@ class CommandedJoints:
     is_zoh: bool = True
 
     def steps(self, inertia: FloatArray) -> int:
-        """Return integration steps in a sample that resolve the loops of joints with this inertia (..., S)."""
+        """Return integration steps in a sample that resolve the loops of joints with inertia (..., S), kg m^2."""
         J = np.maximum(inertia, 1e-9)
         fastest = float(np.max(np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))))
         return min(max(2, math.ceil(fastest / self.rate_hz / STEP_RAD)), MAX_STEPS)

@@ -1,5 +1,6 @@
 """A CSV file of static load tests -> entries of `loads.tests`, with the line of each."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,20 @@ _TEXTS = ("configuration", "frame", "measured_at")
 _SINGLE = ("mass", "deflection", "std")  # deflections and their std also of dial gauges
 
 
+def existing_file(key: str, path: Path, place: Place) -> Path:
+    """Return a path that a study states under a key; StudyError if no file has it."""
+    if not os.path.isfile(path):
+        raise StudyError(
+            "files/missing", f"{key}: no such file (looked for {path}; the path is relative to the study)", place
+        )
+    return path
+
+
 def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
     """Read the study with tests of `loads.file` behind those that it lists; StudyError where the file is no table."""
     loads = source.data["loads"]
-    place, path = source.place(("loads", "file"), of_value=True), folder / loads["file"]
-    if not path.is_file():
-        raise StudyError(
-            "files/missing", f"loads.file: no such file (looked for {path}; the path is relative to the study)", place
-        )
+    place = source.place(("loads", "file"), of_value=True)
+    path = existing_file("loads.file", folder / loads["file"], place)
     entries = loads.get("tests") or []
     if not isinstance(entries, list):
         return source

@@ -1,6 +1,5 @@
 """A study file and the overrides of the command line -> a checked Study; all errors in one StudyError."""
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
-from elastid.study.load_file import with_load_file
+from elastid.study.load_file import existing_file, with_load_file
 from elastid.study.messages import NO_LOG, Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot
 from elastid.study.sections import Study
@@ -274,11 +273,8 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
     robot = source.data.get("robot")
     if not isinstance(robot, str):
         return source
-    file, place = path.parent / robot, source.place(("robot",), of_value=True)
-    if not os.path.isfile(file):
-        raise StudyError(
-            "files/missing", f"robot: no such file (looked for {file}; the path is relative to the study)", place
-        )
+    place = source.place(("robot",), of_value=True)
+    file = existing_file("robot", path.parent / robot, place)
     try:
         robot_source = read_robot(file)
     except StudyError as error:

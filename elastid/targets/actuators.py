@@ -9,6 +9,7 @@ parts of the identified model that it loses.
 """
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -234,10 +235,10 @@ def _isaac_lab(actuators: Actuators) -> str:
     for row in actuators.rows:
         words = actuators.interval_text(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
         lines += [f"    # {one_line(words)}"] * bool(words)
-        expression = f"[{_regular(row.joint)!r}]"
+        expression = re.escape(row.joint).replace("\\ ", " ")  # matches the name alone
         delay = row.delay or 0.0
         fields = {
-            "joint_names_expr": expression, "stiffness": row.kp, "damping": row.kd, "armature": row.armature,
+            "joint_names_expr": f"[{expression!r}]", "stiffness": row.kp, "damping": row.kd, "armature": row.armature,
             "friction": row.stiction, "dynamic_friction": row.coulomb, "viscous_friction": row.viscous,
             "effort_limit": row.effort, "velocity_limit": row.velocity,
             "min_delay": f"floor({delay!r} / PHYSICS_STEP)", "max_delay": f"ceil({delay!r} / PHYSICS_STEP)",
@@ -247,11 +248,6 @@ def _isaac_lab(actuators: Actuators) -> str:
     return from_template(
         "targets/templates/isaac_lab.py.txt", name=docstring(one_line(actuators.name)), rows="\n".join(lines)
     )
-
-
-def _regular(name: str) -> str:
-    """A regular expression that matches a name alone, as `re.escape`, blanks as they are."""
-    return "".join(letter if letter.isalnum() or letter in "_ " else f"\\{letter}" for letter in name)
 
 
 def _python(value: float | str | None) -> str:

@@ -392,7 +392,7 @@ def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def quaternion(R: FloatArray) -> FloatArray:
-    """(w, x, y, z) of a rotation matrix, with w >= 0."""
+    """(w, x, y, z) (4,) of a rotation matrix (3, 3), with w >= 0."""
     return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True)[[3, 0, 1, 2]])
 
 

@@ -46,16 +46,16 @@ class Cascade:
 
     @property
     def owners(self) -> IntArray:
-        """Axis of each of x."""
+        """Axis (n_x,) of each of x."""
         return np.concatenate([*[np.arange(len(self.velocity_gain))] * 3, np.repeat(np.array(self.axes, int), 3)])
 
     def at(self, x: FloatArray) -> "Cascade":
-        """Cascade with other numbers."""
+        """Cascade with other numbers, of logarithms x (n_x,)."""
         p, v, corner, rest = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
         return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=rest.reshape(-1, 3))
 
     def bounds(self, reach: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds of x, within `reach` of its own and with filters that can be."""
+        """Bounds (n_x,) of x, within `reach` of its own and with filters that can be."""
         x, n = self.vector, len(self.velocity_gain)
         low, high = x - reach, x + reach
         high[2 * n : 3 * n] = np.minimum(high[2 * n : 3 * n], np.log(CORNER * rate_hz))

@@ -60,7 +60,7 @@ class Plants:
         return len(self.A)
 
     def with_states(self, states: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A, B and C of the same P(z) with more states, which rest at 0: a delay differs from robot to robot."""
+        """A, B, C of the same P(z) with m = states, zeros beyond its own: a delay differs from robot to robot."""
         more = (0, states - self.A.shape[-1])
         none = (0, 0)
         return (

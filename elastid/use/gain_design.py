@@ -131,7 +131,7 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
 
 
 def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
-    """Limit less M_S in dB, of each part of the band of each plant, and its slopes to the logarithms x."""
+    """Limit less M_S, dB (n,), of each part of the band of each plant, and its slopes (n, n_x) to the logarithms x."""
     freq_hz, rate_hz, root = scene.freq_hz, scene.plants.rate_hz, np.sqrt(scene.plants.inertia)
     closed = form.on(scene)
     S, sizes = closed.S, closed.size

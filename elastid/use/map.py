@@ -246,7 +246,7 @@ class WorkspaceMap:
         return len(self.angles)
 
     def part(self, rows: IntArray) -> "WorkspaceMap":
-        """Return the map of some postures, by their rising rows."""
+        """Return the map of some postures, by their rising rows (n,)."""
 
         def column(of: Any, name: str) -> Any:
             values, pieces = getattr(of, name), []

@@ -104,7 +104,7 @@ def inverse_kinematics(
 def follow_path(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
-    """Postures along a path; each inverse-kinematics search starts at the previous pose if possible."""
+    """Postures (n, n_u) and flags (n,) if reached, for positions (n, 3), m; each search starts at the last pose."""
     angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
     for i in range(1, len(position)):
         if not reached[i - 1]:

@@ -401,7 +401,7 @@ def coulomb_torque_along(robot: Robot, model: ElasticModel, velocity: FloatArray
 
 
 def rigid_references(robot: Robot, commanded: CommandedRobot, move: Move, time_s: FloatArray) -> References:
-    """The rigid robot's feedforward along a move at even times: inverse dynamics and friction of the motors."""
+    """The rigid robot's feedforward along a move at even times (n,), s: inverse dynamics and friction of motors."""
     rate_hz = float(1 / np.diff(time_s).mean())
     model = commanded.model
     q0 = commanded.rigid_posture(move.ends[0])

@@ -334,6 +334,6 @@ def _verdict(rows: Sequence[ComparedModel]) -> str:
         sentence += f"; {', '.join(row.name for row in equal)} cannot be distinguished from it with these data"
     if worse := [math.sqrt(row.mean_misfit / best.mean_misfit) for row in rivals if row not in equal]:
         sentence += f"; the others are worse by more than the standard error, the next by a factor {min(worse):.3g}"
-    if simplest is not best and simplest.n_free < best.n_free:
+    if simplest is not best:
         sentence += f". The simplest model as good as that is {simplest.name}, with {simplest.n_free} parameters"
     return sentence + "."

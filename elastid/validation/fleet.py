@@ -228,8 +228,8 @@ def _moderated(own: _Excess, kind_excess: Iterable[_Excess]) -> tuple[float, flo
 
 def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[_Parameter]:
     letters = _letters(parameter.name)
-    relatives = [p for p in parameters if p is not parameter and _letters(p.name) == letters]
-    return [p for p in relatives if p.is_relative and parameter.is_relative]
+    others = (p for p in parameters if p is not parameter and p.is_relative and parameter.is_relative)
+    return [p for p in others if _letters(p.name) == letters]
 
 
 def _letters(name: str) -> str:

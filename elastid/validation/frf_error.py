@@ -153,7 +153,7 @@ def noise_p(agreements: Sequence[FrfError]) -> float:
 
 def power_ratio(agreements: Sequence[FrfError]) -> tuple[float, float]:
     """Return ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
-    tested = [(a.power_dof, a.power_ratio) for a in agreements if math.isfinite(a.power_ratio) and a.power_dof > 0]
+    tested = [(a.power_dof, a.power_ratio) for a in agreements if a.power_dof > 0]
     dof = sum(weight for weight, _ in tested)
     return (sum(weight * ratio for weight, ratio in tested) / dof, dof) if tested else (math.nan, 0.0)
 

@@ -28,9 +28,7 @@ def chatter(item: object) -> str:
     return str(item)
 
 
-def test_a_library_does_not_write_on_the_terminal_of_a_command(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_library_does_not_write_on_the_terminal_of_a_command(monkeypatch, capfd):
     """Of a command that keeps no log; afterwards Python is as it was."""
     monkeypatch.setattr("elastid.app.inspection.described", chatter)
     with warnings.catch_warnings():
@@ -45,7 +43,7 @@ STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch) -> Path:
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -59,7 +57,7 @@ def tree(folder: Path) -> dict[str, bytes]:
 # --- thin ---------------------------------------------------------------------------------------------------------
 
 
-def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo_is_a_study_of_ones_own_and_one_call(here, monkeypatch):
     """In runs/demo, to copy and edit; edits are kept."""
     run_all = create_autospec(running.run_all)
     monkeypatch.setattr(running, "run_all", run_all)
@@ -75,7 +73,7 @@ def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytes
 # --- new, check, inspect, schema ----------------------------------------------------------------------------------
 
 
-def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_new_does_not_touch_what_is_there(here, capsys):
     """Exit code 2 and a word."""
     (here / "mine").mkdir()
     (here / "mine" / "study.yml").write_text("precious")
@@ -84,7 +82,7 @@ def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixt
     assert tree(here) == {"mine/study.yml": b"precious"}
 
 
-def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_lists_all_errors_and_writes_nothing(tiny, here, capsys):
     """Exit code 2; one line each on stderr."""
     tiny.write_text(tiny.read_text().replace("rate_hz", "rate_hs"))
     assert cli.run_command(["check", str(tiny)]) == 2
@@ -97,7 +95,7 @@ def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsy
 # --- a whole run ----------------------------------------------------------------------------------------------------
 
 
-def test_a_run_writes_nowhere_else(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_writes_nowhere_else(tiny, here, capsys):
     """Results in runs/tiny alone; inspect reads them."""
     study_folder = tree(tiny.parent)
     assert cli.run_command(["run", str(tiny), "--jobs", "1"]) == 0
@@ -128,9 +126,7 @@ def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options
 
 
 @pytest.mark.parametrize("override", ["fit.strats=1", f"fit{'.a' * 2000}=1", "robot=nope.yml"])
-def test_a_wrong_study_ends_before_anything_is_written(
-    tiny: Path, here: Path, capsys: pytest.CaptureFixture[str], override: str
-) -> None:
+def test_a_wrong_study_ends_before_anything_is_written(tiny, here, capsys, override):
     """Exit code 2, no run folder."""
     refused(tiny, 2, capsys, "--set", override)
     assert tree(here) == {}
@@ -143,7 +139,7 @@ def test_a_wrong_study_ends_before_anything_is_written(
         *(["run", "x.yml", "--run", ""], ["fit", "x.yml"], ["tune", "x.yml", "--path", "x", "--rate", "1e9"]),
     ],
 )
-def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_usage_errors_end_with_code_2(arguments, here, capsys):
     assert cli.run_command(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -151,14 +147,14 @@ def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: 
     assert "Traceback" not in err
 
 
-def test_signs_that_a_terminal_lacks_are_letters() -> None:
+def test_signs_that_a_terminal_lacks_are_letters():
     """One after the other; no letter is lost."""
     codecs.register_error("letters", cli._in_ascii)
     assert "5±2 µm at 3°".encode("ascii", "letters") == b"5+-2 um at 3deg"
 
 
 @pytest.mark.slow
-def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny: Path, here: Path) -> None:
+def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny, here):
     """Signs are written in letters, and the figures are drawn."""
     strange = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "module://nowhere.inline"}
     command = [sys.executable, "-m", "elastid", "run", str(tiny), "--png", "--jobs", "1", "--run", "2±1"]
@@ -168,12 +164,10 @@ def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(t
     assert list(here.glob("*/figures/*.png"))
 
 
-def test_a_full_disk_is_one_sentence(
-    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_full_disk_is_one_sentence(tiny, here, monkeypatch, capsys):
     """Nothing half-written stays."""
 
-    def full(*_: object) -> None:
+    def full(*_):
         raise OSError(28, "No space left on device", "runs/tiny/frf.h5")
 
     monkeypatch.setattr("elastid.app.stages.estimate.write_responses", full)
@@ -213,9 +207,7 @@ def driven(stage: str, number: int, study: Path, folder: str = "runs/tiny") -> s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill -9"])
-def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
-    tiny: Path, here: Path, number: signal.Signals
-) -> None:
+def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(tiny, here, number):
     """Each time what was finished is kept, and the next run goes on; the results are the same to the bit."""
     code = 130 if number == signal.SIGINT else -9
     leaves = {name: stage.leaves[0] for name, stage in stages_of(SIMULATED).items()}
@@ -240,7 +232,7 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("module", ["elastid.app.cli", "click"])
-def test_a_signal_before_anything_is_loaded_has_no_traceback(module: str, number: signal.Signals) -> None:
+def test_a_signal_before_anything_is_loaded_has_no_traceback(module, number):
     """As long as the command line itself is being imported, even where an import makes another error of Ctrl-C."""
     code = f"""
 import runpy, signal, sys
@@ -260,10 +252,10 @@ runpy.run_module("elastid", run_name="__main__")
 
 
 @pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
+def test_ctrl_c_is_raised_again_where_it_was_swallowed():
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
 
-    def swallowing() -> None:
+    def swallowing():
         with insisting() as pressed:
             with contextlib.suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
@@ -276,12 +268,10 @@ def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
-    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(tiny, here, monkeypatch, capsys):
     """CasADi makes a RuntimeError of it, or returns None where an array was expected."""
 
-    def disguised(*_: object) -> None:
+    def disguised(*_):
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt:
@@ -293,7 +283,7 @@ def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for processes")
-def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
+def test_the_workers_of_a_killed_run_end(tiny, here):
     """kill -9 of the parent leaves no process behind that waits for work for ever."""
     code = "from elastid.base.execution import Execution; import time; Execution(2).ordered(time.sleep, [60.0, 60.0])"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -332,12 +322,12 @@ def _descendants(pid: int) -> list[int]:
     "words",
     ["new {0}/s --from {0}/log.csv", "inspect {0}/fit.h5", "check {0}/study.yml", "predict {0}/r.yml --log {0}/a"],
 )
-def test_missing_files_have_one_exit_code(words: str, tmp_path: Path) -> None:
+def test_missing_files_have_one_exit_code(words, tmp_path):
     assert run_command(words.format(tmp_path).split()) == 2
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ImportError("failed to map segment from shared object")])
-def test_exhausted_memory_is_named_with_a_code(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exhausted_memory_is_named_with_a_code(error, capsys):
     """An allocator gives no text, and a library that finds no room an import error."""
     assert cli.explained(error) == 2
     text = capsys.readouterr().err

@@ -1,16 +1,14 @@
 """elastid compare: the model that made the responses wins, what the data do not need is said to be not needed."""
 
-import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import run_of, summary_of
 from plants.two_axes import STUDY, measured
 
 from elastid.app.compare import compare, variants
-from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.robot.simplified import stiffened
 from elastid.study import load
@@ -18,11 +16,11 @@ from elastid.study.robots import yaml_text
 
 
 def found(run: Run) -> dict:
-    return json.loads((run.folder / "compare.json").read_text())
+    return summary_of(run.folder, "compare.json")
 
 
 @pytest.mark.slow
-def test_the_model_that_made_the_responses_predicts_best(study: Path) -> None:
+def test_the_model_that_made_the_responses_predicts_best(study):
     """Motor coupling at a ratio of 5 and two elastic joints: each that is left out shows on left-out configurations."""
     run = measured(study, load(study).study.robot, seed=0)
     compare(run)
@@ -39,7 +37,7 @@ def test_the_model_that_made_the_responses_predicts_best(study: Path) -> None:
 
 
 @pytest.mark.slow
-def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> None:
+def test_another_study_is_fitted_to_the_responses_of_the_first(study):
     """Its robot, under the weights and the criterion of the first; the first alone brings no variants then."""
     run = measured(study, load(study).study.robot)
     other = study.with_name("other.yml")
@@ -59,27 +57,25 @@ def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> N
         ("[{name: x}, {name: x}]", "x"),
     ],
 )
-def test_variants_that_cannot_be_are_refused(study: Path, option: str, holds: str) -> None:
+def test_variants_that_cannot_be_are_refused(study, option, holds):
     """With the variant's name and what is wrong with it."""
     with refused("compare/variants", "study/invalid", holds=("compare.variants", holds)):
         list(variants(load(study, (f"compare.variants={option}",))))
 
 
-def test_a_model_without_variants_is_refused(tiny: Path) -> None:
-    run = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
+def test_a_model_without_variants_is_refused(tiny):
+    run = run_of(tiny, tiny.parent / "run")
     run_all(run, ("design", "measure", "estimate"))
     with refused("compare/variants", place="study.yml"):
         compare(run)
 
 
 @pytest.mark.slow
-def test_the_report_shows_the_comparison(finished: Path, tmp_path: Path) -> None:
+def test_the_report_shows_the_comparison(finished, tmp_path):
     """Once compared, the page has the table, and is current; other responses make it go."""
     shutil.copytree(finished / "run", tmp_path, dirs_exist_ok=True)
     option = 'compare.variants=[{name: heavy load, set: ["robot.bodies.0.inertia=1.3e-3"]}]'
-    run, changed = (
-        Run(load(finished / "study.yml", (option, f"seed={seed}")), tmp_path, 1, Console(-1)) for seed in (1, 5)
-    )
+    run, changed = (run_of(finished / "study.yml", tmp_path, option, f"seed={seed}") for seed in (1, 5))
     run_all(run)
     before = run.path("report").read_text().count("heavy load")
     compare(run)

@@ -84,7 +84,7 @@ def signals(case: Case, joint: int) -> tuple[np.ndarray, ...]:
 
 def write(folder: Path, case: Case) -> list[Path]:
     """The logs of a case."""
-    columns: dict[str, np.ndarray] = {}
+    columns = {}
     for joint, number in enumerate(case.numbers):
         names = case.layout.format(i=number, word=WORDS[number - 1]).split()
         units = (*case.units, case.units[1])
@@ -144,10 +144,10 @@ def drafted(case: Case, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("examples", [12, pytest.param(300, marks=pytest.mark.slow)])
-def test_new_writes_studies_that_check_accepts(examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_new_writes_studies_that_check_accepts(examples, tmp_path_factory):
     @settings(max_examples=examples, deadline=None)
     @given(case=CASES)
-    def every(case: Case) -> None:
+    def every(case):
         drafted(case, tmp_path_factory.mktemp("logs"))
 
     every()

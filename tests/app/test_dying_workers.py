@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plants.runs import run_of
 
 from elastid.app.compare import compare
 from elastid.app.console import Console
@@ -15,7 +16,6 @@ from elastid.app.run import Run, run_all
 from elastid.app.stage_table import STAGES
 from elastid.base import execution
 from elastid.base.workers import load_for_workers
-from elastid.study import load
 
 # Friction is sought, starts and repetitions are several: all that works in parallel.
 ELASTIC = (
@@ -63,7 +63,7 @@ def stages_with_deaths(
     run: Run, names: Sequence[str], folder: Path, monkeypatch: pytest.MonkeyPatch, work_in: str
 ) -> set[str]:
     """Stages carried out, and in which of them a worker died; work_in: the function that hands their work out."""
-    found, flag = set[str](), folder / "died"
+    found, flag = set(), folder / "died"
     parallel = getattr(execution, work_in)
 
     def dying(*given: Any) -> Iterator[Any]:
@@ -78,11 +78,9 @@ def stages_with_deaths(
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_in_each_stage_changes_no_byte(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path
-) -> None:
+def test_a_process_that_is_killed_in_each_stage_changes_no_byte(tmp_path, monkeypatch, tiny):
     """Of two, one that has done its first part."""
-    alone = Run(load(tiny, ELASTIC), tmp_path / "alone", 1, Console(-1))
+    alone = run_of(tiny, tmp_path / "alone", *ELASTIC)
     names = (*alone.stages, "compare")
     assert tuple(worked(alone, names)) == names
     run = Run(alone.loaded, tmp_path / "run", 2, Console(-1))

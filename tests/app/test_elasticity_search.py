@@ -1,12 +1,12 @@
 """elastid compare --search: elastic joints are found, rigid ones stay rigid."""
 
-import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import summary_of
 from plants.two_axes import measured
 
 from elastid.app.compare import search_elasticity
@@ -20,11 +20,11 @@ FIT = "fit.starts=1", "fit.parameters.k_1x={start: 1e6, bounds: [1e3, 1e10]}"
 
 
 @pytest.mark.slow
-def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path) -> None:
+def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study):
     """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
     run = measured(study, load(study, (STIFF,)).study.robot, *FIT, seed=0)
     search_elasticity(run)
-    content = json.loads((run.folder / "compare.json").read_text())
+    content = summary_of(run.folder, "compare.json")
     trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}
     assert {key: t["taken"] for key, t in trials.items()} == {
         (1, "1x"): False,
@@ -56,7 +56,7 @@ compare: {folds: 2}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal")])
-def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
+def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path, seed, formulation):
     """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
 
     Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.
@@ -68,7 +68,7 @@ def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, see
     lines = np.linspace(3, 36, 30)
     run = measured(study, truth, f"model.formulation={formulation}", seed=seed, freq_hz=lines, noise=0.05)
     search_elasticity(run)
-    content = json.loads((run.folder / "compare.json").read_text())
+    content = summary_of(run.folder, "compare.json")
     assert [(t["becomes"], *t["coordinates"]) for t in content["search"] if t["taken"]] == [
         ("free", "rod rod"),
         ("rigid", "gear 2"),
@@ -80,7 +80,7 @@ def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, see
             assert abs(trial["after"] - trial["before"]) < 0.2
 
 
-def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
+def test_a_search_that_cannot_be_is_refused(study):
     """Nothing to judge by, nothing to identify where the search begins, nothing to search among."""
     run = measured(study, load(study).study.robot, "experiment.configurations={a: [0, 0.2]}")
     with refused("compare/variants", place="study.yml"):

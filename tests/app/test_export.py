@@ -4,7 +4,6 @@ import importlib
 import inspect
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from plants.refusals import refused
@@ -28,7 +27,7 @@ TARGET = Target("stiffness", ("model",), "parameters as text", write_stiffness)
 
 
 @pytest.fixture
-def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def installed_target(tmp_path, monkeypatch) -> Iterator[None]:
     """A package with one target, as pip installs it."""
     (tmp_path / "stiffness_target.py").write_text(PACKAGE)
     info = tmp_path / "stiffness_target-1.0.dist-info"
@@ -42,7 +41,7 @@ def installed_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterato
 
 
 @pytest.mark.parametrize("tag", MODULES)
-def test_row_writes_from_the_values_that_it_needs(tag: str) -> None:
+def test_row_writes_from_the_values_that_it_needs(tag):
     rows = targets(tag)
     assert rows
     for row in rows:
@@ -51,13 +50,13 @@ def test_row_writes_from_the_values_that_it_needs(tag: str) -> None:
         assert row.content
 
 
-def test_explain_lists_targets_of_other_packages(installed_target: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_explain_lists_targets_of_other_packages(installed_target, capsys):
     assert tags() == (*MODULES, "stiffness")
     assert run_command(["explain", "export.stiffness"]) == 0
     assert "Parameters as text" in capsys.readouterr().out
 
 
-def test_target_of_a_wrong_type_is_refused_with_its_package(installed_target: None, tmp_path: Path) -> None:
+def test_target_of_a_wrong_type_is_refused_with_its_package(installed_target, tmp_path):
     (tmp_path / "stiffness_target.py").write_text("TARGET = 3")
     sys.modules.pop("stiffness_target", None)
     importlib.invalidate_caches()
@@ -66,15 +65,13 @@ def test_target_of_a_wrong_type_is_refused_with_its_package(installed_target: No
     sys.modules.pop("stiffness_target", None)
 
 
-def test_old_tag_is_answered_with_the_new_one(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_old_tag_is_answered_with_the_new_one(tiny, capsys):
     assert run_command(["export", str(tiny), "--to", "draws"]) == 2
     assert "renamed to samples" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
-    tiny: Path, tmp_path: Path, installed_target: None, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(tiny, tmp_path, installed_target, capsys):
     run = tmp_path / "run"
     assert run_command(["export", str(tiny), "--to", "csv", "--run", str(run)]) == 2
     assert "estimate` first" in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """Robots of MJCF files: against MuJoCo's own dynamics, and files that are refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from plants.mjcf_arm import ARM
@@ -22,7 +20,7 @@ pytestmark = pytest.mark.oracle
 ASSET, MESH = "<asset><mesh name='m' file='no.stl'/></asset>", "<geom type='mesh' mesh='m'/>"
 
 
-def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path: Path) -> None:
+def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path):
     fore = '<body name="fore">'
     stated = ARM.replace(fore, f'{fore}<inertial mass="2" pos="0 0 0.1" diaginertia="1 1 1"/>')
     robots = []
@@ -32,7 +30,7 @@ def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path: Path) -> N
     assert robots[0] == robots[1]
 
 
-def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp_path: Path) -> None:
+def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp_path):
     """A material of a site; a site with the name of the trunk; a gear of 0.05 beside controls; a spring undamped."""
     text = ARM.replace("<site", '<site name="trunk" material="red"/><site').replace('name="a"', 'name="a" gear="0.05"')
     trunk = '<worldbody><body name="trunk"><geom size=".1"/></body>'
@@ -42,14 +40,12 @@ def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp
     robot = load_robot(new_from_logs(tmp_path / "new", [tmp_path / "crane.xml"]).parent / "robot.yml")
     assert [frame.name for frame in robot.frames] == ["trunk", "trunk 2", "tool"]
     x, *_ = robot.driven
-    assert x.motor is not None
     assert (x.motor.ratio, x.limits.torque) == (1.0, 0.05 * 7)
     bend = next(joint for joint in robot.joints if joint.name == "bend")
-    assert bend.spring is not None
     assert bend.spring.damping > 0
 
 
-def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
+def test_dynamics_are_those_of_mujoco(tmp_path):
     """M and the torques of gravity and motion, armatures, spring and damping of the joints apart; places of a site."""
     path = tmp_path / "crane.xml"
     path.write_text(ARM)
@@ -75,12 +71,11 @@ def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     np.testing.assert_allclose(pose.position[0], data.site("tool").xpos, atol=1e-12)
     np.testing.assert_allclose(pose.rotation[0].ravel(), data.site("tool").xmat, atol=1e-12)
     turn = robot.driven[1].motor
-    assert turn is not None
     assert turn.inertia * turn.ratio**2 == pytest.approx(12.0)
     assert turn.ratio == -60.0
 
 
-def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque() -> None:
+def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque():
     """Beside the armature, before the gear; a force's range, a control's where it is a force, and the joint's own."""
     robot = compiled(ARM.replace('armature="12"', 'armature="12" damping="7.2" stiffness="5"'))
     x, turn, _ = robot.driven
@@ -92,7 +87,7 @@ def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque() -
 
 
 @pytest.mark.parametrize("joint", ["", "<freejoint/>"])
-def test_a_pedestal_and_a_trunk_that_floats_are_the_base(joint: str) -> None:
+def test_a_pedestal_and_a_trunk_that_floats_are_the_base(joint):
     """A body called `base`, as most arms of public collections have, turned and moved, with a camera's stand on it."""
     stand = '<body name="stand" pos="0 0 1"><geom size=".1"/></body>' * (not joint)
     at = f'<worldbody><body name="base" pos="1 2 3" euler="90 0 0">{joint}<geom size=".1"/>{stand}'
@@ -126,7 +121,7 @@ def _takes_data() -> bool:
         (("</worldbody>", ""), "XML"),
     ],
 )
-def test_a_file_that_is_no_robot_is_refused(change: tuple[str, str], says: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_robot_is_refused(change, says, tmp_path):
     path = tmp_path / "crane.xml"
     path.write_text(ARM.replace(*change))
     with refused("robot/file", place="crane.xml", holds=says):

@@ -1,17 +1,16 @@
 """`elastid new --from` of responses and iddata structs: containers of other programs become studies that run."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.drafts import drafted, save
 from scipy.io import savemat
 
 from elastid.app import cli
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store.measured import read_responses
-from elastid.study import load_with_logs
 from elastid.study.robots import yaml_text
 
 FREQ = np.linspace(0.5, 100, 200)
@@ -67,26 +66,20 @@ PARTS = {"re": np.real, "im": np.imag}
 
 
 def table(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    heads = ",".join(columns)
-    np.savetxt(path.with_suffix(".csv"), np.column_stack([*columns.values()]), delimiter=",", header=heads, comments="")
-    return path.with_suffix(".csv")
+    return save(path.with_suffix(".csv"), ",".join(columns), *columns.values())
 
 
 def estimated(folder: Path, *sources: Path) -> Response:
     """The response of the study that `elastid new` writes, once it has run."""
-    words = [word for path in sources for word in ("--from", str(path))]
-    assert cli.run_command(["new", str(folder / "new"), *words]) == 0
+    drafted(folder, *sources)
     study = str(folder / "new" / "study.yml")
-    load_with_logs(folder / "new" / "study.yml")
     assert cli.run_command(["run", study, "estimate", "-q", "--jobs", "1", "--run", str(folder / "run")]) == 0
     (response,) = read_responses(folder / "run" / "frf.h5")
     return response
 
 
 @pytest.mark.parametrize("write", [idfrd, arrays, archive, parts, polar])
-def test_responses_in_any_container_become_a_study_with_the_same_numbers(
-    write: Callable[[Path], Path], tmp_path: Path
-) -> None:
+def test_responses_in_any_container_become_a_study_with_the_same_numbers(write, tmp_path):
     """Frequencies in Hz and G in SI, all elements that the file has."""
     response = estimated(tmp_path, write(tmp_path / "frf"))
     _, n_y, n_u = response.G.shape
@@ -96,7 +89,7 @@ def test_responses_in_any_container_become_a_study_with_the_same_numbers(
     assert response.quantity == "acceleration"
 
 
-def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path: Path) -> None:
+def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path):
     """Positions by torques, without names or units: |G| falls by f^2; as many inputs as motors, or a refusal."""
     G = accelerations(2) / (2j * np.pi * FREQ[:, None, None]) ** 2
     savemat(tmp_path / "frf.mat", {"G": G, "f": FREQ})
@@ -110,7 +103,7 @@ def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path: Path) -> N
     assert cli.run_command(words) != 0
 
 
-def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path: Path) -> None:
+def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path):
     """OutputData, InputData and Ts; quantities and units of each column are in cells beside them."""
     t = np.arange(4000) / 500
     torque = np.tile(np.random.default_rng(0).standard_normal(1000), 4)
@@ -118,8 +111,7 @@ def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path: Pat
     content = {"OutputData": motion, "InputData": torque[:, None], "Ts": 2e-3, "InputUnit": cells("N*m")}
     content |= {"OutputUnit": cells("deg", "m/s^2"), "InputName": cells("tau"), "OutputName": cells("arm", "tip")}
     savemat(tmp_path / "data.mat", {"z": content})
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "data.mat")]) == 0
-    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    recorded = drafted(tmp_path, tmp_path / "data.mat").experiment.as_recorded()
     assert recorded.known_rate_hz == 500
     channels = {(c.role, c.channel, c.column, c.quantity, c.unit) for c in recorded.channels}
     assert ("u", "z.InputData", None, "torque", "N*m") in channels
@@ -127,20 +119,19 @@ def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path: Pat
 
 
 @pytest.mark.parametrize("time", ["time", "dates"])
-def test_complex_signals_of_a_log_are_no_responses(time: str, tmp_path: Path) -> None:
+def test_complex_signals_of_a_log_are_no_responses(time, tmp_path):
     """An array of as many samples as the time; times may be dates."""
     t = np.arange(1200) / 200
     stamps = t if time == "time" else np.datetime64("2024-01-01") + (5 * np.arange(1200)).astype("timedelta64[ms]")
     signals = {"time": stamps, "tau_1": np.cos(t) + np.sign(np.cos(t)), "q_1": np.sin(t), "iq": np.exp(1j * t)}
     np.savez(tmp_path / "log.npz", **signals)
-    assert cli.run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "log.npz")]) == 0
-    study = load_with_logs(tmp_path / "s" / "study.yml").study
+    study = drafted(tmp_path, tmp_path / "log.npz")
     assert study.friction is not None
     assert study.experiment.as_recorded().rate_hz == 200.0
 
 
 @pytest.mark.parametrize(("value", "n_out"), [(0.0, 1), (np.nan, 1), (1e300, 1), (1e4, 1), (None, 0)])
-def test_one_wrong_line_of_a_response_is_discarded(value: float | None, n_out: int, tmp_path: Path) -> None:
+def test_one_wrong_line_of_a_response_is_discarded(value, n_out, tmp_path):
     """A mode between two lines is no wrong one, nor is an element without a response."""
     G = accelerations(1)
     G = np.concatenate([G, np.zeros_like(G[:, :1])], axis=1)

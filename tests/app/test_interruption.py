@@ -10,10 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
+from plants.runs import run_of
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
-from elastid.study import load
+from elastid.app.run import run_all
 from tests.app.test_cli import tree
 
 STAGES = "design", "measure", "estimate", "fit"
@@ -21,18 +20,18 @@ OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
+def whole(tmp_path_factory, tiny_texts) -> Path:
     """The folder of a study with its run up to the fit, never stopped."""
     folder = tmp_path_factory.mktemp("whole")
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
         (folder / name).write_text(text)
-    run = Run(load(folder / "study.yml", OPTIONS), folder / "run", 1, Console(-1))
+    run = run_of(folder / "study.yml", folder / "run", *OPTIONS)
     run_all(run, STAGES)
     return folder
 
 
 @pytest.fixture
-def unfitted(whole: Path, tmp_path: Path) -> Path:
+def unfitted(whole, tmp_path) -> Path:
     """A run folder with everything before the fit."""
     shutil.copytree(whole / "run", tmp_path / "run")
     for name in ("fit.h5", "summary.json"):
@@ -67,9 +66,7 @@ def stopped(command: list[str], folder: Path, parts: str, number: signal.Signals
         ("start-*.json", signal.SIGKILL, "2"),
     ],
 )
-def test_an_interrupted_fit_is_resumed(
-    whole: Path, unfitted: Path, parts: str, number: signal.Signals, jobs: str
-) -> None:
+def test_an_interrupted_fit_is_resumed(whole, unfitted, parts, number, jobs):
     """Starts that are done are not solved again, whatever the number of processes, and every file is the same."""
     options = [word for option in OPTIONS for word in ("--set", option)]
     command = [sys.executable, "-m", "elastid", "run", str(whole / "study.yml"), "fit", "--run", str(unfitted)]

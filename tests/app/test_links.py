@@ -11,7 +11,7 @@ SAYS = "[files/folder]"
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("links") / "bench"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
     assert run_command(on(folder, "run", "measure", "estimate")) == 0
@@ -36,9 +36,7 @@ def on(folder: Path, *command: str) -> list[str]:
         ("export/uff", ["export", "--to", "uff"]),
     ],
 )
-def test_nothing_is_written_through_a_link(
-    name: str, command: list[str], bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_written_through_a_link(name, command, bench, tmp_path, capsys):
     """`.lock` was truncated, `run.log` appended to, folders were filled, all at exit code 0."""
     victim, link = tmp_path / "victim", bench / "run" / name
     is_file = name in (".lock", "run.log")
@@ -58,9 +56,7 @@ def test_nothing_is_written_through_a_link(
     assert is_file or [path.name for path in victim.iterdir()] == ["thesis.txt"]
 
 
-def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(tmp_path, capsys):
     folder, victim = tmp_path / "bench", tmp_path / "victim"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
     members = "members: [{robot: a, date: 2026-01-31}, {robot: b, date: 2026-01-31}]"

@@ -24,7 +24,7 @@ GOAL = "k_*: 0.2 %"
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def study(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "study.yml"
     path.write_text(LIVE, encoding="utf-8")
     return path
@@ -35,7 +35,7 @@ def session(study: Path, folder: Path, *goals: str, jobs: int = 1, robot_time: f
 
 
 @pytest.fixture(scope="module")
-def measured(study: Path) -> Path:
+def measured(study) -> Path:
     """The folder of a session that has reached its goal, its final results not yet made."""
     folder = study.parent / "measured"
     _, reached, words = session(study, folder).work()
@@ -56,7 +56,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study: Path, measured: Path) -> None:
+def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study, measured):
     """The folder is that of an ordinary run, whose intervals are as narrow as was asked for and hold the truth."""
     folder = study.parent / "finished"
     shutil.copytree(measured, folder)
@@ -73,7 +73,7 @@ def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study: Path, measu
 
 
 @pytest.mark.slow
-def test_a_session_that_was_killed_ends_with_the_same_bytes(study: Path, measured: Path) -> None:
+def test_a_session_that_was_killed_ends_with_the_same_bytes(study, measured):
     """Whatever was there when it was killed, and however many processes it has."""
     folder = study.parent / "killed"
     shutil.copytree(measured, folder)
@@ -101,7 +101,7 @@ def change(path: Path, rows: Callable[[np.ndarray], np.ndarray]) -> None:
 
 
 # Columns: time_s, r 1, r 2, u 1, u 2, y 1, y 2.
-FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
+FAULTS = {
     "posture": (lambda path: change(path, lambda x: x + np.eye(7)[6] / 10), "(y) of motor 2"),
     "no column": (lambda path: path.write_text(path.read_text().replace("u motor 1", "torque_1")), "u motor 1"),
     "no log": (lambda path: path.write_bytes(b"\x00\x01"), "x1-r0-e0.csv"),
@@ -111,9 +111,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_log_that_contradicts_its_plan_ends_the_command(
-    fault: str, study: Path, measured: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_that_contradicts_its_plan_ends_the_command(fault, study, measured, capsys):
     spoil, words = FAULTS[fault]
     folder = spoilt(measured, study.parent / fault.replace(" ", "-"), spoil)
     assert command(study, folder, "--goal", GOAL, "--simulate") == 1
@@ -142,16 +140,14 @@ def test_a_log_that_contradicts_its_plan_ends_the_command(
         ),
     ],
 )
-def test_what_cannot_be_done_is_said_before_the_robot_moves(
-    words: tuple[str, ...], message: str, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_done_is_said_before_the_robot_moves(words, message, study, tmp_path, capsys):
     assert command(study, tmp_path / "run", *words) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.rglob("references/*"))
 
 
 @pytest.mark.slow
-def test_a_goal_out_of_reach_ends_with_a_sentence(study: Path, measured: Path) -> None:
+def test_a_goal_out_of_reach_ends_with_a_sentence(study, measured):
     """By the robot's time; and by what no measurement can show."""
     folder = study.parent / "narrow"
     shutil.copytree(measured, folder)
@@ -165,7 +161,7 @@ def test_a_goal_out_of_reach_ends_with_a_sentence(study: Path, measured: Path) -
 
 
 @pytest.mark.slow
-def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_before(study: Path) -> None:
+def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_before(study):
     """A tenth more mass from the second experiment on; with the right logs in their place the goal is reached."""
     folder = study.parent / "payload"
     session(study, folder, robot_time=16.0).work()

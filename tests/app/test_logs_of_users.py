@@ -4,11 +4,12 @@ import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import h5py
 import numpy as np
 import pytest
+from plants.drafts import drafted, save
 from plants.refusals import refused
 
 from elastid.app.from_log import texts_from_logs
@@ -19,7 +20,6 @@ from elastid.friction_study.result import identify_friction
 from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.friction_logs import read_friction_logs
-from elastid.study import load_with_logs
 
 N, RATE = 1500, 250.0
 T = np.arange(N) / RATE
@@ -83,7 +83,7 @@ def write(path: Path, log: Log) -> None:
 
 
 @pytest.mark.parametrize("mark", [b"PK\3\4", b"\x28\xb5\x2f\xfd"])
-def test_archives_are_refused(mark: bytes, tmp_path: Path) -> None:
+def test_archives_are_refused(mark, tmp_path):
     (tmp_path / "log.csv").write_bytes(mark + bytes(100))
     with refused("files/damaged"):
         texts_from_logs(tmp_path, [tmp_path / "log.csv"])
@@ -93,32 +93,29 @@ def test_archives_are_refused(mark: bytes, tmp_path: Path) -> None:
     ("heading", "code"),
     [("トルク[Nm]", "cp932"), ("力矩[Nm]", "gb2312"), ("Größe läge ÄÖ °C", "cp1252"), ("couple é à", "cp1252")],
 )
-def test_headings_in_legacy_encodings_are_decoded(heading: str, code: str, tmp_path: Path) -> None:
+def test_headings_in_legacy_encodings_are_decoded(heading, code, tmp_path):
     (tmp_path / "log.csv").write_text(f"t,{heading},x\n0,1,2\n1,2,3\n", encoding=code)
     with opened_log(tmp_path / "log.csv", TextFormatSpec()) as log:
         assert heading in log.headings
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_units_of_a_log_are_read_or_asked_for(name: str, tmp_path: Path) -> None:
+def test_units_of_a_log_are_read_or_asked_for(name, tmp_path):
     log = LOGS[name]
     write(tmp_path / "log.csv", log)
-    texts = texts_from_logs(tmp_path / "new", [tmp_path / "log.csv"])
-    (tmp_path / "new").mkdir()
-    for file, text in texts.items():
-        (tmp_path / "new" / file).write_text(text, encoding="utf-8")
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    study = drafted(tmp_path, tmp_path / "log.csv")
     recorded = study.experiment.as_recorded()
     assert study.friction is not None
     assert recorded.known_rate_hz == pytest.approx(RATE, rel=1e-3)
-    lines = [line for line in texts["study.yml"].splitlines() if "- {role: " in line]
+    text = (tmp_path / "new" / "study.yml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if "- {role: " in line]
     for channel, line, unit in zip(recorded.channels, lines, log.units, strict=True):
         assert ("# guessed: ?" in line) == (unit == "?"), line
         assert unit in ("?", channel.unit)
 
 
 @pytest.mark.parametrize("form", ["%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f", "%H:%M:%S.%f"])
-def test_dates_and_times_of_day_are_a_clock(form: str, tmp_path: Path) -> None:
+def test_dates_and_times_of_day_are_a_clock(form, tmp_path):
     start, comma = datetime(2024, 5, 1, 9, 30), "," if "," in form else "."
     stamps = [(start + timedelta(seconds=t)).strftime(form) for t in T.tolist()]
     numbers = [f"{u:.7f};{q:.7f}".replace(".", comma) for u, q in zip(U.tolist(), Q.tolist(), strict=True)]
@@ -129,20 +126,11 @@ def test_dates_and_times_of_day_are_a_clock(form: str, tmp_path: Path) -> None:
     assert "friction:" in text
 
 
-def channels_of(columns: dict[str, Any], folder: Path) -> list[tuple[str, str]]:
-    """Roles and names of the channels of the study that `new` writes of a log, which `check` accepts."""
-    np.savetxt(folder / "log.csv", np.stack([*columns.values()], 1), "%.7g", ",", header=",".join(columns), comments="")
-    (folder / "new").mkdir()
-    for file, text in texts_from_logs(folder / "new", [folder / "log.csv"]).items():
-        (folder / "new" / file).write_text(text, encoding="utf-8")
-    recorded = load_with_logs(folder / "new" / "study.yml").study.experiment.as_recorded()
-    return [(channel.role, channel.name_in_file) for channel in recorded.channels]
-
-
-def test_a_torque_without_a_motion_of_its_own_is_not_used(tmp_path: Path) -> None:
+def test_a_torque_without_a_motion_of_its_own_is_not_used(tmp_path):
     """One position is the motion of one motor."""
-    channels = channels_of({"t": T, "tau_1": U, "tau_2": 0.5 * U, "q_1": Q}, tmp_path)
-    assert channels == [("u", "tau_1"), ("y", "q_1")]
+    study = drafted(tmp_path, save(tmp_path / "log.csv", "t,tau_1,tau_2,q_1", T, U, 0.5 * U, Q))
+    channels = study.experiment.as_recorded().channels
+    assert [(channel.role, channel.name_in_file) for channel in channels] == [("u", "tau_1"), ("y", "q_1")]
 
 
 def rows_with(edit: Callable[[np.ndarray], np.ndarray | None]) -> Callable[[], list[str]]:
@@ -203,13 +191,10 @@ FAULTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> None:
+def test_one_fault_of_a_log_changes_no_number(fault, tmp_path):
     """Inertia, viscous and Coulomb friction to 1 % from what `new` writes and `check` accepts."""
     (tmp_path / "log.csv").write_text("\n".join(["time,tau_1,q_1", *FAULTS[fault]()]) + "\n")
-    (tmp_path / "new").mkdir()
-    for file, text in texts_from_logs(tmp_path / "new", [tmp_path / "log.csv"]).items():
-        (tmp_path / "new" / file).write_text(text, encoding="utf-8")
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    study = drafted(tmp_path, tmp_path / "log.csv")
     robot = study.as_robot()
     measured = read_friction_logs(robot, study.experiment, tmp_path / "new", robot.driven_names, {})
     result = identify_friction(
@@ -223,7 +208,7 @@ def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> Non
     assert fault in ("none", "heading again", "time of zero", "cut off") or said
 
 
-def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path: Path) -> None:
+def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path):
     """Torque at four times the rate of the position, which begins 0.4 s later."""
     nptdms = pytest.importorskip("nptdms")
     fast, start = np.arange(4 * len(LONG)) / (4 * RATE), np.datetime64("2024-05-01T10:00:00.000000")
@@ -235,11 +220,7 @@ def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path: Path
         channels.append(nptdms.ChannelObject("log", label, values, properties=properties))
     with nptdms.TdmsWriter(tmp_path / "log.tdms") as writer:
         writer.write_segment(channels)
-    texts = texts_from_logs(tmp_path / "new", [tmp_path / "log.tdms"])
-    (tmp_path / "new").mkdir()
-    for file, text in texts.items():
-        (tmp_path / "new" / file).write_text(text, encoding="utf-8")
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    study = drafted(tmp_path, tmp_path / "log.tdms")
     robot = study.as_robot()
     (record,) = read_friction_logs(robot, study.experiment, tmp_path / "new", robot.driven_names, {}).records
     torque, position = motion_of(0.4 + np.arange(len(record.position)) / RATE)
@@ -247,7 +228,7 @@ def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path: Path
     assert np.median(np.abs(record.torque - torque)) < 1e-3
 
 
-def test_cells_of_matlab_7_3_are_names_and_units(tmp_path: Path) -> None:
+def test_cells_of_matlab_7_3_are_names_and_units(tmp_path):
     """Of an iddata struct."""
     with h5py.File(tmp_path / "log.mat", "w", userblock_size=512) as file:
         group, texts = file.create_group("data"), file.create_group("#refs#")
@@ -267,7 +248,7 @@ def test_cells_of_matlab_7_3_are_names_and_units(tmp_path: Path) -> None:
     assert "rate_hz: 250 " in text
 
 
-def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: Path) -> None:
+def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path):
     """Time histories are read; power spectra are refused by their name."""
     pyuff = pytest.importorskip("pyuff")
     keys = {"rsp_dir": 3, "ref_dir": 0, "ref_node": 0, "id1": "", "rsp_ent_name": "NONE", "ref_ent_name": "NONE"}
@@ -286,7 +267,7 @@ def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: P
         texts_from_logs(tmp_path / "new", [tmp_path / "psd.uff"])
 
 
-def test_signals_of_different_lengths_without_rates_are_refused(tmp_path: Path) -> None:
+def test_signals_of_different_lengths_without_rates_are_refused(tmp_path):
     """As of two topics."""
     np.savez(tmp_path / "log.npz", tau_1=U[::5], q_1=Q)
     with refused("records/clock", place="log.npz", holds=("tau_1 300", "q_1 1500")):

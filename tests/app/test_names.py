@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from plants.hostile_names import FILES, HOSTILE, hostile_robot, picked
+from plants.runs import summary_of
 
 from elastid.app.cli import run_command
 from elastid.app.inspection import described
@@ -76,7 +77,7 @@ def written(folder: Path, start: int, formats: str = "[]") -> tuple[Path, list[s
     return path, [study, first, second, names["spring"]]
 
 
-def test_columns_of_a_log_are_said_as_texts(tmp_path: Path) -> None:
+def test_columns_of_a_log_are_said_as_texts(tmp_path):
     """Of another program, whose names may hold anything."""
     (tmp_path / "log.csv").write_text('time,"\x1b[31mred\x07","\u202egnp","a\nb"\n0,1,2,3\n1,2,3,4\n', "utf-8")
     _, said = on_a_terminal(tmp_path, "inspect", "log.csv")
@@ -88,7 +89,7 @@ def test_columns_of_a_log_are_said_as_texts(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", range(0, len(HOSTILE), 12))
-def test_a_whole_run_has_them_as_texts(tmp_path: Path, start: int) -> None:
+def test_a_whole_run_has_them_as_texts(tmp_path, start):
     """Terminal, run.log, summary.json, report.html and its figures, every export, every file inspected."""
     path, names = written(tmp_path, start, "[png]")
     code, said = on_a_terminal(tmp_path, "run", path.name, "--run", "out", "--jobs", "1")
@@ -97,9 +98,7 @@ def test_a_whole_run_has_them_as_texts(tmp_path: Path, start: int) -> None:
     run = tmp_path / "out"
     assert not controls_in((run / "run.log").read_text("utf-8"))
     assert "Traceback" not in (run / "run.log").read_text("utf-8")
-    assert names[3] in json.dumps(json.loads((run / "summary.json").read_text("utf-8")), ensure_ascii=False).replace(
-        "\\\\", "\\"
-    ).replace('\\"', '"')
+    assert names[3] in json.dumps(summary_of(run), ensure_ascii=False).replace("\\\\", "\\").replace('\\"', '"')
     source = (run / "report.html").read_text("utf-8")
     page = Page(source)
     assert "alert(1)" not in "".join(re.findall(r"<script>(.*?)</script>", source, re.DOTALL))

@@ -1,7 +1,6 @@
 """What is done with the fit of one elastic joint, and a live session: closed forms, and the truth in the intervals."""
 
 import csv
-import json
 import re
 import shutil
 from pathlib import Path
@@ -9,6 +8,7 @@ from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
+from plants.runs import summary_of
 
 from elastid.app import cli, model_commands
 from elastid.base.errors import FitError
@@ -18,7 +18,7 @@ from elastid.study import load_robot
 
 
 @pytest.fixture(scope="module")
-def folder(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(finished, tmp_path_factory) -> Path:
     """A copy of the study that was run."""
     return Path(shutil.copytree(finished, tmp_path_factory.mktemp("joint") / "study"))
 
@@ -27,7 +27,7 @@ def command(name: str, folder: Path, run: Path, *words: str | Path) -> int:
     return cli.run_command([name, f"{folder}/study.yml", "--run", f"{run}", "-q", "--jobs", "1", *map(str, words)])
 
 
-def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder: Path) -> None:
+def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder):
     """The integral of u = J q_m'' + f_m q_m' + I q_l'' from rest to rest is f_m times the way."""
     (folder / "move.csv").write_text("1 deg\n0\n20\n")
     words = ("--path", folder / "move.csv", "--time", "0.5", "--samples", "2")
@@ -42,7 +42,7 @@ def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder: Path) -> None
     assert np.trapezoid(torque, t) == pytest.approx(friction * np.deg2rad(20), rel=1e-2)
 
 
-def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder, monkeypatch):
     """That of the study, or those that are asked for."""
     design = create_autospec(model_commands.design_loops, side_effect=FitError("fit/not-trusted", "not now"))
     monkeypatch.setattr(model_commands, "design_loops", design)
@@ -52,7 +52,7 @@ def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, m
         assert (family.rate_hz, delay) == expected
 
 
-def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder: Path) -> None:
+def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder):
     """In all postures, the motor held."""
     assert command("map", folder, folder / "run", "--random", "3") == 0
     mapped, stiffness = read_map(folder / "run" / "map.h5"), read_fit(folder / "run" / "fit.h5").values["k_1"]
@@ -60,7 +60,7 @@ def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder: Pa
     np.testing.assert_allclose(mapped["frequency_1"].value, np.full(3, expected), rtol=1e-3)
 
 
-def test_draws_scatter_about_the_fit(folder: Path) -> None:
+def test_draws_scatter_about_the_fit(folder):
     assert command("export", folder, folder / "run", "--to", "samples", "--count", "9") == 0
     robots = [load_robot(path) for path in (folder / "run" / "export" / "samples" / "robots").iterdir()]
     result = read_fit(folder / "run" / "fit.h5")
@@ -70,11 +70,11 @@ def test_draws_scatter_about_the_fit(folder: Path) -> None:
     assert np.abs(z).max() < 4
 
 
-def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Path, tmp_path: Path) -> None:
+def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder, tmp_path):
     """Torque and motion of its twin within 1 %."""
     run = folder / "run"
     assert command("predict", folder, tmp_path, "--with", run, "--set", "seed=5") == 0
-    prediction = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
+    prediction = summary_of(tmp_path, "prediction.json")
     assert all(signal["error"] < 1e-2 for each in prediction["simulation"] for signal in each["signals"])
     assert command("predict", folder, run, "--with", run, "--set", "seed=5") == 2
     assert command("predict", folder, tmp_path, "--with", tmp_path) == 2
@@ -82,7 +82,7 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Pat
 
 
 @pytest.mark.slow
-def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder: Path, tmp_path: Path) -> None:
+def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder, tmp_path):
     """The log says how far it is; references are those of its plan; simulated logs are not those of a robot."""
     words = ("--goal", "k_1: 0.014 %")
     assert command("live", folder, tmp_path, *words, "--simulate") == 0

@@ -65,7 +65,6 @@ class Emulator:
                 link.sendto(f'<Rob Type="KUKA">{state}</Rob>'.encode(), ("127.0.0.1", port))
                 answer = link.recv(4096).decode()
                 correction = re.search(r'A1="([^"]+)"', answer)
-                assert correction is not None
                 wrong += [ipoc] * (f"<IPOC>{ipoc}</IPOC>" not in answer)
                 self.cycle(np.radians(float(correction[1])))
         return wrong
@@ -77,7 +76,7 @@ def free_port() -> int:
         return int(link.getsockname()[1])
 
 
-def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_path: Path) -> None:
+def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_path):
     """No cycle wrong or lost, at rest at the end; planned spectrum within 3 %; inertia by the log within 3 %."""
     path = ReferencePathSpec(0.004, unit="deg")
     gains = GainsSpec(position_gain=K_P, velocity_gain=K_V, integral_time=T_I)
@@ -113,9 +112,9 @@ def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_p
     np.testing.assert_allclose(np.abs(U / (2 * np.pi * plan.freq_hz) ** 2 / Q)[low], INERTIA, rtol=0.03)
 
 
-def test_players_of_egm_and_rtde_send_a_row_per_message_and_log_its_state() -> None:
+def test_players_of_egm_and_rtde_send_a_row_per_message_and_log_its_state():
     """Stubs of the messages, without a robot: rows in order; time, positions and currents."""
-    rows, written = [[1.0, 2.0], [3.0, 4.0]], list[tuple[float, ...]]()
+    rows, written = [[1.0, 2.0], [3.0, 4.0]], []
     joints = Message(joints=[5.0, 6.0])
     state = Message(header=Message(tm=4), feedBack=Message(joints=joints), timestamp=4, actual_q=[5, 6])
     state.actual_current = [7, 8]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from plants.cogged_joint import CoggedJoint, simulated
 from plants.moving_arm import ARM, motion
+from plants.runs import summary_of
 
 from elastid.app import cli
 from elastid.app.model_commands import on_logs
@@ -32,10 +33,10 @@ experiment:
 
 
 @pytest.fixture(scope="module")
-def study_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def study_of(tmp_path_factory) -> Callable[..., Path]:
     """The study of a log of a rigid axis with J = 6 kg*m^2, f = 20 N*m*s/rad and a Coulomb friction."""
 
-    def made(name: str, seed: int, coulomb: float) -> Path:
+    def made(name, seed, coulomb):
         folder = tmp_path_factory.mktemp(name)
         rng, t = np.random.default_rng(seed), np.arange(32000) * 5e-4
         waves = zip(rng.uniform(0.1, 1.5, 5), rng.uniform(0, 2 * np.pi, 5), rng.uniform(0.1, 0.4, 5), strict=True)
@@ -49,7 +50,7 @@ def study_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     return made
 
 
-def test_logs_of_the_command_line_have_the_keys_of_the_files_that_they_stand_for(tmp_path: Path) -> None:
+def test_logs_of_the_command_line_have_the_keys_of_the_files_that_they_stand_for(tmp_path):
     """The last of the first where there are more; not those of one log alone."""
     files = "{path: a.csv, configuration: a}, {path: b.csv, configuration: b, samples: [0, 9]}"
     (tmp_path / "study.yml").write_text(STUDY.replace("{path: log.csv}", files), encoding="utf-8")
@@ -64,9 +65,7 @@ def command(*words: str | Path) -> int:
 
 
 @pytest.mark.slow
-def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_more(
-    study_of: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_more(study_of, tmp_path):
     """As well as a regression of that log; where Coulomb friction is 4 Nm more, what is left is that, 0.1 % off."""
     first, second, third = study_of("first", 1, 12.0), study_of("second", 2, 12.0), study_of("third", 2, 16.0)
     assert command("run", first, "--run", tmp_path / "first") == 0
@@ -74,7 +73,7 @@ def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_
     for name, study in (("second", second), ("third", third)):
         folder = tmp_path / name
         assert command("predict", study, "--with", tmp_path / "first", "--run", folder) == 0
-        content = json.loads((folder / "prediction.json").read_text(encoding="utf-8"))
+        content = summary_of(folder, "prediction.json")
         (torque,) = content["torque"]
         left[name] = torque["unexplained_fraction"]
         assert content["not_predicted"] == {}
@@ -114,14 +113,14 @@ def two_axes(folder: Path, name: str, seed: int, missing: float = 0.0) -> Path:
 
 
 @pytest.mark.slow
-def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_logs(tmp_path: Path) -> None:
+def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_logs(tmp_path):
     """A log that was left out, and one of the command line, nearly as well as a regression of it; a spring is seen."""
     study, run = tmp_path / "study.yml", tmp_path / "run"
     study.write_text(TWO_AXES, encoding="utf-8")
     two_axes(tmp_path, "first.csv", 1)
     two_axes(tmp_path, "second.csv", 2)
     assert command("run", study, "--run", run, "--jobs", "1") == 0
-    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    summary = summary_of(run)
     assert {row["log"] for row in summary["torque"]} == {"first"}
     (body,) = summary["rigid_bodies"]
     assert body["joints"] == ["1", "2"]
@@ -130,7 +129,7 @@ def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_log
     logs = two_axes(tmp_path, "third.csv", 3), two_axes(tmp_path, "sprung.csv", 4, missing=40.0)
     words = [word for log in logs for word in ("--log", log)]
     assert command("predict", study, "--with", run, *words, "--run", tmp_path / "other", "--jobs", "1") == 0
-    prediction = json.loads((tmp_path / "other" / "prediction.json").read_text(encoding="utf-8"))
+    prediction = summary_of(tmp_path / "other", "prediction.json")
     left = {(row["log"], row["place"]): row for row in (*summary["validation"]["torque"], *prediction["torque"])}
     assert len(left) == 6
     for (log, _), row in left.items():

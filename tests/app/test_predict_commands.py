@@ -13,7 +13,7 @@ from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_nu
 from elastid.friction_study.commanded import DELAY
 from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
 from elastid.model.formulation import formulate
-from elastid.robot import Axis, Body, Friction, Joint, Motor, Placement, Robot
+from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot
 from elastid.robot.simplified import without_friction
 from elastid.simulation.controller import feed_forward
 from elastid.study import load_robot
@@ -29,7 +29,7 @@ frictionloss="0.15" armature="{rotor}"/><inertial mass="1" pos="{x} 0 0" diagine
 
 
 @pytest.fixture
-def log(tmp_path: Path) -> Path:
+def log(tmp_path) -> Path:
     """A log of 6 s with time stamps and gains."""
     motion = CommandedJoint().motion(6.0)
     t = np.arange(len(motion.position)) / motion.rate_hz
@@ -45,7 +45,7 @@ def predicted(folder: Path, *words: str | Path) -> tuple[int, dict]:
 
 
 @pytest.mark.slow
-def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log: Path, tmp_path: Path) -> None:
+def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log, tmp_path):
     """Exit code 3, and the factor 2.5 of the period first among the tests."""
     model = tmp_path / "robot.yml"
     model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
@@ -61,7 +61,7 @@ def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log: Pat
 
 
 @pytest.mark.slow
-def test_urdf_is_a_model_with_its_damping_and_friction(log: Path, tmp_path: Path) -> None:
+def test_urdf_is_a_model_with_its_damping_and_friction(log, tmp_path):
     """All inertia is of the link, which is the same to the joint; other gains than the log's by option."""
     joint = CommandedJoint()
     x = -joint.gravity / 9.81
@@ -75,7 +75,7 @@ def test_urdf_is_a_model_with_its_damping_and_friction(log: Path, tmp_path: Path
 
 @pytest.mark.oracle
 @pytest.mark.slow
-def test_mjcf_is_a_model_with_its_servo(log: Path, tmp_path: Path) -> None:
+def test_mjcf_is_a_model_with_its_servo(log, tmp_path):
     """Armature, damping, frictionloss, kp and kv; a servo of another kp is named although the log has the right one."""
     pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
     joint = CommandedJoint()
@@ -106,7 +106,7 @@ experiment:
 
 
 @pytest.mark.slow
-def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) -> None:
+def test_channels_and_controller_of_a_study_are_used(log, tmp_path):
     """Positions in degrees and of the other sign; the gains of the study, not of the log."""
     with np.load(log) as content:
         signals = {name: content[name] for name in ("command", "position")}
@@ -122,7 +122,7 @@ def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("axis", ["z", "y", (0.6, 0.0, 0.8)])
-def test_numbers_of_a_study_by_commands_make_pendulums(axis: Axis, tmp_path: Path) -> None:
+def test_numbers_of_a_study_by_commands_make_pendulums(axis, tmp_path):
     """J q'' + f q' + G cos q + H sin q of each joint, whatever the file has; a delay, and offsets apart.
 
     identified_robot.yml has these numbers if gravity acts across the axis.
@@ -140,8 +140,6 @@ def test_numbers_of_a_study_by_commands_make_pendulums(axis: Axis, tmp_path: Pat
     assert command_delay(result) == 0.005
     assert rigid_numbers(result)["knee", "offset"] == 0.3
     robot = commanded_robot(file, result)
-    assert robot.driven[0].motor is not None
-    assert robot.driven[0].motor.friction is not None
     assert robot.driven[0].motor.friction.coulomb == pytest.approx(0.05)
     if axis != "z":
         (tmp_path / "robot.yml").write_text(robot_of_friction("s", file, result))
@@ -154,7 +152,7 @@ def test_numbers_of_a_study_by_commands_make_pendulums(axis: Axis, tmp_path: Pat
     np.testing.assert_allclose(feed_forward(model, np.zeros(1), q, still, still + 1) - rest, 0.02, atol=1e-12)
 
 
-def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
+def test_missing_gains_and_models_are_refused(tmp_path):
     """Before anything is simulated."""
     model = tmp_path / "robot.yml"
     model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
@@ -169,7 +167,7 @@ def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
     assert predicted(tmp_path / "e", model, "--log", tmp_path / "log.npz", *two)[0] == 2
 
 
-def test_robot_in_place_of_the_study_of_with_is_refused(tmp_path: Path) -> None:
+def test_robot_in_place_of_the_study_of_with_is_refused(tmp_path):
     """The text of a URDF has no section of logs: exit code 2, and no internal error."""
     model = tmp_path / "leg.urdf"
     model.write_text(URDF.format(x=0.1, I=0.03), encoding="utf-8")

@@ -1,18 +1,16 @@
 """Logs at rest, of slow loops and of warm-ups through a whole study: numbers, page and refusals."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants import lugre_joint, warm_rig
 from plants.friction_logs import THERMOMETER_LINE, write_log, write_study
+from plants.runs import run_of, summary_of
 
-from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.friction_study.result import FrictionNumber, FrictionResult
 from elastid.store.friction_study import read_friction_result
-from elastid.study import load
 
 STUDY = """
 name: logs
@@ -32,7 +30,7 @@ experiment:
 
 
 def opened(study: Path) -> Run:
-    return Run(load(study), study.parent / "run", 1, Console(-1))
+    return run_of(study, study.parent / "run")
 
 
 def result_of(run: Run) -> FrictionResult:
@@ -45,7 +43,7 @@ def numbers(result: FrictionResult) -> dict[str, FrictionNumber]:
 
 
 @pytest.mark.slow
-def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
+def test_bristles_from_logs_at_rest_alone(tmp_path):
     """Two amplitudes, no other log: sigma_0 to 1 % and sigma_1 to 10 %, within their intervals, with page and JSON."""
     rng = np.random.default_rng(3)
     for name, size in (("small", 0.05), ("large", 0.1)):
@@ -58,7 +56,7 @@ def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
         # Without a log that slides viscous friction is not known, and is in the damping.
         truth += lugre_joint.VISCOUS if name == "s1_m1" else 0.0
         assert abs(found[name].value - truth) < 3.3 * found[name].std
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    summary = summary_of(tmp_path / "run")
     assert summary["status"] == "partly"
     assert (tmp_path / "run" / "report.html").exists()
 
@@ -71,10 +69,9 @@ def warm(folder: Path, log: warm_rig.WarmLog, *files: str) -> Run:
 
 
 @pytest.mark.slow
-def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
+def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path):
     """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
     joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0))).at("1")
-    assert joint.thermal is not None
     assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)
     assert joint.thermal.fractions[1] < 0
     assert joint.constant_velocity is not None

@@ -1,18 +1,16 @@
 """file -> value -> file: what is kept, what is done again, what is left when work is stopped."""
 
-import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
 
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import run_of, summary_of
 
 from elastid.app import run as running
 from elastid.app.console import Console
@@ -25,7 +23,6 @@ from elastid.app.stages import measure as measuring
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Record
-from elastid.response import Response
 from elastid.store.artefacts import read_stamp
 from elastid.store.plan import read_plan
 from elastid.store.results import read_fit
@@ -34,23 +31,19 @@ from elastid.study import load, load_robot
 ALL = ["design", "measure", "estimate", "fit", "validate", "report"]
 
 
-def run_of(study: Path, folder: Path, *overrides: str, jobs: int = 1) -> Run:
-    return Run(load(study, overrides), folder, jobs, Console(-1))
-
-
 @pytest.fixture
-def copy(finished: Path, tmp_path: Path) -> Path:
+def copy(finished, tmp_path) -> Path:
     return Path(shutil.copytree(finished, tmp_path / "copy"))
 
 
 @pytest.fixture
-def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def worked_on(monkeypatch) -> list[str]:
     """Stages write down their names instead of working."""
-    done: list[str] = []
+    done = []
     names = {stage.function: name for name, stage in stages_of(SIMULATED).items()}
 
-    def written_down(text: str) -> Callable[..., object]:
-        def stage(*_: object) -> Artefacts:
+    def written_down(text):
+        def stage(*_):
             done.append(names[text])
             return Artefacts({})
 
@@ -74,28 +67,23 @@ def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         (["robot.bodies.0.mass=1"], ALL),
     ],
 )
-def test_only_stages_that_depend_on_a_change_run_again(
-    copy: Path, worked_on: list[str], overrides: list[str], expected: list[str]
-) -> None:
+def test_only_stages_that_depend_on_a_change_run_again(copy, worked_on, overrides, expected):
     """A key of the study reaches the stages that read it, and those after them."""
     run_all(run_of(copy / "study.yml", copy / "run", *overrides))
     assert worked_on == expected
 
 
-def test_check_foretells_the_plan(finished: Path) -> None:
+def test_check_foretells_the_plan(finished):
     """Numbers of its experiments, periods and lines."""
     text, plan = overview(load(finished / "study.yml").study), read_plan(finished / "run" / "plan.h5")
     numbers = re.search(r"(\d+) experiments: .*\s+(\d+) periods of .* \((\d+) of transient\); (\d+) ", text)
-    assert numbers is not None
     expected = len(plan.experiments), plan.periods + plan.transient_periods, plan.transient_periods, len(plan.lines)
     assert (*map(int, numbers.groups()),) == expected
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores of a process are those of Linux")
-def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(
-    finished: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started: list[Sequence[str]] = []
+def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(finished, monkeypatch):
+    started = []
     monkeypatch.setattr(running, "load_for_workers", started.append)
     run_all(run_of(finished / "study.yml", finished / "run", jobs=2))
     assert not started
@@ -107,7 +95,7 @@ def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(
         os.sched_setaffinity(0, cores)
 
 
-def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
+def test_a_fit_leaves_the_robot_with_its_numbers(finished):
     """identified_robot.yml is read as a robot with every fitted number; export writes the same file."""
     run = run_of(finished / "study.yml", finished / "run")
     values = read_fit(run.path("fit")).values
@@ -121,7 +109,7 @@ def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
     assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
 
 
-def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_that_has_changed_on_the_disk_is_made_again(copy, capsys):
     """One bit of a response: `run` says so and ends with the bytes that were there; the fit alone refuses it."""
     path = copy / "run" / "frf.h5"
     before = path.read_bytes()
@@ -137,16 +125,9 @@ def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys:
 
 
 @pytest.mark.parametrize(
-    ("name", "stage"),
-    [
-        ("summary.json", "fit"),
-        ("report.html", "report"),
-        ("references/*.csv", "design"),
-    ],
+    ("name", "stage"), [("summary.json", "fit"), ("report.html", "report"), ("references/*.csv", "design")]
 )
-def test_a_text_that_has_changed_on_the_disk_is_made_again(
-    copy: Path, worked_on: list[str], capsys: pytest.CaptureFixture[str], name: str, stage: str
-) -> None:
+def test_a_text_that_has_changed_on_the_disk_is_made_again(copy, worked_on, capsys, name, stage):
     """One digit that another program would read, or a robot would follow: `run` says so and makes it again."""
     path = min((copy / "run").glob(name))
     spoilt = bytearray(path.read_bytes())
@@ -157,11 +138,10 @@ def test_a_text_that_has_changed_on_the_disk_is_made_again(
     assert path.name in capsys.readouterr().err
 
 
-def test_every_result_says_where_it_came_from(finished: Path) -> None:
+def test_every_result_says_where_it_came_from(finished):
     """Study with robot, seed, version and hashes, in every file."""
     for name in ("plan.h5", "records.h5", "frf.h5", "fit.h5", "validation.h5"):
         stamp = read_stamp(finished / "run" / name)
-        assert stamp is not None
         assert "name: tiny" in stamp.study
         assert "one elastic joint" in stamp.study
         assert stamp.seed == 1
@@ -172,7 +152,7 @@ def test_every_result_says_where_it_came_from(finished: Path) -> None:
     assert " UTC: elastid" in log
 
 
-def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_path: Path) -> None:
+def test_a_stage_alone_asks_for_what_it_reads(finished, copy, tmp_path):
     """And names the command; nothing is written."""
     study = finished / "study.yml"
     with refused("run/earlier-stage"):
@@ -194,9 +174,7 @@ class Interrupting(SimulatedRig):
         return super().measure(experiment)
 
 
-def test_a_stopped_measurement_goes_on_where_it_was(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stopped_measurement_goes_on_where_it_was(finished, tmp_path, monkeypatch):
     """Finished experiments are kept and not simulated again; the end is the same to the bit."""
     run = run_of(finished / "study.yml", tmp_path / "run")
     run_all(run, ["design"])
@@ -215,9 +193,9 @@ def test_a_stopped_measurement_goes_on_where_it_was(
     assert not (run.partial("measure")).exists()
 
 
-def test_the_summary_has_the_truth_beside_each_estimate(finished: Path) -> None:
+def test_the_summary_has_the_truth_beside_each_estimate(finished):
     """Schema 1; the mode is that of both inertias on the spring."""
-    summary = json.loads((finished / "run" / "summary.json").read_text())
+    summary = summary_of(finished / "run")
     assert summary["schema"] == 1
     assert summary["status"] == "converged"
     k_1 = summary["parameters"]["k_1"]
@@ -227,12 +205,12 @@ def test_the_summary_has_the_truth_beside_each_estimate(finished: Path) -> None:
     assert summary["modes"][0]["frequency_hz"][0] == pytest.approx(np.sqrt(60 * 2e3) / (2 * np.pi), rel=0.01)
 
 
-def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch):
     """The fit sees the others alone; validation and summary speak of all."""
-    seen: list[str] = []
+    seen = []
     inner = fitting.identified
 
-    def spy(responses: list[Response], *arguments: Any, **options: Any) -> Any:
+    def spy(responses, *arguments, **options):
         seen.extend(response.configuration.name for response in responses)
         return inner(responses, *arguments, **options)
 
@@ -240,17 +218,17 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monke
     run = run_of(copy / "study.yml", copy / "run", "validation.configurations=[b]")
     run_all(run)
     assert seen == ["a"]
-    summary = json.loads((copy / "run" / "summary.json").read_text())
+    summary = summary_of(copy / "run")
     assert [error["configuration"] for error in summary["frf_error"]] == ["a", "b"]
 
 
-def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
+def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy):
     """A mass without gravity moves nothing: FitError names it, and nothing of before is passed off as of this one."""
     run = run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1")
     (copy / "run" / "figures" / "mine.png").touch()
     with refused("fit/not-identifiable"):
         run_all(run)
-    summary = json.loads((copy / "run" / "summary.json").read_text())
+    summary = summary_of(copy / "run")
     assert summary["status"] == "failed"
     assert "m_load" in summary["message"]
     assert not run.is_current("fit")
@@ -260,10 +238,10 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
 
 
 @pytest.fixture
-def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
+def never_converging(monkeypatch):
     inner = fitting.identified
 
-    def give_up(*arguments: Any, **options: Any) -> Any:
+    def give_up(*arguments, **options):
         result, effects = inner(*arguments, **options)
         return replace(result, status="not_converged"), effects
 
@@ -272,7 +250,7 @@ def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("never_converging")
-def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
+def test_a_fit_that_did_not_converge_is_still_shown(copy):
     """The report shows where it stands, the command fails, and fails again when nothing is left to do."""
     run = run_of(copy / "study.yml", copy / "run", "fit.starts=1")
     for _ in range(2):
@@ -280,4 +258,4 @@ def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
             run_all(run)
         assert run.is_current("report")
         assert read_fit(run.path("fit")).status == "not_converged"
-    assert json.loads((copy / "run" / "summary.json").read_text())["status"] == "not_converged"
+    assert summary_of(copy / "run")["status"] == "not_converged"

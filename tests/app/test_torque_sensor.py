@@ -1,11 +1,12 @@
 """A torque sensor behind the gear as the input: k and d without the friction in front of it."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.drafts import drafted, save
 from plants.refusals import refused
+from plants.runs import summary_of
 
 from elastid.app.cli import run_command
 from elastid.study import load_with_logs
@@ -58,16 +59,13 @@ def write_log(folder: Path, realisation: int, friction: float) -> None:
     joint = motor * spring / (spring + link)
     signals = np.stack([np.fft.irfft(x, n) for x in (spring * (motor - joint), motor, joint)], axis=1)
     signals += rng.normal(size=signals.shape) * [0.02, 1e-7, 1e-7]
-    np.savetxt(folder / f"{realisation}.csv", signals, delimiter=",", header="torque,motor,joint", comments="")
+    save(folder / f"{realisation}.csv", "torque,motor,joint", signals)
 
 
-def test_sensor_sign_is_the_one_of_the_motor_torque(tmp_path: Path) -> None:
+def test_sensor_sign_is_the_one_of_the_motor_torque(tmp_path):
     """`new` writes it; `check` reports a study with the other one at the line of the sensor."""
-    write_arm_log(tmp_path / "arm.csv", scale=-1.0)
-    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
-    path = tmp_path / "s" / "study.yml"
-    sensors = [c for c in load_with_logs(path).study.experiment.as_recorded().channels if c.role == "d"]
-    assert [c.sign for c in sensors] == [1, 1]
+    study, path = drafted(tmp_path, arm_log(tmp_path, scale=-1.0)), tmp_path / "new" / "study.yml"
+    assert [c.sign for c in study.experiment.as_recorded().channels if c.role == "d"] == [1, 1]
     lines = path.read_text().splitlines()
     number = next(i for i, line in enumerate(lines, start=1) if "role: d" in line)
     lines[number - 1] = lines[number - 1].replace("N*m}", "N*m, sign: -1}")
@@ -76,24 +74,22 @@ def test_sensor_sign_is_the_one_of_the_motor_torque(tmp_path: Path) -> None:
         load_with_logs(path)
 
 
-def test_sensors_of_unknown_size_are_not_used(tmp_path: Path) -> None:
+def test_sensors_of_unknown_size_are_not_used(tmp_path):
     """Unit, side and ratio of sensor or motor may be the reason, and nothing shows which of them."""
-    write_arm_log(tmp_path / "arm.csv", scale=1e3)
-    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
-    study = load_with_logs(tmp_path / "s" / "study.yml").study
+    study = drafted(tmp_path, arm_log(tmp_path, scale=1e3))
     assert not [c for c in study.experiment.as_recorded().channels if c.role == "d"]
-    assert "times torque_sensor_1" in (tmp_path / "s" / "study.yml").read_text()
+    assert "times torque_sensor_1" in (tmp_path / "new" / "study.yml").read_text()
 
 
 @pytest.mark.slow
-def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp_path: Path) -> None:
+def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp_path):
     """Inside their intervals, within 0.1 and 1 %, with a third of the torque lost in friction; the motor is unknown."""
     for realisation in (1, 2):
         write_log(tmp_path, realisation, friction=3.0)
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)
     assert run_command(["run", str(tmp_path / "study.yml"), "-q", "--jobs", "1", "--run", str(tmp_path / "run")]) == 0
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    summary = summary_of(tmp_path / "run")
     assert summary["status"] == "converged"
     for name, truth, limit in (("k_1", K, 1e-3), ("d_1", D, 1e-2)):
         estimate = summary["parameters"][name]
@@ -104,7 +100,7 @@ def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp
 TORQUES = {"coulomb": (0.9, 0.5), "viscous": (0.3, 0.2), "armature": (0.05, 0.03)}  # in front of the sensors
 
 
-def write_arm_log(path: Path, noise: float = 0.01, scale: float = 1.0) -> None:
+def arm_log(folder: Path, noise: float = 0.01, scale: float = 1.0) -> Path:
     """A planar arm under gravity: torques of its motors, and of sensors behind their gears, which carry the links.
 
     scale: of the numbers of the sensors.
@@ -129,28 +125,25 @@ def write_arm_log(path: Path, noise: float = 0.01, scale: float = 1.0) -> None:
     motors = links + np.array(TORQUES["armature"])[:, None] * a + friction
     torques = np.vstack([motors, links]) + noise * rng.standard_normal((4, len(t)))
     torques[2:] *= scale
-    rows = np.vstack([t, torques[:2], q + 1e-5 * rng.standard_normal(q.shape), torques[2:]]).T
+    angles = (q + 1e-5 * rng.standard_normal(q.shape)).T
     head = "time,motor_torque_1,motor_torque_2,q_1,q_2,torque_sensor_1,torque_sensor_2"
-    np.savetxt(path, rows, "%.9g", ",", header=head, comments="")
+    return save(folder / "arm.csv", head, t, torques[:2].T, angles, torques[2:].T)
 
 
-def test_sensors_next_to_motor_torques_are_found(tmp_path: Path) -> None:
+def test_sensors_next_to_motor_torques_are_found(tmp_path):
     """Each with the sign of the torque that the links exert on the motor."""
-    write_arm_log(tmp_path / "arm.csv")
-    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
-    study = load_with_logs(tmp_path / "s" / "study.yml").study
-    sensors = [(c.at, c.channel, c.sign) for c in study.experiment.as_recorded().channels if c.role == "d"]
+    channels = drafted(tmp_path, arm_log(tmp_path)).experiment.as_recorded().channels
+    sensors = [(c.at, c.channel, c.sign) for c in channels if c.role == "d"]
     assert sensors == [(f"motor {i}", f"torque_sensor_{i}", -1) for i in (1, 2)]
-    assert len([c for c in study.experiment.as_recorded().channels if c.role == "u"]) == 2
+    assert len([c for c in channels if c.role == "u"]) == 2
 
 
 @pytest.mark.slow
-def test_friction_in_front_of_sensors_needs_no_model_of_the_links(tmp_path: Path) -> None:
+def test_friction_in_front_of_sensors_needs_no_model_of_the_links(tmp_path):
     """Coulomb and viscous friction of both joints within 1 %; the links and gravity are in the sensors' torques."""
-    write_arm_log(tmp_path / "arm.csv")
-    assert run_command(["new", str(tmp_path / "s"), "--from", str(tmp_path / "arm.csv")]) == 0
-    assert run_command(["run", str(tmp_path / "s" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    drafted(tmp_path, arm_log(tmp_path))
+    assert run_command(["run", str(tmp_path / "new" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0
+    summary = summary_of(tmp_path / "run")
     assert summary["status"] == "identified"
     for name, term in (("Fc", "coulomb"), ("f", "viscous")):
         for i, truth in enumerate(TORQUES[term], start=1):

@@ -2,7 +2,6 @@
 
 import csv
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from elastid.use.tune import IDENTIFIED, RIGID
 
 
 @pytest.mark.slow
-def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fitted_study_commands_a_move(fitted_arm, capsys):
     """All files are there and agree; the same bytes again."""
     study = fitted_arm
     run, path = study.parent / "run", study.parent / "move.csv"
@@ -40,7 +39,7 @@ def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.Capture
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
 @pytest.mark.oracle("fmpy")
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path, version: int) -> None:
+def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm, version):
     """In another program, with nothing set: as exactly as planned, and not at all with the path of another time."""
     study = fitted_arm
     import fmpy
@@ -63,7 +62,7 @@ def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path
 
 
 @pytest.mark.slow
-def test_a_fitted_study_compensates_friction(fitted_arm: Path) -> None:
+def test_a_fitted_study_compensates_friction(fitted_arm):
     """The friction of the motors over velocity is there in C."""
     assert command("export", fitted_arm, "--to", "compensation") == 0
     assert (fitted_arm.parent / "run" / "export" / "compensation" / "friction.c").is_file()

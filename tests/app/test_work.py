@@ -21,7 +21,7 @@ TEMPLATES = ("serial", "parallel-linkage", "recorded", "frf", "friction")
 
 
 @pytest.fixture(scope="module")
-def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LoadedStudy]:
+def studies(tmp_path_factory) -> dict[str, LoadedStudy]:
     """A study of each template that comes with its files; the friction study with a filter, the first with a design."""
     home = tmp_path_factory.mktemp("studies")
     options = {"friction": ("filter={}",), "serial": ("design={count: 1}",)}
@@ -29,13 +29,13 @@ def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LoadedStudy]:
 
 
 @pytest.fixture(autouse=True)
-def same_code(monkeypatch: pytest.MonkeyPatch) -> None:
+def same_code(monkeypatch):
     """Thousands of stamps without reading the package each time."""
     monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
 
 
 @pytest.mark.parametrize("kind", [".py", ".pyi", ".c", ".h", ".m", ".j2", ".js", ".css", ".yml", ".txt", ".typed", ""])
-def test_a_byte_of_any_packaged_file_changes_the_hash_of_the_code(tmp_path: Path, kind: str) -> None:
+def test_a_byte_of_any_packaged_file_changes_the_hash_of_the_code(tmp_path, kind):
     """Kernels, pages, templates and data as much as Python; what Python itself leaves there counts nothing."""
     root = Path(shutil.copytree(PACKAGE, tmp_path / "elastid", ignore=shutil.ignore_patterns("__pycache__")))
     before = code_hash(root)
@@ -93,9 +93,7 @@ def is_plain(path: tuple[Any, ...]) -> bool:
 
 @pytest.mark.parametrize("template", TEMPLATES)
 @pytest.mark.slow
-def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
-    studies: dict[str, LoadedStudy], template: str
-) -> None:
+def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(studies, template):
     """For every key of the study: seen and in the stamp where it is declared, in neither where it is not."""
     loaded = studies[template]
     stages, before = stages_of_study(loaded.study), stamps(loaded)
@@ -115,7 +113,7 @@ def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
             assert (after[name].inputs != before[name].inputs) is (not same or upstream), (path, name)
 
 
-def test_the_content_of_a_log_changes_the_stamp_of_its_records(studies: dict[str, LoadedStudy]) -> None:
+def test_the_content_of_a_log_changes_the_stamp_of_its_records(studies):
     """One byte of one file, whatever its date."""
     loaded = studies["recorded"]
     before = stamps(loaded)

@@ -39,10 +39,10 @@ class Sample:
             raise ValueError(f"x has shape {self.x.shape}, G {self.G.shape}")
 
 
-def test_arrays_of_a_value_are_read_only_copies_of_their_type() -> None:
+def test_arrays_of_a_value_are_read_only_copies_of_their_type():
     """Whatever was given stays as it was, and so does the value."""
     x = np.arange(3)
-    value = Sample(x, x, x.tolist(), name="a")  # type: ignore[arg-type]
+    value = Sample(x, x, x.tolist(), name="a")
     assert [array.dtype for array in (value.x, value.G, value.lines)] == [np.float64, np.complex128, np.int64]
     assert value.kept is None
     x[0] = 5
@@ -52,21 +52,21 @@ def test_arrays_of_a_value_are_read_only_copies_of_their_type() -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
     with pytest.raises(FrozenInstanceError):
-        value.name = "b"  # type: ignore[misc]
+        value.name = "b"
 
 
-def test_a_value_checks_itself_once_it_is_frozen() -> None:
+def test_a_value_checks_itself_once_it_is_frozen():
     """Its own `__post_init__` is called, on a changed copy too."""
     with pytest.raises(ValueError, match=r"x has shape \(3,\), G \(2,\)"):
         replace(Sample(np.zeros(2), np.zeros(2), np.zeros(2, int)), x=np.zeros(3))
 
 
-def test_a_large_array_reads_the_rows_asked_for() -> None:
+def test_a_large_array_reads_the_rows_asked_for():
     """As double precision, by slices, columns and steps like an array in memory; whole where it is asked for."""
     values = np.arange(20, dtype=np.float32).reshape(10, 2) / 3
-    asked: list[tuple[int, int]] = []
+    asked = []
 
-    def rows(first: int, last: int) -> np.ndarray:
+    def rows(first, last):
         asked.append((first, last))
         return values[first:last]
 
@@ -95,12 +95,11 @@ input()
 """
 
 
-def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_killed(tmp_path) -> None:
+def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_killed(tmp_path):
     """However it ends, since the file has no name from the first moment."""
     process = subprocess.Popen(
         [sys.executable, "-c", FILLED, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
     assert process.stdout.readline() == "3000\n"
     assert list(tmp_path.iterdir()) == []
     process.kill()
@@ -108,7 +107,7 @@ def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_ki
     assert list(tmp_path.iterdir()) == []
 
 
-def test_arrays_beside_a_file_are_those_given_also_after_their_memory_and_in_another_process(tmp_path) -> None:
+def test_arrays_beside_a_file_are_those_given_also_after_their_memory_and_in_another_process(tmp_path):
     """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array."""
     given = [np.arange(n, dtype=dtype).reshape(-1, 1) for n, dtype in ((5, float), (0, complex), (70_000, np.int64))]
     kept = [stored_in(tmp_path, array) for array in given]

@@ -17,8 +17,8 @@ PACKAGE = Path(elastid.__file__).parent
 CODED = {"ElastidError", "StudyError", "DataError", "FitError", "MisfitError", "Note"}
 
 
-def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and_explained() -> None:
-    constants = set[object]()
+def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and_explained():
+    constants = set()
     for file in sorted(PACKAGE.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in CODED:
@@ -33,9 +33,9 @@ def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and
         assert explain(code).splitlines()[1:] == [f"  {meaning}", f"  {remedy}"]
 
 
-def test_every_code_has_one_exit_code() -> None:
+def test_every_code_has_one_exit_code():
     """A program that reads the code knows how the command ended."""
-    exit_codes: dict[str, set[int]] = {}
+    exit_codes = {}
     for file in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             kind = getattr(errors, getattr(getattr(node, "func", None), "id", ""), None)
@@ -46,13 +46,13 @@ def test_every_code_has_one_exit_code() -> None:
     assert {code for code, each in exit_codes.items() if len(each) > 1} == set()
 
 
-def test_an_unknown_code_is_refused_with_the_nearest() -> None:
+def test_an_unknown_code_is_refused_with_the_nearest():
     with refused("study/unknown-key", holds="records/clock"):
         explain("records/clok")
 
 
 @pytest.mark.parametrize(("old", "new"), renamed_names().items())
-def test_explain_answers_an_old_name_with_one_that_exists(old: str, new: str) -> None:
+def test_explain_answers_an_old_name_with_one_that_exists(old, new):
     if not {".", "/"} & set(old):
         return
     with refused("study/unknown-key", holds=new):
@@ -61,13 +61,13 @@ def test_explain_answers_an_old_name_with_one_that_exists(old: str, new: str) ->
 
 
 @pytest.mark.parametrize("override", ["fit.weights.floor=0.1", "friction.passes=detect", "tool={motors: held}"])
-def test_a_study_with_an_old_name_is_told_the_new_one(override: str, tmp_path: Path) -> None:
+def test_a_study_with_an_old_name_is_told_the_new_one(override, tmp_path):
     assert cli.run_command(["new", str(tmp_path / "arm")]) == 0
     with refused("study/invalid", holds="renamed to "):
         load(tmp_path / "arm" / "study.yml", (override,))
 
 
 @pytest.mark.parametrize("words", ["run x levels", "loops x --draws 2"])
-def test_an_old_word_on_the_command_line_is_told_the_new_one(words: str, capsys) -> None:
+def test_an_old_word_on_the_command_line_is_told_the_new_one(words, capsys):
     assert cli.run_command(words.split()) == 2
     assert "renamed to" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from plants.runs import summary_of
 
 from elastid.app import cli
 
@@ -35,7 +36,7 @@ EDITS = {
 
 
 @pytest.fixture(scope="module")
-def makes(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+def makes(tmp_path_factory) -> ModuleType:
     """The simulator of an arm with drive cascades at 8 kHz, compiled into a folder of its own."""
     engine = find_spec("mujoco")
     if not RIG.is_dir() or engine is None or shutil.which("gcc") is None:
@@ -52,16 +53,14 @@ def makes(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
         patch.syspath_prepend(str(RIG))
         module, rig, arm = map(import_module, ("makes", "rig", "arm"))
         (folder / "arm.xml").write_text(arm.xml())
-        rig._xml = folder / "arm.xml"  # type: ignore[attr-defined]
+        rig._xml = folder / "arm.xml"
         return module
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("make", MAKES)
-def test_logs_of_a_make_give_stiffness_delay_and_friction(
-    make: str, makes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_logs_of_a_make_give_stiffness_delay_and_friction(make, makes, tmp_path, monkeypatch):
     """From a model with default tolerances, by at most ten edited lines: k to 3 std and 2 %, Coulomb torque to 5 %."""
     path, late, limit, of_stiffness = MAKES[make]
     robot = re.sub(r"acceleration: \d+, ", "", import_module("arm").robot())
@@ -88,7 +87,7 @@ fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
     for file in sorted((tmp_path / "plan" / "references").glob("*.csv")):
         q = np.radians(np.genfromtxt(file, delimiter=",", skip_header=1)[:, 1:])
         q = q / (np.array(makes.N) if make == "drive" else 1.0)
-        name, realisation, experiment = re.fullmatch(r"(\w+)-r(\d+)-e(\d+)", file.stem).groups()  # type: ignore[union-attr]
+        name, realisation, experiment = re.fullmatch(r"(\w+)-r(\d+)-e(\d+)", file.stem).groups()
         runs[file.stem] = name, int(realisation), int(experiment), q - np.array(places[name])
     timing = {"first": 1.0, "period": 4.0, "whole": 16.0}
     monkeypatch.setattr(makes, "references", lambda *_, **__: (runs, timing))
@@ -105,7 +104,7 @@ fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
     study.write_text(text)
     assert cli.run_command(["check", str(study)]) == 0
     assert cli.run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
-    summary, true = json.loads((tmp_path / "run" / "summary.json").read_text()), makes.TR
+    summary, true = summary_of(tmp_path / "run"), makes.TR
     stiffness = {"k_1": true["k"][0], "k_2": true["k"][1], "k_3": true["k"][2], "k_2z": true["kz"]}
     numbers = summary["parameters"]
     for name, value in stiffness.items():
@@ -133,7 +132,7 @@ def references(rng: np.random.Generator, rate: int) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [1000, 250])
-def test_references_alone_give_stiffness_damping_and_delay(rate: int, makes: ModuleType, tmp_path: Path) -> None:
+def test_references_alone_give_stiffness_damping_and_delay(rate, makes, tmp_path):
     """Without a torque, at 250 Hz with images of the references: four springs to 1 %, dampings to 5 %, delay to 0.1 ms.
 
     The integral of the rig contains the error of its own sample, and its two sampled lags are 112 us less late than the
@@ -170,7 +169,7 @@ def test_references_alone_give_stiffness_damping_and_delay(rate: int, makes: Mod
     }
     (tmp_path / "study.yml").write_text(json.dumps(study))
     cli.run_command(["run", str(tmp_path / "study.yml"), "-q", "--run", str(tmp_path / "run")])
-    summary, true = json.loads((tmp_path / "run" / "summary.json").read_text()), makes.TR
+    summary, true = summary_of(tmp_path / "run"), makes.TR
     assert summary["status"] == "converged"
     springs = dict(zip(("1", "2", "3", "2z"), (*true["k"], true["kz"]), strict=True))
     dampers = dict(zip(springs, (*true["d"], true["dz"]), strict=True))

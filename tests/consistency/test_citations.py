@@ -51,7 +51,7 @@ def docstrings(path: Path) -> list[str]:
 
 def numbers(citation: str) -> list[str]:
     """The equations that a citation names, ranges written out; ValueError for one that the thesis does not have."""
-    found: list[str] = []
+    found = []
     known = list(EQUATIONS)
     for joined, number in re.findall(rf"(to )?\(({NUMBER[2:-2]})\)", citation):
         first = known.index(found[-1]) + 1 if joined else known.index(number)
@@ -64,7 +64,7 @@ MODULES = sorted((ROOT / "elastid").rglob("*.py"))
 
 @pytest.mark.slow
 def test_every_equation_is_cited_where_it_is_implemented_and_nowhere_else():
-    found: dict[str, set[str]] = {number: set() for number in EQUATIONS}
+    found = {number: set() for number in EQUATIONS}
     for path in MODULES:
         for number in {n for text in docstrings(path) for one in CITATION.findall(text) for n in numbers(one)}:
             found[number].add(path.relative_to(ROOT / "elastid").as_posix())
@@ -77,7 +77,7 @@ QUOTED = re.compile(r"(?<!`)`([A-Za-z_]\w*)(?:\(\))?`(?!`)")
 
 
 @pytest.mark.slow
-def test_names_in_docstrings_exist() -> None:
+def test_names_in_docstrings_exist():
     """In the code of the module, among definitions of the package, modules beside it, rooms, keys or builtins."""
     codes = {path: re.sub(r'"""(?:.|\n)*?"""', "", path.read_text(encoding="utf-8")) for path in MODULES}
     texts = (*(key.path for key in list_keys()), *dir(builtins), *dir(object), *map(str, MODULES[0].parent.iterdir()))

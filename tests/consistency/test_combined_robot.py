@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.refusals import refused
+from plants.runs import run_of
 
-from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.base.errors import StudyError
 from elastid.design.configuration_selection import draw_candidates
@@ -114,7 +114,7 @@ def written(folder: Path, rough: bool, seed: int = 1, **replacing: str) -> Path:
     return folder / "study.yml"
 
 
-def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None:
+def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path):
     """4 N across the slide is read; N*m there, N at a motor, m/s of a motor's friction are refused where they stand."""
     robot = load(written(tmp_path, rough=True)).study.robot
     assert robot.joints[1].friction.coulomb == 4.0
@@ -131,18 +131,17 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None
 
 def stage(path: Path, *names: str) -> tuple[Run, dict]:
     """The run after some stages, and its summary."""
-    run = Run(load(path), path.parent / "run", 1, Console(-1))
+    run = run_of(path, path.parent / "run")
     run_all(run, names)
     summary = run.folder / "summary.json"
     return run, json.loads(summary.read_text()) if summary.exists() else {}
 
 
 @pytest.mark.parametrize(
-    ("rough", "seeds"),
-    [pytest.param(False, (1,), id="smooth"), pytest.param(True, (1, 2, 3), id="friction")],
+    ("rough", "seeds"), [pytest.param(False, (1,), id="smooth"), pytest.param(True, (1, 2, 3), id="friction")]
 )
 @pytest.mark.slow
-def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bool, seeds: tuple[int, ...]) -> None:
+def test_known_values_come_back_within_their_intervals(tmp_path, rough, seeds):
     """Several seeds, everything in one study, end to end: |error| / std of all as normal numbers would have it."""
     off = []
     for seed in seeds:
@@ -162,7 +161,7 @@ def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bo
     assert np.abs(off).max() < 5
 
 
-def test_candidates_of_a_slide_need_its_ends() -> None:
+def test_candidates_of_a_slide_need_its_ends():
     """A joint that turns may be drawn from a whole turn; metres have no such default."""
     slide = Joint("x", "x", motor=Motor(1.0), motion="translation")
     with refused("design/candidates", place="design.candidates"):

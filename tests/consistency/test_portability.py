@@ -21,7 +21,6 @@ POSIX_NAMES = {
         "multiprocessing": "forkserver",
     }.items()
 }
-PLACES = ("/tmp", "/proc", "/dev/", "/etc/")
 
 
 @cache
@@ -49,7 +48,7 @@ def posix_uses(tree: ast.Module) -> list[str]:
     above = {child: parent for parent in ast.walk(tree) for child in ast.iter_child_nodes(parent)}
     found = []
     for node in ast.walk(tree):
-        names: list[str] = []
+        names = []
         match node:
             case ast.Import(names=aliases):
                 names = [alias.name for alias in aliases if alias.name in POSIX_MODULES]
@@ -62,25 +61,13 @@ def posix_uses(tree: ast.Module) -> list[str]:
 
 
 @pytest.mark.slow
-def test_no_call_needs_posix() -> None:
+def test_no_call_needs_posix():
     """It is made where the system was asked whether it has it."""
     assert [f"{path}, {use}" for path, tree in trees() for use in posix_uses(tree)] == []
 
 
 @pytest.mark.slow
-def test_no_text_names_a_folder_of_one_system() -> None:
-    """Temporary files are where the system has them."""
-    found = [
-        f"{path}:{node.lineno}: {node.value}"
-        for path, tree in trees()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith(PLACES)
-    ]
-    assert found == []
-
-
-@pytest.mark.slow
-def test_every_text_is_utf_8() -> None:
+def test_every_text_is_utf_8():
     """Whatever the system's own encoding: `open`, `read_text` and `write_text` name it, or read bytes."""
     found = []
     for path, tree in trees():
@@ -100,7 +87,7 @@ def test_every_text_is_utf_8() -> None:
 
 
 @pytest.mark.slow
-def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system() -> None:
+def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system():
     """Their words are UTF-8 or bytes, and what is neither is replaced."""
     found = [
         f"{path}:{node.lineno}: {ast.unparse(node)}"
@@ -112,7 +99,7 @@ def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system() -> 
     assert found == []
 
 
-def test_the_walk_sees_what_it_is_there_for() -> None:
+def test_the_walk_sees_what_it_is_there_for():
     """Unguarded calls are found, guarded ones are not."""
     assert posix_uses(ast.parse("import fcntl\nimport os\nos.getuid()")) == ["line 1: fcntl", "line 3: os.getuid"]
     assert posix_uses(ast.parse("import os\nif hasattr(os, 'getuid'):\n    os.getuid()")) == []

@@ -1,6 +1,5 @@
 """Every block of the README is executed in a copy with nothing beside it, in the order in which a reader meets them."""
 
-import json
 import re
 import shutil
 import sys
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.reader import Reader
+from plants.runs import summary_of
 
 from elastid.app import scaffold
 from elastid.store.plan import read_plan
@@ -24,13 +24,13 @@ def blocks(language: str) -> list[str]:
     return [text for of, text in BLOCKS if of == language]
 
 
-def test_every_block_says_its_language() -> None:
+def test_every_block_says_its_language():
     """So that it is known how each is executed."""
     assert {language for language, _ in BLOCKS} == {"bash", "python", "yaml"}
     assert README.count("```") == 2 * len(BLOCKS)
 
 
-def test_the_study_of_the_readme_is_that_of_its_template(tmp_path: Path) -> None:
+def test_the_study_of_the_readme_is_that_of_its_template(tmp_path):
     """Beside the robot and the logs that the template brings; the commands run the template's own."""
     study = scaffold.new(tmp_path / "mystudy", "recorded")
     template = load(study).study
@@ -39,20 +39,20 @@ def test_the_study_of_the_readme_is_that_of_its_template(tmp_path: Path) -> None
     assert load(study).study == template
 
 
-def test_links_of_the_readme_lead_somewhere() -> None:
+def test_links_of_the_readme_lead_somewhere():
     assert [path for path in re.findall(r"\]\(([^)#:]+)\)", README) if not (ROOT / path).exists()] == []
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
+def test_every_block_does_what_the_readme_says(tmp_path):
     """The commands and the Python, in this order and in one copy of the repository."""
     folder = tmp_path / "elastid"
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "runs", "__pycache__"))
     reader = Reader(folder)
     for text in blocks("bash"):
         reader.run_shell(text)
-    assert json.loads((folder / "runs" / "demo" / "summary.json").read_text())["status"] == "converged"
+    assert summary_of(folder / "runs" / "demo")["status"] == "converged"
     check_demo(folder / "runs" / "demo")
     check_library(reader)
     check_pictures(folder / "runs" / "demo")
@@ -60,7 +60,7 @@ def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
 
 def check_demo(folder: Path) -> None:
     """Each stiffness within 3 standard deviations of 0.1 % at most, and friction, in a run with noise and gravity."""
-    summary = json.loads((folder / "summary.json").read_text())
+    summary = summary_of(folder)
     Q, M, E, _, n_u = read_plan(folder / "plan.h5").R.shape
     assert Q >= 4
     assert M >= 2
@@ -124,7 +124,7 @@ def numbers(text: str) -> list[tuple[float, float]]:
 def check_library(reader: Reader) -> None:
     """The Python fits what the demo fits, to the last digit; the example for a run folder reads it."""
     (text,) = blocks("python")
-    summary = json.loads((reader.folder / "runs" / "demo" / "summary.json").read_text())
+    summary = summary_of(reader.folder / "runs" / "demo")
     said = reader.run(sys.executable, "-c", text + "print(repr(done.result.values['k_1']))\n")
     assert float(said.splitlines()[-1]) == summary["parameters"]["k_1"]["value"]
     assert (reader.folder / "bode.png").stat().st_size > 10_000

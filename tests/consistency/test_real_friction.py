@@ -1,6 +1,5 @@
 """Friction of real axes, from records that were made for something else."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.measured import EMPS, EMPS_PULSES, measured, with_records
+from plants.runs import summary_of
 from scipy.io import loadmat
 
 from elastid.app import cli
@@ -15,12 +15,7 @@ from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFi
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, NIS_BAND
 from elastid.friction_study.inverse_dynamics_regression import regress_motion
 from elastid.friction_study.motion_signals import Motion
-from elastid.store.friction_study import (
-    read_filter,
-    read_friction_records,
-    read_friction_result,
-    read_validation_logs,
-)
+from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result, read_validation_logs
 from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[2]
@@ -32,12 +27,11 @@ def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
     """`elastid run` of a shipped study, which ends with that exit code, and the summary it leaves."""
     study = with_records(ROOT / "configs" / "real" / f"{name}.yml")
     assert cli.run_command(["run", str(study), "--run", str(folder), "-q"]) == code
-    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
-    return summary
+    return summary_of(folder)
 
 
 @pytest.mark.slow
-def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(tmp_path: Path) -> None:
+def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(tmp_path):
     """Its mass and friction are those of friction_study/test_inverse_dynamics_regression.py."""
     summary = run("emps", tmp_path / "run")
     assert summary["motions"]["1"]["misfit"] == ""
@@ -46,11 +40,11 @@ def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(t
     under_force, followed = ({s["signal"]: s for s in run["signals"]} for run in summary["simulation"])
     assert under_force["motor angle"]["error"] == pytest.approx(0.0042, abs=0.0005)
     assert followed["torque"]["error"] == pytest.approx(0.034, abs=0.003)
-    assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
+    assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0
 
 
 @pytest.mark.slow
-def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -> None:
+def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path):
     """Near the regression of the whole motion; NIS in its band; a law without bristles is less likely.
 
     F_c changes by -3 to +5 % along the axis, as the study of its law says, and the filter ends with that of its end.
@@ -85,7 +79,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Path) -> None:
+def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path):
     """Intervals hold what Weigand et al. (2021) identified with a full model of the robot, but for axis 5.
 
     There it is 468, just below the interval; its Coulomb friction and the coupling in the wrist are not the same. The
@@ -123,7 +117,7 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     assert top["unexplained_fraction"] > 2 * top["unexplained_without_friction"]
 
 
-def test_two_records_of_the_axis_agree_within_their_intervals() -> None:
+def test_two_records_of_the_axis_agree_within_their_intervals():
     """Motion alone, and with pulses of force: 95 % intervals of the difference of each number."""
     logs = [loadmat(measured(name)) for name in (EMPS, EMPS_PULSES)]
     motions = [Motion("joint 1", 1e3, log["qm"].ravel(), 35.1507 * log["vir"].ravel(), slides=True) for log in logs]
@@ -134,7 +128,7 @@ def test_two_records_of_the_axis_agree_within_their_intervals() -> None:
 
 
 @pytest.mark.slow
-def test_legs_of_a_quadruped_move_by_their_commands_alone(tmp_path: Path) -> None:
+def test_legs_of_a_quadruped_move_by_their_commands_alone(tmp_path):
     """Reserved logs at most at 0.004 rad rms over 12 joints; published 0.0056, and 0.079 where a joint is told to be.
 
     The delay is between nothing and three samples, and inertias of equal joints of the four legs agree within 10 %.

@@ -8,7 +8,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ import pytest
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 EXAMPLES = SCRIPTS / "examples"
 # From the variables of an example, whether each of its promises is kept.
-Check: TypeAlias = Callable[[dict[str, Any]], list[Any]]
+Check = Callable[[dict[str, Any]], list[Any]]
 NOT_RUN = ("study_plants", "timing", "causes", "speed")
 RUNNABLE = sorted(path for path in SCRIPTS.glob("[bs]*/*.py") if path.stem not in NOT_RUN)
 
@@ -24,7 +24,7 @@ RUNNABLE = sorted(path for path in SCRIPTS.glob("[bs]*/*.py") if path.stem not i
 def example(name: str) -> dict[str, Any]:
     """The variables of an example, without its figures; the gallery and a notebook know no __file__."""
     path = EXAMPLES / f"{name}.py"
-    variables: dict[str, Any] = {"__name__": name}
+    variables = {"__name__": name}
     sys.path.insert(0, str(EXAMPLES))
     try:
         exec(compile(path.read_text(encoding="utf-8"), path, "exec"), variables)
@@ -34,7 +34,7 @@ def example(name: str) -> dict[str, Any]:
 
 
 def near(value: object, expected: object, part: float) -> bool:
-    return bool(np.allclose(value, expected, rtol=part, atol=0))  # type: ignore[arg-type]
+    return bool(np.allclose(value, expected, rtol=part, atol=0))
 
 
 def _follows_a_move(v: dict[str, Any]) -> list[bool]:
@@ -62,7 +62,7 @@ def _finds_the_bearing(v: dict[str, Any]) -> list[bool]:
     return [v["codes"] == [0, 0], tilts, models["gear 1 elastic"] > 100 * best]
 
 
-FAST: dict[str, Check] = {
+FAST = {
     "ex01_identify_from_python": lambda v: [
         v["low"] < v["true_stiffness"] < v["high"] < v["low"] + 0.05 * v["true_stiffness"]
     ],
@@ -91,7 +91,7 @@ FAST: dict[str, Check] = {
         np.all(v["agreement"] > 0.999), np.all(np.abs(v["modes"].zeta - v["zeta"]) < 4 * v["modes"].zeta_std),
     ],
 }  # fmt: skip
-SLOW: dict[str, Check] = {
+SLOW = {
     "ex03_responses_of_python_control": lambda v: [
         near([v["result"].values[n] for n in ("k_1", "d_1")], [3e3, 4.0], 1e-6), v["result"].status == "noise_unknown",
     ],
@@ -120,12 +120,12 @@ SLOW: dict[str, Check] = {
 
 
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
-def test_an_example_gives_its_numbers(name: str) -> None:
+def test_an_example_gives_its_numbers(name):
     found = (FAST | SLOW)[name](example(name))
     assert all(found), found
 
 
-def test_every_example_is_short_and_asserted() -> None:
+def test_every_example_is_short_and_asserted():
     """A new example has its test, here or, of example 5, with the run folder of the README, and a figure or picture."""
     tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
     for path in EXAMPLES.glob("ex[0-9]*.py"):
@@ -136,7 +136,7 @@ def test_every_example_is_short_and_asserted() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", RUNNABLE, ids=lambda path: f"{path.parent.name} {path.stem}")
-def test_every_bench_and_study_ends_with_json(script: Path, tmp_path: Path) -> None:
+def test_every_bench_and_study_ends_with_json(script, tmp_path):
     """--quick is a small problem; the full size is for scripts' users."""
     done = subprocess.run(
         [sys.executable, str(script), "--quick"], cwd=tmp_path, capture_output=True, text=True, timeout=580, check=False
@@ -152,7 +152,7 @@ QUOTE = re.compile(r"(\d+(?:\.\d+)?) \((\w+)\)")
 
 
 @pytest.mark.parametrize("script", sorted(LAST_RUN))
-def test_every_quoted_ratio_is_that_of_the_last_run(script: str) -> None:
+def test_every_quoted_ratio_is_that_of_the_last_run(script):
     """Each number names its key, and has its value in as many digits as are quoted."""
     paragraphs = (BENCHMARKS / script).read_text().split("\n\n")
     paragraph = next(each for each in paragraphs if each.startswith("Measured")).replace("\n", " ")
@@ -175,9 +175,7 @@ def f(x):
 '''
 
 
-def test_a_number_beyond_the_budget_fails_until_it_falls(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_number_beyond_the_budget_fails_until_it_falls(tmp_path, capsys, monkeypatch):
     """By what, where and how much; lowering takes the numbers that fell and leaves the others."""
     monkeypatch.syspath_prepend(SCRIPTS)
     main = runpy.run_path(str(SCRIPTS / "budget.py"))["main"]
@@ -207,7 +205,7 @@ def test_a_number_beyond_the_budget_fails_until_it_falls(
     ("ratio", "repeat", "is_slower"),
     [(1.0, 1.15, False), (1.15, 1.15, True), (1.15, 1.0, False), (1.15, 1.06, False), (1.08, 1.15, True)],
 )
-def test_speed_fails_only_if_the_repeat_confirms_it(ratio: float, repeat: float, is_slower: bool) -> None:
+def test_speed_fails_only_if_the_repeat_confirms_it(ratio, repeat, is_slower):
     """By its interval, with errors of 3 % of each time: ratios of 1.06 with them may be the limit of 1.05."""
     rng, speed = np.random.default_rng(1), runpy.run_path(str(BENCHMARKS / "speed.py"))
     samples = [np.log(r) + 0.04 * rng.standard_normal(n) for r, n in zip((ratio, repeat), speed["PAIRS"], strict=True)]
@@ -229,11 +227,11 @@ LICENCES = runpy.run_path(str(SCRIPTS / "licences.py"))
         ("BSD-3-Clause AND MIT", True),
     ],
 )
-def test_licences_that_bind_a_user_are_refused(licence: str, is_allowed: bool) -> None:
+def test_licences_that_bind_a_user_are_refused(licence, is_allowed):
     assert (LICENCES["FORBIDDEN"].search(licence) is None) == is_allowed
 
 
-def test_what_is_installed_passes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_installed_passes(capsys):
     """CasADi's LGPL is among the licences."""
     assert LICENCES["main"]() == 0
     lines = capsys.readouterr().out.splitlines()

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.measured import BENCH, DATA, measured, with_records
+from plants.runs import summary_of
 
 from elastid.app import cli
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -38,8 +39,7 @@ SHIPPED = sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml")])
 def run(study: Path, folder: Path, *options: str, commands: Sequence[str] = ()) -> dict[str, Any]:
     """`elastid run`, and the summary it leaves."""
     assert cli.run_command(["run", str(with_records(study)), *commands, "--run", str(folder), "-q", *options]) == 0
-    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
-    return summary
+    return summary_of(folder)
 
 
 def measured_and_fitted(study: Path, folder: Path) -> tuple[Any, Any]:
@@ -58,11 +58,11 @@ def nearest(freq_hz: FloatArray, G: ComplexArray, wanted: float, sign: int = 1) 
 
 
 @pytest.mark.slow
-def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
+def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path):
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and a message."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 1
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = summary_of(tmp_path)
     assert summary["status"] == "model_error"
     (note,) = (note for note in summary["notes"] if note["code"] == "fit/likely-cause")
     first = summary["modification_indices"][0]
@@ -71,7 +71,7 @@ def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(
 
 
 @pytest.mark.slow
-def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
+def test_the_bench_comes_out_as_measured(tmp_path):
     """Antiresonance and resonance within 1 %, bad periods named, inertias, shaft and delay as expected."""
     study = BENCH_STUDY
     summary = run(study, tmp_path)
@@ -89,7 +89,7 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
         pair = [nearest(r.freq_hz, r.G[:, 0, 0], near, sign) for r in (measured, model)]
         assert pair[0] == pytest.approx(pair[1], rel=0.01)
         assert pair[1] == pytest.approx(1.0, rel=0.03)
-    (torque,) = json.loads((tmp_path / "validation.json").read_text())["torque"]
+    (torque,) = summary_of(tmp_path, "validation.json")["torque"]
     assert torque["fractions"]["rigid body"] + torque["fractions"]["elasticity"] == pytest.approx(1.02, abs=0.02)
     assert torque["unexplained_fraction"] < 0.015
     assert torque["unexplained_without_friction"] == pytest.approx(0.097, abs=0.02)
@@ -97,11 +97,11 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [0.01, 0.05])
-def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error: float, tmp_path: Path) -> None:
+def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error, tmp_path):
     """Residuals 48 times the noise, of 16 %: exit code 3, a whole report, and the intervals include the stiffness."""
     options = ("--set", f"fit.weights.model_error={error}", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 3
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = summary_of(tmp_path)
     assert summary["status"] == "misfit"
     assert (tmp_path / "report.html").stat().st_size > 100_000
     low, high = summary["parameters"]["k_1"]["interval95"]
@@ -109,7 +109,7 @@ def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error: float, tmp
 
 
 @pytest.mark.slow
-def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Path) -> None:
+def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path):
     """Fits on the first and on the last ten periods differ by no more than chance allows."""
     halves = []
     for name, samples in (("first", "[0, 25000]"), ("last", "[25000, 50000]")):
@@ -122,7 +122,7 @@ def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> None:
+def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path):
     """In units of a sampling rate that was not recorded: 0.0322, 0.1798 (dips) and 0.0583, 0.1269 (peaks)."""
     study = ARM_STUDY
     run(study, tmp_path)
@@ -134,13 +134,13 @@ def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("study", SHIPPED, ids=lambda path: path.stem)
-def test_every_shipped_study_is_free_of_errors(study: Path) -> None:
+def test_every_shipped_study_is_free_of_errors(study):
     """check finds nothing, where its data are here."""
     assert cli.run_command(["check", str(with_records(study))]) == 0
 
 
 @pytest.mark.parametrize("robot", sorted((CONFIGS / "robots").glob("*.yml")), ids=lambda path: path.stem)
-def test_every_shipped_robot_has_a_linear_model(robot: Path, tmp_path: Path) -> None:
+def test_every_shipped_robot_has_a_linear_model(robot, tmp_path):
     """A robot file can be named in a study, and stands still at angle zero."""
     from elastid.linear.linearise import linearise
     from elastid.model.formulation import formulate
@@ -227,9 +227,7 @@ UP_TO_FIT = ("design", "measure", "estimate", "fit")
         pytest.param("irb4400_linkage.yml", 1, UP_TO_FIT, marks=pytest.mark.slow),
     ],
 )
-def test_shipped_linkages_are_identified_from_the_simulated_rig(
-    study: str, seed: int, commands: Sequence[str], tmp_path: Path
-):
+def test_shipped_linkages_are_identified_from_the_simulated_rig(study, seed, commands, tmp_path):
     """Gears, rod and bending within 3 standard deviations and 5 % of the truth, with friction, noise and gravity."""
     summary = run(CONFIGS / study, tmp_path / "run", "--set", f"seed={seed}", commands=commands)
     found = {name: p for name, p in summary["parameters"].items() if name.startswith("k_")}
@@ -270,9 +268,7 @@ def ran(study: Path, folder: Path, *overrides: str) -> Response:
     [(), ("experiment.recorded.period=none", "estimator.method=h1")],
     ids=["as-shipped", "as-one-transient"],
 )
-def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(
-    overrides: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(overrides, tmp_path):
     """Force over acceleration above 2 Hz is the published 95.11 kg within 5 %."""
     response = ran(EMPS_STUDY, tmp_path / "run", *overrides)
     assert (response.inputs, response.outputs, response.unit) == (("drive",), ("carriage",), "(m/s^2)/(N)")
@@ -281,7 +277,7 @@ def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(
     assert np.median(1 / response.G[high, 0, 0].real) == pytest.approx(95.11, rel=0.05)
 
 
-def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had() -> None:
+def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had():
     """Its head has repository, commit and path; with another file in its place it is a study of responses."""
     head = EMPS_STUDY.read_text(encoding="utf-8").partition("\nname:")[0]
     for part in ("github.com/forgi86/sysid-neural-continuous", "956aa7ecd7", "examples/EMPS/data/DATA_EMPS.mat"):
@@ -289,7 +285,7 @@ def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had() -> Non
     assert load(EMPS_STUDY, (f"experiment.recorded.files.0.path={Path(__file__)}",)).study.kind == "frf"
 
 
-def test_the_bench_as_a_structure_has_its_resonance_and_antiresonance(tmp_path: Path) -> None:
+def test_the_bench_as_a_structure_has_its_resonance_and_antiresonance(tmp_path):
     """Without a robot, per ampere: 54 Hz in the dip of the motor, 76 Hz in the peak of both, within 3 %."""
     (tmp_path / "study.yml").write_text(BENCH_AS_STRUCTURE)
     response = ran(tmp_path / "study.yml", tmp_path / "run")

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ GIVEN = {"upright": (0.0, 0.0), "level": (0.0, 1.4)}
 
 def problem(robot: Robot | None = None, excitation: MultisineSpec = EXCITATION, **candidates: object) -> DesignProblem:
     spec = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*")})
-    chosen = DesignSpec(count=1, candidates=CandidateSpec(given=GIVEN, **candidates))  # type: ignore[arg-type]
+    chosen = DesignSpec(count=1, candidates=CandidateSpec(given=GIVEN, **candidates))
     own = experiment(CarrierSpec(amplitude=0.01), configurations={}, ramp=0.25)
     return DesignProblem(robot or arm(), excitation, own, spec, "acceleration", 1, chosen)
 
@@ -48,7 +47,7 @@ def deviations(asked: DesignProblem, name: str) -> dict[str, float]:
     return dict(zip(forecast.parameters, np.sqrt(np.diag(forecast.covariance)).tolist(), strict=True))
 
 
-def test_the_posture_is_that_which_informs_the_goal() -> None:
+def test_the_posture_is_that_which_informs_the_goal():
     """Each spring by itself, against the forecast of both postures as plans of their own; friction scatters by seed."""
     asked = problem(without_dry_friction(arm()))
     expected = {name: deviations(asked, name) for name in GIVEN}
@@ -58,7 +57,7 @@ def test_the_posture_is_that_which_informs_the_goal() -> None:
         np.testing.assert_allclose(found.plan.configurations[0].angles, GIVEN[best])
 
 
-def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
+def test_the_shortest_experiment_that_reaches_the_goal_is_taken():
     """For a fine goal long ones pay where noise limits, short ones where friction does, the same in all periods."""
     smooth = without_dry_friction(arm())
     coarse, fine = Goal({"k_1": 0.05, "k_2": 0.05}), Goal({"k_1": 1e-6, "k_2": 1e-6})
@@ -73,7 +72,7 @@ def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
         assert found.option.more_s > found.plan.robot_time_s
 
 
-def test_a_parameter_that_is_known_no_longer_counts() -> None:
+def test_a_parameter_that_is_known_no_longer_counts():
     """Where the fit knows one spring a hundred times better than asked, the posture is that of the other."""
     asked = problem()
     before = PriorEstimate.before(asked)
@@ -86,7 +85,7 @@ def test_a_parameter_that_is_known_no_longer_counts() -> None:
     np.testing.assert_array_equal(found.plan.configurations[0].angles, alone.plan.configurations[0].angles)
 
 
-def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
+def test_limits_are_kept_on_every_robot_that_the_fit_allows():
     """Lighter rotors are faster: amplitudes fall until these, too, keep the margin."""
     asked = problem(excitation=replace(EXCITATION, torque_rms="limits"))
     light = arm().with_parameters({"Jm_1": 1e-3, "Jm_2": 1e-3})
@@ -100,7 +99,7 @@ def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
         assert np.all(peaks <= limits * (1 - EXCITATION.margin) * 1.001)
 
 
-def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
+def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture():
     """A box a millimetre off the beam when it is level: free as a posture, and touched by its swing."""
     robot = replace(arm(), frames=(Frame("tip", arm().bodies[-1].name, Placement((0.0, 0.0, 0.5))),))
     x, z = 0.1 + 0.5 * np.sin(1.4), 0.4 + 0.5 * np.cos(1.4)
@@ -117,10 +116,10 @@ def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("flat", ["torque", "information"])
-def test_a_design_is_the_same_in_other_units(flat: str) -> None:
+def test_a_design_is_the_same_in_other_units(flat):
     """Torques, standard deviations, and the next experiment; numbers of the file within their tolerances."""
     robot = replace(without_dry_friction(arm()), tolerances=Tolerances())
-    asked = problem(robot, replace(EXCITATION, torque_rms="limits", flat=flat), floor=0.1)  # type: ignore[arg-type]
+    asked = problem(robot, replace(EXCITATION, torque_rms="limits", flat=flat), floor=0.1)
     other, goal = in_other_units(asked), Goal({"k_1": 1e-3, "d_2": 0.02})
     here, there = design(asked), design(other)
     np.testing.assert_allclose(there.plan.R, here.plan.R * factor("N*m"), rtol=1e-6)
@@ -131,24 +130,24 @@ def test_a_design_is_the_same_in_other_units(flat: str) -> None:
     assert same.option.more_s == pytest.approx(one.option.more_s * factor("s"))
 
 
-def test_a_configuration_without_a_spectrum_has_the_typical_one() -> None:
+def test_a_configuration_without_a_spectrum_has_the_typical_one():
     asked = problem(excitation=replace(EXCITATION, flat="information"))
     asked = with_typical_spectrum(asked, EXCITATION.torque_rms)
     amplitudes = np.abs(asked.plan(experiment()).R[0])
     np.testing.assert_allclose(amplitudes, np.broadcast_to(asked.typical, amplitudes.shape))
 
 
-def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked() -> None:
+def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked():
     """Half widths of 95 % over those of the goal, by a covariance and by intervals; unknown numbers never are."""
     asked, goal = problem().parameters, Goal({"k_1": 0.02, "k_2": 0.1})
     std = np.array([0.02 if name == "k_1" else 0.05 for name in asked.free_names]) / 1.96
     np.testing.assert_allclose(goal.used(asked, asked.x, np.diag(std**2)), [1.0, 0.5], rtol=1e-4)
     intervals = {"k_1": (98.0, 102.0), "k_2": (0.0, np.inf)}
-    result: Any = SimpleNamespace(values={"k_1": 100.0, "k_2": 1.0}, interval=intervals.get)
+    result = SimpleNamespace(values={"k_1": 100.0, "k_2": 1.0}, interval=intervals.get)
     assert goal.reached(result) == {"k_1": pytest.approx(1.0), "k_2": np.inf}
 
 
-def test_friction_damps_the_motion_that_it_leaves_and_a_carrier_takes_its_room() -> None:
+def test_friction_damps_the_motion_that_it_leaves_and_a_carrier_takes_its_room():
     """The damping of a design is that of the motion with it; candidates are off the limits by swing and margin."""
     asked = problem()
     settled = with_friction_damping(asked)

@@ -1,13 +1,12 @@
 """Multisines that a study cannot ask for, each refused by the key that is to blame, next to some that it can."""
 
-from typing import Any
-
 import pytest
+from plants.refusals import advised
 
 from elastid.excitation.spec import MultisineSpec
 
-KNOWN: dict[str, Any] = {"rate_hz": 500.0, "period": 2.0, "band_hz": (1.0, 60.0), "torque_rms": (20.0, 5.0)}
-GOOD: tuple[dict[str, Any], ...] = (
+KNOWN = {"rate_hz": 500.0, "period": 2.0, "band_hz": (1.0, 60.0), "torque_rms": (20.0, 5.0)}
+GOOD = (
     {"rate_hz": 1000 / 3, "period": 3.0},
     {"torque_rms": "limits", "group": 2, "margin": 0.0},
     {"torque_rms": ((20.0, 5.0), (10.0, 5.0))},
@@ -16,7 +15,7 @@ GOOD: tuple[dict[str, Any], ...] = (
     {"phases": "schroeder", "grid": "odd"},
     {"flat": "information", "least": 1.0, "band_hz": (1.0, 249.5)},
 )
-SPOILT: tuple[tuple[str, dict[str, Any]], ...] = (
+SPOILT = (
     ("period", {"period": 2e6}),
     ("period", {"period": 2.0005}),
     ("band_hz", {"band_hz": (1.0, 250.0)}),
@@ -32,12 +31,19 @@ SPOILT: tuple[tuple[str, dict[str, Any]], ...] = (
 
 
 @pytest.mark.parametrize(("key", "keys"), SPOILT, ids=str)
-def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key: str, keys: dict[str, Any]) -> None:
+def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key, keys):
     with pytest.raises(ValueError, match=key):
         MultisineSpec(**{**KNOWN, **keys})
 
 
-def test_amplitudes_are_levels_that_are_measured_one_after_the_other() -> None:
+def test_the_period_that_a_refusal_gives_is_taken():
+    known = KNOWN | {"rate_hz": 512.0}
+    with pytest.raises(ValueError, match=r"632\.064 samples at 512 Hz") as caught:
+        MultisineSpec(**{**known, "period": 1.2345})
+    assert MultisineSpec(**{**known, "period": advised(caught, "take")}).period_samples == 632
+
+
+def test_amplitudes_are_levels_that_are_measured_one_after_the_other():
     """Two amplitudes are two levels, each a multisine of its own; one amplitude is the multisine itself."""
     two = MultisineSpec(**{**KNOWN, "torque_rms": ((20.0, 5.0), (10.0, 2.5))})
     assert [two.at_amplitude(level).amplitudes for level in (1, 2)] == [((20.0, 5.0),), ((10.0, 2.5),)]
@@ -45,5 +51,5 @@ def test_amplitudes_are_levels_that_are_measured_one_after_the_other() -> None:
 
 
 @pytest.mark.parametrize("keys", GOOD, ids=str)
-def test_a_multisine_that_can_be_played_is_taken(keys: dict[str, Any]) -> None:
+def test_a_multisine_that_can_be_played_is_taken(keys):
     assert MultisineSpec(**{**KNOWN, **keys}).period_samples == 1000

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants import data_sheet_arm
+from plants.elastic_arm import started_elsewhere
 from plants.marks import SEEDS
 from plants.measured_robots import deviation, deviations, responses_of
 from plants.refusals import refused
@@ -50,15 +51,9 @@ def measure(robot: Robot, postures: tuple[tuple[float, float], ...], seed: int) 
     return responses_of(robot, postures, np.random.default_rng(seed), FREQ)
 
 
-def started_elsewhere(robot: Robot, by: float, seed: int) -> Robot:
-    rng = np.random.default_rng(seed)
-    wanted = [name for name in robot.parameters() if name.startswith(("k_", "d_", "fm_", "k3_"))]
-    return robot.with_parameters({n: robot.parameters()[n][0] * float(by ** rng.uniform(-1, 1)) for n in wanted})
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.slow
-def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed: int) -> None:
+def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed):
     """k and k3 of both gears from starts off by up to a factor of 2, within the claimed intervals."""
     result = identify(measure(CUBIC, POSTURES, seed), started_elsewhere(CUBIC, 2.0, seed), replace(WANTED, seed=seed))
     assert result.status == "converged"
@@ -69,7 +64,7 @@ def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed: int
     assert result.inflation_factor < 1.1
 
 
-def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
+def test_a_fit_names_the_joint_that_rests_inside_its_gap():
     """Stiffness beyond the gap is found from loaded postures; the posture in between is spoken of."""
     truth = arm(Spring(9e5, 500, backlash=1e-4, inner_stiffness=1e5), Spring(4e5, 250, backlash=5e-5))
     wanted = replace(WANTED, starts=2, parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()})
@@ -79,7 +74,7 @@ def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
     assert "robot/operating-point" in {note.code for note in result.notes}
 
 
-def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_stands() -> None:
+def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_stands():
     """Springs a thousand times softer than those of the file carry neither link; the end says so, and is none."""
     robot, spec = (
         arm(Spring(3e5, 500), Spring(1.8e5, 250)),
@@ -125,7 +120,7 @@ TRUTH = {"k_1@A": 3e4, "k_1@B": 3.6e4, "k_2": 2e4, "fm_1@A": 1e-2, "fm_1@B": 3e-
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
+def test_shared_and_own_values_of_two_robots_are_found(seed):
     """Each robot's stiffness and friction by its name, what they share once, all within the claimed intervals."""
     result = identify(
         both(seed), data_sheet_arm.arm().with_parameters({"k_1": 2.5e4, "k_2": 2.5e4}), replace(SPEC, seed=seed)
@@ -145,7 +140,7 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     )
 
 
-def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
+def test_a_left_out_configuration_has_the_numbers_of_its_robot():
     """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
     data = both(0)
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
@@ -155,14 +150,14 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     assert without.folds["b1"].misfit > 10
 
 
-def test_robots_must_be_named_once_and_at_all() -> None:
+def test_robots_must_be_named_once_and_at_all():
     with refused("fit/parameters", place="fit.parameters.k_1.per"):
         choose(replace(SPEC, robots={}), data_sheet_arm.arm(), ["a1"])
     with pytest.raises(ValueError, match="robots: configuration a1 is given to A, B"):
         FitSpec(robots={"A": ("a1",), "B": ("a1",)})
 
 
-def test_an_export_is_of_one_robot_each() -> None:
+def test_an_export_is_of_one_robot_each():
     """The linear models of robot B have its numbers: their response is that of the fit, and A's are another's."""
     data = both(0)
     ratio = {"beta": RatioSpec(start=2e-3)}

@@ -26,7 +26,7 @@ def scatter(
     V = 3 * rng.standard_normal((Q, N)) + np.reshape(J @ [20.0, 40.0], (Q, N))
     r = (V * std * rng.standard_normal((Q, 1))).ravel() + noise * rng.standard_normal(Q * N)
     r = r - J @ (J.T @ r)
-    rows, residuals, parts = np.reshape(J, (Q, N, 2)), np.reshape(r, (Q, N)), list[LineSums]()
+    rows, residuals, parts = np.reshape(J, (Q, N, 2)), np.reshape(r, (Q, N)), []
     for q in range(Q):
         ratios = RatioSums((("motor 1", 0.1 * q),), V[[q]] @ rows[q], V[[q]] @ V[[q]].T, V[[q]] @ residuals[q])
         parts.append(LineSums(**vars(evidence_of(rows[q], residuals[q])) | {"ratios": ratios}))
@@ -36,7 +36,7 @@ def scatter(
 
 
 @pytest.mark.parametrize("std", [0.5, 3.0])
-def test_ratio_std_is_recovered_and_propagated(std: float) -> None:
+def test_ratio_std_is_recovered_and_propagated(std):
     """The std over 40 angles to 20 %, and the covariance of x by it: sum of s^2 dx dx^T."""
     found, dx = scatter(std)
     assert found.std["motor 1"] == pytest.approx(std, rel=0.2)
@@ -44,14 +44,14 @@ def test_ratio_std_is_recovered_and_propagated(std: float) -> None:
     np.testing.assert_allclose(found.covariance, found.std["motor 1"] ** 2 * dx.T @ dx)
 
 
-def test_ratios_without_excess_explain_nothing() -> None:
+def test_ratios_without_excess_explain_nothing():
     """Residuals of noise alone: the std is small, and no excess is explained."""
     found, _ = scatter(0.0, is_excess=False)
     assert found.std["motor 1"] < 0.2
     assert not found.explains
 
 
-def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least() -> None:
+def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least():
     """Residuals of noise alone after a model error was added to it: ratios that agree prove nothing."""
     agreeing, dx = scatter(0.0, is_excess=False, least=1.0)
     np.testing.assert_allclose(agreeing.covariance, dx.T @ dx)
@@ -59,24 +59,24 @@ def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least() -> No
     assert different.std["motor 1"] == pytest.approx(3.0, rel=0.2)
 
 
-def test_another_error_is_not_explained_by_ratios() -> None:
+def test_another_error_is_not_explained_by_ratios():
     """White residuals of twice the noise: ratios explain none of the excess and count with their tolerance."""
     found, dx = scatter(0.0, noise=2.0)
     assert not found.explains
     np.testing.assert_allclose(found.covariance, dx.T @ dx)
 
 
-def test_implausible_ratios_count_with_their_tolerance() -> None:
+def test_implausible_ratios_count_with_their_tolerance():
     """Of 20 tolerances another error is the cause: the std is one tolerance."""
     found, dx = scatter(20.0)
     assert not found.explains
     np.testing.assert_allclose(found.covariance, dx.T @ dx)
 
 
-def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_response() -> None:
+def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_response():
     """Noise in them would be correlated with residuals, and look like a scatter of the ratios."""
     responses = measure(arm(), np.random.default_rng(1), 0.05)
-    assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), list[FloatArray]()
+    assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), []
     (part, *_), G = assembly.at(parameters.x, SPEC.criterion).parts, responses[0]
     for data in (G.G, 1.1 * G.G):
         given = replace(G, G=data, ratio_std=np.full(2, 0.003))
@@ -85,7 +85,7 @@ def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_respon
     np.testing.assert_array_equal(*errors)
 
 
-def test_a_gear_whose_ratios_agree_is_as_uncertain_as_the_others_show() -> None:
+def test_a_gear_whose_ratios_agree_is_as_uncertain_as_the_others_show():
     """Two angles say little of a scatter; those of the second gear are so many tolerances off, or agree, too."""
     N, names, first = 1e4 * np.eye(4), ["1", "1", "2", "2"], [0.0, 0.05]
     alone = ratio_std(N[:2, :2], 1e4 * np.array(first), names[:2], 1.0)[0]

@@ -7,7 +7,6 @@ import pytest
 from plants.refusals import refused
 from plants.two_mass import circular
 
-from elastid.base.arrays import ComplexArray
 from elastid.covariance import Covariance
 from elastid.frf import checks
 from elastid.frf.checks import hit_notes, inconsistency_notes, pulses, separable_lines
@@ -18,7 +17,7 @@ from elastid.response import Response
 MOTORS = ("motor 1", "motor 2", "motor 3")
 
 
-def test_each_input_is_held_against_its_own_noise() -> None:
+def test_each_input_is_held_against_its_own_noise():
     """The second one is strong, weak but quiet, or absent; the first one is noisier than it throughout."""
     rng = np.random.default_rng(0)
     F, P, noise = 600, 4, np.array([1.0, 1e-5])
@@ -35,7 +34,7 @@ def test_each_input_is_held_against_its_own_noise() -> None:
         assert flags[:, 2].mean() < 0.02
 
 
-def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
+def test_a_record_that_the_other_realisations_contradict_is_named():
     """A torque that is 5 % off in one of six experiments; nothing without it, or where periods differ by as much."""
     rng, F, M = np.random.default_rng(2), 40, 3
     G = circular(rng, (F, 2, 2))
@@ -45,7 +44,7 @@ def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
                     np.zeros((4, 2)), np.zeros((4, 2)))  # fmt: skip
     groups = [[replace(record, name=f"{m}-{e}", realisation=m, experiment=e) for e in range(2)] for m in range(M)]
 
-    def places(U: ComplexArray, noise: float = 0.0) -> list[str]:
+    def places(U, noise=0.0):
         blocks = tuple(Block(U[m], Y[m], None, np.full(2, 3.0), np.zeros((F, 2)), 4) for m in range(M))
         S = 12 * 3 * noise**2 * np.diag([1.0, 1.0, 0.0, 0.0])  # of 12 degrees of freedom, and means of 3 periods
         return [note.place for note in inconsistency_notes(MeanSpectra(blocks, np.tile(S + 0j, (F, 1, 1)), 12), groups)]
@@ -82,14 +81,14 @@ def codes(u: np.ndarray, y: np.ndarray) -> list[str]:
     return [note.code for note in hit_notes(record(u, y))]
 
 
-def test_clean_hits_and_other_forces_have_no_note() -> None:
+def test_clean_hits_and_other_forces_have_no_note():
     u, y = hits()
     assert codes(u, y) == []
     assert pulses(np.random.default_rng(0).normal(size=5000)) is None
     assert pulses(np.zeros(100)) is None
 
 
-def test_a_double_hit_is_named_with_its_dips() -> None:
+def test_a_double_hit_is_named_with_its_dips():
     """A second blow 25 ms later and half as strong makes dips every 40 Hz."""
     u, y = hits()
     u[4450 : 4450 + WIDTH] = 0.5 * u[4400 : 4400 + WIDTH]
@@ -102,7 +101,7 @@ def test_a_double_hit_is_named_with_its_dips() -> None:
     ("fault", "code"), [("force", "frf/overload"), ("answer", "frf/overload"), ("begin", "frf/hits"),
                         ("end", "frf/hits")],
 )  # fmt: skip
-def test_faults_are_named(fault: str, code: str) -> None:
+def test_faults_are_named(fault, code):
     u, y = hits()
     if fault == "force":
         u = np.minimum(u, 70.0)
@@ -115,7 +114,7 @@ def test_faults_are_named(fault: str, code: str) -> None:
     assert codes(u, y) == [code]
 
 
-def test_records_of_one_configuration_have_one_clock_and_the_same_places() -> None:
+def test_records_of_one_configuration_have_one_clock_and_the_same_places():
     """Clocks differ by at most 1e-4."""
     first = record(*hits())
     checks.refuse_mismatch([first, replace(first, rate_hz=RATE_HZ * (1 + 9e-5))])
@@ -124,7 +123,7 @@ def test_records_of_one_configuration_have_one_clock_and_the_same_places() -> No
             checks.refuse_mismatch([first, replace(first, **changed)])
 
 
-def test_equal_phases_and_scattered_realisations_have_a_note() -> None:
+def test_equal_phases_and_scattered_realisations_have_a_note():
     """Inputs that differ by 10 % are a repeat; scatter of 0.5 |G| counts at 50 times the noise, not at twice."""
     U = np.random.default_rng(0).normal(size=(99, 1, 1)) + 0j
     blocks = [Block(u, u, None, np.full(1, 2.0), np.zeros((99, 1)), 4) for u in (U, 1.1 * U, U[::-1])]

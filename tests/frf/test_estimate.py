@@ -22,14 +22,7 @@ from elastid.response import Response
 RATE = 500.0
 
 
-def _record(
-    lines: np.ndarray,
-    U: np.ndarray,
-    Y: np.ndarray,
-    *,
-    P: int = 2,
-    experiment: int = 0,
-) -> Record:
+def _record(lines: np.ndarray, U: np.ndarray, Y: np.ndarray, *, P: int = 2, experiment: int = 0) -> Record:
     """P periods of the spectra U (F, n_u), Y (F, n_y)."""
     return record_of(*periods_of(lines, 256, P, U, Y), 0, experiment, n=256, rate_hz=RATE)
 
@@ -41,15 +34,13 @@ def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
 
 def _experiments(G: np.ndarray, lines: np.ndarray, M: int, rng: np.random.Generator, **how: object) -> list[Record]:
     """M realisations of n_u experiments without references."""
-    records = experiments_of(G, lines, M, rng, 256, rate_hz=RATE, **how)  # type: ignore[arg-type]
+    records = experiments_of(G, lines, M, rng, 256, rate_hz=RATE, **how)
     return [replace(record, r=None) for record in records]
 
 
 @given(n_y=st.integers(1, 4), n_u=st.integers(1, 4), extra=st.integers(0, 2), seed=st.integers(0, 10**6))
 @settings(deadline=None, max_examples=25)
-def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(
-    n_y: int, n_u: int, extra: int, seed: int
-) -> None:
+def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(n_y, n_u, extra, seed):
     """Without noise G is exact, with as many experiments as inputs and, by least squares, with more."""
     rng, lines = np.random.default_rng(seed), np.arange(3, 40, 3)
     G = _plant(len(lines), n_y, n_u, seed)
@@ -63,7 +54,7 @@ def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(
     assert response.total is None
 
 
-def test_a_torque_that_is_held_between_samples_acts_later_and_weaker() -> None:
+def test_a_torque_that_is_held_between_samples_acts_later_and_weaker():
     """u is held for a sample: Y = G H U, so the estimate is the plant and not the plant with its hold."""
     lines = np.arange(1, 100)
     record = _experiments(np.ones((99, 1, 1), dtype=complex), lines, 1, np.random.default_rng(0))[0]
@@ -73,7 +64,7 @@ def test_a_torque_that_is_held_between_samples_acts_later_and_weaker() -> None:
 
 
 @pytest.mark.parametrize("injection", ["reference", "torque"])
-def test_closed_loop_error_obeys_its_identity(injection: str) -> None:
+def test_closed_loop_error_obeys_its_identity(injection):
     """One block in closed loop: G^ - G = V (R - V)^-1 (F^-1 + G), or V (R - F V)^-1 (I + F G), to 1e-12."""
     rng, lines, n = np.random.default_rng(3), np.arange(2, 30), 3
     shape = (len(lines), n, n)
@@ -115,7 +106,7 @@ def _monte_carlo(
     return np.mean(true, axis=0), np.mean(noise, axis=0), np.mean(total, axis=0)
 
 
-def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo() -> None:
+def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo():
     """Noise on inputs and outputs: variances within 5 %, the whole matrix within 5 % of its diagonal."""
     true, noise, total = _monte_carlo(3, 3, runs=60)
     scale = np.sqrt(np.outer(np.diag(true).real, np.diag(true).real))
@@ -125,14 +116,14 @@ def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo() -> None:
 
 
 @pytest.mark.parametrize(("scale", "runs"), [slow((), 150), ((1.0, 0.4, 2.0), 60)])
-def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tuple[float, ...], runs: int) -> None:
+def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale, runs):
     """An error that repeats over periods and changes with the phases; also where realisations differ in amplitude."""
     true, noise, total = _monte_carlo(3, 2, runs, distortion=0.3, scale=scale)
     np.testing.assert_allclose(np.diag(total).real, np.diag(true).real, rtol=0.06)
     assert np.all(np.diag(noise).real < 0.5 * np.diag(true).real)
 
 
-def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs() -> None:
+def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs():
     """Three outputs from two periods of one input: of rank one at each line, and regular over its neighbours."""
     rng, lines = np.random.default_rng(0), np.arange(5, 50)
     records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(0.0, 1.0))
@@ -145,7 +136,7 @@ def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_
     assert (both.total.form, both.total.dof) == ("kronecker", 1)
 
 
-def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts() -> None:
+def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts():
     """P = 2 in one experiment and 16 in the other: the variance of the mean of inputs is the sum of both parts."""
     rng, lines = np.random.default_rng(0), np.arange(5, 120)
     U = np.eye(2)[:, None, :] * np.ones((2, len(lines), 2))
@@ -157,7 +148,7 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
     np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
 
 
-def test_lines_without_excitation_are_left_out_with_a_word() -> None:
+def test_lines_without_excitation_are_left_out_with_a_word():
     """`full` where every second line is excited: the others have no answer."""
     rng, lines = np.random.default_rng(0), np.arange(5, 60, 2)
     records = _experiments(_plant(len(lines), 2, 2), lines, 2, rng, P=8, noise=(1e-3, 1e-3))
@@ -166,7 +157,7 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     assert response.notes[0].code == "frf/lines-discarded"
 
 
-def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:
+def test_lines_can_be_stated_planned_or_limited_to_a_band():
     """planned and band together; an empty band is refused."""
     lines = np.arange(5, 60, 2)
     records = _experiments(_plant(len(lines), 1, 1), lines, 1, np.random.default_rng(0))
@@ -201,13 +192,13 @@ def _noise(record: Record) -> Record:
     return replace(record, u=rng.normal(size=record.u.shape), y=rng.normal(size=record.y.shape))
 
 
-NO_INPUT: dict[str, Change] = {
+NO_INPUT = {
     "no torque": lambda r: replace(r, u=0 * r.u),
     "one motor at rest": lambda r: replace(r, u=_with(1, 0.0)(r.u)),
     "one torque logged twice": lambda r: replace(r, u=np.repeat(r.u[:, :1], 2, axis=1)),
     "noise alone": _noise,
 }
-ABSURD: dict[str, Change] = {
+ABSURD = {
     "huge torque": lambda r: replace(r, u=1e200 * r.u),
     "huge motion": lambda r: replace(r, y=1e250 * r.y),
     "vanishing torque": lambda r: replace(r, u=1e-200 * r.u),
@@ -217,22 +208,22 @@ ABSURD: dict[str, Change] = {
 
 @pytest.mark.parametrize("method", [*METHODS, *LOCAL])
 @pytest.mark.parametrize("change", NO_INPUT.values(), ids=NO_INPUT)
-def test_inputs_that_tell_nothing_are_refused(change: Change, method: str) -> None:
+def test_inputs_that_tell_nothing_are_refused(change, method):
     """By mean over realisations, pooled, and local methods alike; the message names the inputs."""
     with refused("frf/inputs-not-separable", "frf/lines"):
-        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
+        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)
 
 
 @pytest.mark.parametrize("method", ["arithmetic", "errors_in_variables", "local_rational"])
 @pytest.mark.parametrize("change", ABSURD.values(), ids=ABSURD)
-def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change: Change, method: str) -> None:
+def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change, method):
     """A wrong unit, or a placeholder for a missing value; squares of it would overflow."""
     with refused("records/missing-samples", place="record c-r0-e0"):
-        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
+        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0])
-def test_an_output_that_does_not_move_is_named(value: float) -> None:
+def test_an_output_that_does_not_move_is_named(value):
     records = [replace(r, y=_with(1, value)(r.y)) for r in _records()]
     response = estimate(records, EstimatorSpec(method="arithmetic"), LINES)
     (note,) = [note for note in response.notes if note.code == "frf/low-signal-to-noise"]
@@ -276,7 +267,7 @@ def response() -> Response:
 
 @pytest.mark.parametrize("velocities", [False, True])
 @pytest.mark.parametrize("injected", [False, True])
-def test_motion_and_feedback_are_those_of_the_records(velocities: bool, injected: bool) -> None:
+def test_motion_and_feedback_are_those_of_the_records(velocities, injected):
     """Mean squares of angles, the carrier's among them, and F at all lines where the injected torque is known.
 
     Without it the lines between the excited ones show F, where distortion moves the motors.
@@ -292,7 +283,7 @@ def test_motion_and_feedback_are_those_of_the_records(velocities: bool, injected
     np.testing.assert_allclose(found.feedback, FEEDBACK, rtol=1e-6, atol=0.1)
 
 
-def test_torques_that_no_feedback_explains_show_none() -> None:
+def test_torques_that_no_feedback_explains_show_none():
     """Of torques that are noise; and nothing is known of motion where no motor was logged."""
     logs, _ = records()
     rng = np.random.default_rng(0)

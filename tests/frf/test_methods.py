@@ -2,19 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants import random_plants
 from plants.random_plants import ALL_PERIODS, experiments_of
 from plants.refusals import refused
+from plants.runs import run_of
 from plants.two_axes import study as study
 from plants.two_mass import circular
 from scipy.signal import csd
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
+from elastid.app.run import run_all
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.estimate import estimate
 from elastid.frf.estimators import METHODS, arithmetic, errors_in_variables, h1, joint, noise_covariance
@@ -23,7 +22,6 @@ from elastid.record import Record
 from elastid.store.measured import read_responses
 from elastid.store.plan import read_forecast, read_plan
 from elastid.store.results import read_fit
-from elastid.study import load
 
 RATE, N = 500.0, 256
 
@@ -47,7 +45,7 @@ def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("n_y", "n_u"), [(1, 1), (3, 3), (3, 2), (2, 3)])
-def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) -> None:
+def test_every_method_is_exact_without_noise(method, n_y, n_u):
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     F = len(lines)
     G = circular(rng, (F, n_y, n_u)) + 2
@@ -64,7 +62,7 @@ def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) ->
 
 
 @pytest.mark.parametrize("injection", ["reference", "torque"])
-def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection: str) -> None:
+def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection):
     """Output noise fed back into the inputs: what many blocks leave of the error is the bias of H1."""
     rng, M, F, n = np.random.default_rng(1), 400, 30, 2
     G, C = circular(rng, (F, n, n)) + 2 * np.eye(n), circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -77,7 +75,7 @@ def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(
     assert error["h1"] > 2 * error["joint"]
 
 
-def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() -> None:
+def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased():
     """Correlated noise on inputs and outputs, known from the periods: its error, scatter alone, is far below its."""
     rng, M, F, n = np.random.default_rng(1), 1500, 12, 2
     G = circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -90,7 +88,7 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() 
     assert error["errors_in_variables"] < 0.3 * error["h1"]
 
 
-def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
+def test_an_experiment_of_several_periods_counts_as_so_many_of_one():
     """The maximum likelihood estimate of both, and the variance of h1 of one input by the noise of each experiment."""
     rng, F, P = np.random.default_rng(4), 8, np.array([3, 4, 3, 4, 4])
     U, Y, Z = (circular(rng, (F, n, k)) for n, k in ((2, 5), (2, 5), (4, 9)))
@@ -106,7 +104,7 @@ def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
     np.testing.assert_allclose(variance, np.sum(power / P, axis=1) / np.sum(power, axis=1) ** 2, rtol=1e-12)
 
 
-def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
+def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs():
     """Two realisations of one experiment each move two inputs in two ways: H1 has an answer, a mean has none."""
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     G = circular(rng, (36, 2, 2))
@@ -139,7 +137,7 @@ def _noisy_records(n: int) -> list[Record]:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_h1_agrees_with_welch_spectra_line_by_line(n: int) -> None:
+def test_h1_agrees_with_welch_spectra_line_by_line(n):
     """The definition written out over SciPy's cross spectra, to 1e-10."""
     records = _noisy_records(n)
     u, y = _mean_periods(records)
@@ -153,7 +151,7 @@ def test_h1_agrees_with_welch_spectra_line_by_line(n: int) -> None:
 
 
 @pytest.mark.oracle("best_linear_approximation")
-def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
+def test_means_and_covariances_agree_with_best_linear_approximation():
     """G and its total covariance by the robust method, noisy inputs; its package needs Python 3.12."""
     from best_linear_approximation import robust
 
@@ -184,9 +182,9 @@ ONE = (
 
 
 @pytest.mark.slow
-def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: Path) -> None:
+def test_one_experiment_of_two_motors_finds_both_springs(study, tmp_path):
     """From study to report: both true stiffnesses to 1 %, in one run of the robot."""
-    run = Run(load(study, ONE), tmp_path / "run", 1, Console(-1))
+    run = run_of(study, tmp_path / "run", *ONE)
     run_all(run)
     plan, forecast, result = read_plan(run.path("design")), read_forecast(run.path("design")), read_fit(run.path("fit"))
     assert [experiment.name for experiment in plan.experiments] == ["bent-r0-e0"]
@@ -194,7 +192,7 @@ def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: 
     assert read_responses(run.path("estimate"))[0].G.shape[1:] == (2, 2)
     assert result.values["k_1"] == pytest.approx(36e3, rel=0.01)
     assert result.values["k_2"] == pytest.approx(12e3, rel=0.01)
-    whole = Run(load(study, [*ONE, "experiment.experiments=2"]), tmp_path / "whole", 1, Console(-1))
+    whole = run_of(study, tmp_path / "whole", *[*ONE, "experiment.experiments=2"])
     run_all(whole, ["design"])
     two = read_forecast(whole.path("design"))
     np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)

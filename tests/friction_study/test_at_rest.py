@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from plants import lugre_joint as plant
 from plants.lugre_joint import moved, multisine
-from plants.refusals import refused
+from plants.marks import slow
+from plants.refusals import advised, refused
 from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_record import FrictionRecord
+from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.presliding import (
     Elements,
     PreslidingFit,
@@ -23,7 +25,11 @@ from elastid.friction_study.presliding import (
     presliding_responses,
     slipped,
 )
+from elastid.friction_study.result import identify_friction
+from elastid.friction_study.sliding_friction import SlidingFriction
+from elastid.friction_study.spec import FrictionSpec
 from elastid.model.formulation import ElasticJoint
+from elastid.study import load_robot
 
 JOINT = ElasticJoint(plant.MOTOR, plant.LINK, plant.STIFFNESS, plant.DAMPING)
 RATE, PERIOD, COUNT = plant.RATE_HZ, plant.PERIOD, plant.COUNT
@@ -55,7 +61,7 @@ def errors(found: PreslidingFit) -> tuple[float, float]:
     return found.sigma_0 / plant.SIGMA_0 - 1, found.sigma_1 / plant.SIGMA_1 - 1
 
 
-def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away() -> None:
+def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away():
     """At half of it and at it, the link on its spring known."""
     found = fit_presliding_responses(
         "joint 1", presliding_responses(measured((0.075, 0.15), 1)), JOINT, (plant.VISCOUS, 0.0)
@@ -66,7 +72,27 @@ def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away() -> None:
     assert not found.notes
 
 
-def test_noise_without_a_period_identifies_bristles() -> None:
+def test_a_law_has_the_bristles_of_its_test_at_rest_and_supplies_no_energy(tmp_path):
+    """Damping of bristles falls over at most 4 sqrt(2 e) F_c / sigma_1."""
+    (tmp_path / "robot.yml").write_text(plant.ROBOT)
+    v = np.geomspace(0.5, 60, 12)
+    torque = plant.COULOMB + plant.VISCOUS * v
+    curve = FrictionCurve("joint 1", v, 0 * v, torque, 0 * v + 0.002, 0 * v, np.full(12, np.nan))
+    records = FrictionRecords(tuple(measured((0.075, 0.15), 1)))
+    found = identify_friction(
+        load_robot(tmp_path / "robot.yml"), [SlidingFriction("1", False, curve)], records, FrictionSpec()
+    )
+    numbers, (joint,) = {number.name: number for number in found.numbers}, found.joints
+    truth = {"Fc_m1": plant.COULOMB, "f_m1": plant.VISCOUS, "s0_m1": plant.SIGMA_0, "s1_m1": plant.SIGMA_1}
+    assert {name: number.value for name, number in numbers.items()} == pytest.approx(truth, rel=0.01)
+    assert joint.viscous == numbers["f_m1"].value
+    bristles = joint.friction.lugre
+    assert (bristles.stiffness, bristles.damping) == (numbers["s0_m1"].value, numbers["s1_m1"].value)
+    largest = 4 * np.sqrt(2 * np.e) * joint.friction.coulomb / bristles.damping
+    assert 0.8 * largest < bristles.damping_velocity < largest
+
+
+def test_noise_without_a_period_identifies_bristles():
     """20 s of noise from 3 to 90 Hz at two amplitudes, within 1 and 2 %."""
     logs = [record("", peak, round(100 * peak), 0.005, plant.FINE_COUNT, is_noise=True) for peak in (0.1, 0.2)]
     found = fit_presliding_responses("joint 1", presliding_responses(logs), JOINT, (plant.VISCOUS, 0.0))
@@ -75,9 +101,7 @@ def test_noise_without_a_period_identifies_bristles() -> None:
 
 @pytest.mark.parametrize("inertias", [(1.0, 1.0), (1.05, 0.875)])
 @pytest.mark.parametrize("factor", [0.8, 1.0, 1.2])
-def test_noise_and_counts_leave_the_numbers_inside_their_intervals(
-    inertias: tuple[float, float], factor: float
-) -> None:
+def test_noise_and_counts_leave_the_numbers_inside_their_intervals(inertias, factor):
     """16 bit, torque noise of a seventh of the torque, a spring of the file that is off, or inertias as well."""
     of_motor, of_link = inertias
     joint = ElasticJoint(of_motor * plant.MOTOR, of_link * plant.LINK, factor * plant.STIFFNESS, plant.DAMPING)
@@ -93,7 +117,7 @@ def noisy_responses() -> tuple[PreslidingResponse, ...]:
 
 
 @pytest.mark.parametrize(("inertia", "sigma_0", "sigma_1"), [(0.03, 300.0, 0.5), (0.5, 4000.0, 3.0)])
-def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia: float, sigma_0: float, sigma_1: float) -> None:
+def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia, sigma_0, sigma_1):
     """That never slip: a spring and a damper to ground, exactly, its torque held from sample to sample."""
     b, a, _ = cont2discrete(([1.0], [inertia, sigma_1, sigma_0]), 1 / RATE)
     torques = [multisine(peak, np.random.default_rng(r)) for peak in (0.05, 0.1) for r in range(2)]
@@ -109,7 +133,7 @@ def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia: float, si
 
 
 @pytest.mark.parametrize("amplitude", [0.1, 0.3])
-def test_slip_under_a_gaussian_motion_is_as_it_is_linearised(amplitude: float) -> None:
+def test_slip_under_a_gaussian_motion_is_as_it_is_linearised(amplitude):
     """z' = v - |v| z / z_s by steps of a millisecond: z over q, in the mean over all lines, to a tenth of the slip."""
     n, lines = 1 << 14, np.arange(50, 500)
     Q = np.zeros(n // 2 + 1, complex)
@@ -122,7 +146,7 @@ def test_slip_under_a_gaussian_motion_is_as_it_is_linearised(amplitude: float) -
         change, slip = q[i % n] - q[(i - 1) % n], abs(q[i % n] - q[(i - 1) % n]) / 2
         z[i] = (z[i - 1] * (1 - slip) + change) / (1 + slip)
     motion = SimpleNamespace(rms_position=q.std(), rms_velocity=v.std())
-    linearised = slipped(omega[lines], motion, 1.0)  # type: ignore[arg-type]
+    linearised = slipped(omega[lines], motion, 1.0)
     error = np.fft.rfft(z[n:])[lines] / Q[lines] - linearised
     assert abs(np.mean(error)) < 0.1 * np.mean(np.abs(1 - linearised))
 
@@ -166,7 +190,7 @@ def error(found: Elements) -> float:
 
 
 @pytest.mark.slow
-def test_few_elements_are_chosen_and_nearly_as_good() -> None:
+def test_few_elements_are_chosen_and_nearly_as_good():
     found = fit_presliding(log(1), 0.5)
     assert 3 <= np.sum(found.stiffness > 0) <= 8
     assert error(found) < 0.025
@@ -174,19 +198,20 @@ def test_few_elements_are_chosen_and_nearly_as_good() -> None:
     assert found.offset == pytest.approx(0.1, abs=0.01)
 
 
-@pytest.mark.slow
-def test_one_bristle_is_one_element() -> None:
+@pytest.mark.parametrize("elements", [slow(None), 1])
+def test_one_bristle_is_one_element(elements):
     """A single stop operator: thresholds elsewhere get nothing, and one element is enough."""
     one = Elements(np.array([300.0]), np.array([4e-3]), 0.0)
     q = growing()
-    torque = one.torque(q) + 0.01 * np.random.default_rng(0).standard_normal(len(q))
-    found = fit_presliding(loops(q, torque), 0.5)
+    torque = one.torque(q) + 0.3 + 0.01 * np.random.default_rng(0).standard_normal(len(q))
+    found = fit_presliding(loops(q, torque), None, elements)
     assert len(found.stiffness) == 1
+    assert (found.offset, found.mean_square) == pytest.approx((0.3, 1e-4), rel=0.05)
     assert found.stiffness[0] == pytest.approx(300, rel=0.01)
     assert found.threshold[0] == pytest.approx(4e-3, rel=0.01)
 
 
-def test_the_robot_file_has_the_same_shares_and_stiffness() -> None:
+def test_the_robot_file_has_the_same_shares_and_stiffness():
     slip = TRUTH_PRESLIDING.to_maxwell_slip()
     assert sum(slip.shares) == pytest.approx(1.0)
     assert sum(slip.stiffness) == pytest.approx(float(STIFFNESS.sum()))
@@ -194,6 +219,9 @@ def test_the_robot_file_has_the_same_shares_and_stiffness() -> None:
     np.testing.assert_allclose(levels, TRUTH_PRESLIDING.threshold)
 
 
-def test_loops_of_a_few_counts_are_refused() -> None:
-    with refused("friction/presliding-loops", place="loops of joint 1"):
+def test_loops_of_a_few_counts_are_refused():
+    with refused("friction/presliding-loops", place="loops of joint 1") as caught:
         fit_presliding(replace(log(0), resolution=5e-3), None)
+    moved, least = advised(caught, "moved by"), advised(caught, "more than")
+    assert advised(caught, "rad,") == pytest.approx(moved / 5e-3, rel=0.02)
+    fit_presliding(replace(log(0), resolution=0.99 * moved / least), None)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from plants.commanded_joints import (
     GAINS,
+    LINKS,
     ONE_ROBOT,
     RATE_HZ,
     TRUE,
@@ -15,13 +16,19 @@ from plants.commanded_joints import (
     references,
     two_joints,
 )
+from plants.marks import slow
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords
-from elastid.friction_study.commanded import DELAY, CommandedJoint
+from elastid.friction_study.commanded import DELAY, CommandedJoint, acting_gains
 from elastid.friction_study.result import FrictionResult, identify_friction
-from elastid.friction_study.sliding_friction import identify_sliding_friction, simulated_commands
+from elastid.friction_study.sliding_friction import (
+    identify_sliding_friction,
+    rigid_loads,
+    simulated_commands,
+    turns_against_gravity,
+)
 from elastid.friction_study.spec import FrictionSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
@@ -70,21 +77,57 @@ def assert_recovered(fit: CommandedJoint, i: int, delay_s: float) -> None:
     assert fit["coulomb"] == pytest.approx(TRUE["coulomb"][i], rel=0.05)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.010, 0.020])
-def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize("delay_s", [slow(0.0), 0.005, slow(0.010), slow(0.020)])
+def test_one_joint_is_recovered_at_every_delay(delay_s, tmp_path):
     """A regression on k_p (r - q) - k_d q' is off by +55 % in J and +171 % in f at 10 ms."""
-    r = references(3000, 1, 0.35, 4.0)
-    q = positions(one_joint, r, delay_s) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
+    r = references(600, 1, 0.35, 4.0)
+    q = positions(one_joint, r, delay_s, steps=10) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
     result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
     assert result.status == "identified"
     assert_recovered(commanded(result)["1"], 0, delay_s)
     assert {"J_m1", "f_m1", "Fc_m1", "T_d_m1"} <= {number.name for number in result.numbers}
+    fit = commanded(result)["1"]
+    assert fit.rms < 1.1e-4
+    truth, std = np.array([TRUE[name][0] for name in fit.names[:3]]), np.sqrt(np.diag(fit.covariance))[:3]
+    assert np.all((std < 0.01 * truth) & (np.abs(fit.values[:3] - truth) < 3 * std))
+    assert fit.speeds[1] == pytest.approx(np.abs(np.gradient(q[:, 0], 1 / RATE_HZ)).max(), rel=0.1)
+    assert (fit.seconds, fit.travel) == pytest.approx((600 / RATE_HZ, q.std()))
+    moved = simulated_commands(robot_of(ONE_ROBOT, tmp_path), {"1": log(q, r, np.array(GAINS[:1]))[0]}, {"1": fit})
+    assert np.std(moved - q) < 1.2e-4
+    assert 1e-4 < fit.relative_error < 1e-3
+
+
+def test_late_feedback_acts_as_less_damping_and_as_inertia():
+    """Held for 2 tau, velocities tau_v late: to the second order in s."""
+    kp, kd, tau, tau_v = np.array([400.0]), np.array([20.0]), np.array([2e-3]), np.array([1e-3])
+    damping, inertia = acting_gains(kp, kd, tau, tau_v)
+    s = 1.0j
+    held = (1 - np.exp(-2 * s * tau)) / (2 * s * tau)
+    late = kp * held + kd * s * held * np.exp(-s * tau_v)
+    np.testing.assert_allclose(late, kp + damping * s + inertia * s**2, rtol=0, atol=2e-4)
+
+
+def test_links_of_a_model_load_their_motors_by_the_equations_of_the_arm(tmp_path):
+    """Beside the mean inertia at each joint; a joint without gravity and coupling is loaded by nothing."""
+    t = np.arange(600) / RATE_HZ
+    waves = [(0.5, 3.0, 0.0), (0.4, 4.1, 0.7)]
+    q, v, a = (np.stack([A * w**k * np.sin(w * t + p + k * np.pi / 2) for A, w, p in waves], axis=1) for k in range(3))
+    load, carried = rigid_loads(robot_of(TWO_ROBOT, tmp_path), log(q, q, np.array(GAINS)), q)
+    torque = load + (carried + TRUE["inertia"]) * a
+    moved = [two_joints(*rows) for rows in zip(v.tolist(), q.tolist(), torque.tolist(), strict=True)]
+    np.testing.assert_allclose(moved[10:-10], a[10:-10], atol=0.02 * np.abs(a).max())
+    (m1, a1, l1, I1), (m2, _, l2, I2) = LINKS
+    mean = I1 + m1 * l1**2 + I2 + m2 * (a1**2 + l2**2 + 2 * a1 * l2 * np.cos(q[:, 1]).mean()), I2 + m2 * l2**2
+    np.testing.assert_allclose(carried, mean, rtol=0.02)
+    robot, one = robot_of(ONE_ROBOT, tmp_path), q[:, :1]
+    assert not any(part.any() for part in rigid_loads(robot, log(one, one, np.array(GAINS[:1])), one))
+    turns = [turns_against_gravity(each, each.driven[0], None) for each in (robot, robot_of(TWO_ROBOT, tmp_path))]
+    assert turns == [False, True]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("differentiates", [False, True])
-def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates: bool, tmp_path: Path) -> None:
+def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates, tmp_path):
     """Feedback held for 1 ms: f is k_p T / 2 = 10 % too low with a continuous controller."""
     r = references(3000, 1, 0.35, 4.0)
     q = positions(one_joint, r, 0.005, tick=5, differentiates=differentiates)
@@ -99,7 +142,7 @@ def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates: b
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.0, 0.010])
-def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(delay_s: float, tmp_path: Path) -> None:
+def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(delay_s, tmp_path):
     """The masses are those of the robot model; both joints share the delay, and move as measured by commands alone."""
     r = references(3000, 2, 0.4, 2.0)
     q = positions(two_joints, r, delay_s) + np.random.default_rng(1).normal(0, 1e-4, r.shape)
@@ -114,7 +157,7 @@ def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(del
 
 
 @pytest.mark.slow
-def test_wrong_gains_are_refused_or_named(tmp_path: Path) -> None:
+def test_wrong_gains_are_refused_or_named(tmp_path):
     """A velocity gain that is 20 % too large leaves viscous friction below 0; every result names its gains."""
     r = references(2000, 1, 0.35, 4.0)
     q = positions(one_joint, r, 0.005)
@@ -127,7 +170,7 @@ def test_wrong_gains_are_refused_or_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path: Path) -> None:
+def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path):
     """A single joint cannot tell them; gravity and inertia of known masses do."""
     r = references(2000, 2, 0.4, 2.0)
     q = positions(two_joints, r, 0.005)
@@ -136,7 +179,7 @@ def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path:
 
 
 @pytest.mark.slow
-def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path: Path) -> None:
+def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path):
     """T_d + f / k_p is known, T_d and f are not: below k_p / (f + k_d) friction is a delay."""
     r = references(3000, 1, 0.35, 0.6)
     q = positions(one_joint, r, 0.010) + np.random.default_rng(3).normal(0, 1e-3, r.shape)

@@ -6,7 +6,6 @@ Passes under several loads have gravity of their own and one curve of friction.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,13 +17,7 @@ from elastid.app.commanded_robot import robot_of_friction
 from elastid.base.arrays import FloatArray
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.constant_velocity import FrictionCurve, Pass, estimate_friction_curve, passes_of
-from elastid.friction_study.result import (
-    FrictionResult,
-    SlidingFriction,
-    identify_friction,
-    law_numbers,
-    true_numbers,
-)
+from elastid.friction_study.result import FrictionResult, SlidingFriction, identify_friction, law_numbers, true_numbers
 from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw
@@ -69,7 +62,7 @@ def passes(
     return found
 
 
-def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
+def test_levels_are_right_under_gravity_of_four_times_the_friction():
     """Without noise within 0.2 %, with 5 % of noise within 0.4 % at the median speed and as stated elsewhere."""
     quiet = estimate_friction_curve(passes(0, noise=0.0), True, 2 * np.pi / RATIO)
     np.testing.assert_allclose(quiet.torque, level(quiet.speed), rtol=2e-3)
@@ -85,7 +78,7 @@ def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("memory", [slow(0.0), 0.03])
-def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
+def test_levels_are_covered_whatever_the_noise_remembers(memory):
     """12 campaigns of 12 speeds: 95 % intervals hold 91 % or more."""
     held = []
     for seed in range(12):
@@ -94,7 +87,7 @@ def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
     assert 0.91 < np.mean(held) < 0.99
 
 
-def test_slopes_of_two_directions_are_no_offset() -> None:
+def test_slopes_of_two_directions_are_no_offset():
     levels = estimate_friction_curve(passes(2, uneven=6e-4), True, 2 * np.pi / RATIO)
     assert set(levels.direction) == {1.0, -1.0}
     law = StaticLaw.of(levels, LawSpec())
@@ -113,12 +106,12 @@ def test_slopes_of_two_directions_are_no_offset() -> None:
         ),
     ],
 )
-def test_passes_that_tell_nothing_are_refused(wrong, code: str) -> None:  # type: ignore[no-untyped-def]
+def test_passes_that_tell_nothing_are_refused(wrong, code):
     with refused(code):
         estimate_friction_curve(wrong(passes(0, SPEEDS[:3])), True)
 
 
-def test_a_level_below_gravity_and_noise_does_not_count() -> None:
+def test_a_level_below_gravity_and_noise_does_not_count():
     """Noise of five times the friction, 10 s a pass."""
     with refused("friction/constant-velocity"):
         estimate_friction_curve(passes(0, SPEEDS[-2:], noise=30.0), True)
@@ -136,7 +129,7 @@ def loaded(record: FrictionRecord, load: float) -> FrictionRecord:
     return replace(record, torque=record.torque + further, load=f"{load:g}", load_torque=load)
 
 
-def test_gravity_of_one_load_is_not_friction_of_another() -> None:
+def test_gravity_of_one_load_is_not_friction_of_another():
     """Levels grow by what friction does, to its noise, although gravity grows by far more."""
     _, measured = records(template(*SMALL))
     loads = (0.0, 100.0, 200.0)
@@ -160,7 +153,7 @@ def found() -> FrictionResult:
 
 
 @pytest.mark.slow
-def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
+def test_the_numbers_are_those_of_the_truth(found):
     """Each within its interval of 99.9 %; parts that one load and no thermometer cannot show are held with reasons."""
     numbers = {number.name: number for number in found.numbers}
     assert {"Fc_m1", "Fs_m1", "vs_m1", "f_m1"} <= set(numbers)
@@ -173,7 +166,7 @@ def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
     assert {held.term for held in found.at("1").unidentified} >= {"load", "temperature"}
 
 
-def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_path: Path) -> None:
+def test_the_robots_file_has_the_law_and_its_ranges(found, tmp_path):
     """Read back, it is the robot whose friction has the numbers of the table, on the side of the motor."""
     text = robot_of_friction(template().study.name, template().study.as_robot(), found)
     assert all(f"#   {number.name} = " in text for number in found.numbers)
@@ -186,7 +179,7 @@ def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_p
     assert motor.friction.measured.speed == pytest.approx((0.87, 157.1), rel=0.02)
 
 
-def test_numbers_that_no_contact_has_make_no_law() -> None:
+def test_numbers_that_no_contact_has_make_no_law():
     """Viscous friction that would drive backwards: no number of it is stated, and a note says why."""
     v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
     one = np.ones_like(v)
@@ -199,7 +192,7 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
     assert [note.code for note in result.at("1").notes] == ["friction/law"]
 
 
-def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
+def test_runs_at_one_speed_give_its_torque_and_no_law():
     """At 1.2 rad/s from 25 to 45 degC: the torque there and its change with temperature, without Coulomb friction."""
     (scatter, noise), degc = np.random.default_rng(4).standard_normal((2, 40)), np.linspace(25, 45, 40)
     v, torque = 1.2 * (1 + 3e-3 * scatter), 9.6 - 0.05 * (degc - 35) + 0.05 * noise
@@ -211,7 +204,7 @@ def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
     assert (found.status, found.at("1").friction) == ("partly", None)
 
 
-def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
+def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels():
     """20 K above the reference and under 30 Nm; the file's numbers where nothing is compared."""
     warm = TemperatureDependence(25.0, stiction=0.002, viscous=1e-3, decay=20.0)
     law = Friction(0.2, 0.3, 5.0, load=LoadDependence(0.05, 0.08), temperature=warm)
@@ -227,7 +220,7 @@ def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
     assert true_numbers(robot, "1")["Fc_m1"] == pytest.approx(20.0)
 
 
-def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> None:
+def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has():
     """F_c forwards 24, backwards 20, and as many std to each end as of F_c itself."""
     speed = np.tile(np.geomspace(0.01, 1.0, 8), 2)
     way = np.repeat([1.0, -1.0], 8)

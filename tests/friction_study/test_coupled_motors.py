@@ -47,7 +47,7 @@ def friction_of(folder: Path, side: str) -> dict[str, SlidingFriction]:
         columns = np.hstack([u / RATIO, s * RATIO] if side == "motor" else [tau, q])
         np.savetxt(folder / f"{seed}.csv", columns, delimiter=",", header="u_1,u_2,q_1,q_2", comments="")
     channels = [
-        ChannelSpec(role, f"motor {name}", f"{letter}_{name}", quantity=quantity, side=side)  # type: ignore[arg-type]
+        ChannelSpec(role, f"motor {name}", f"{letter}_{name}", quantity=quantity, side=side)
         for name in "12"
         for role, letter, quantity in (("u", "u", "torque"), ("y", "q", "position"))
     ]
@@ -57,24 +57,22 @@ def friction_of(folder: Path, side: str) -> dict[str, SlidingFriction]:
 
 
 @pytest.mark.parametrize("side", ["motor", "link"])
-def test_friction_of_coupled_motors_lies_within_intervals(side: str, tmp_path: Path) -> None:
+def test_friction_of_coupled_motors_lies_within_intervals(side, tmp_path):
     """Of friction at the joint's speed instead, 16 % of the second motor's torque would be left."""
     friction = friction_of(tmp_path, side)
     for i, name in enumerate("12"):
         motion_friction = friction[name].motion
-        assert motion_friction is not None
         fit = motion_friction.regression
         assert abs(fit["coulomb"] - COULOMB[i]) < 3 * fit.std("coulomb")
         assert abs(fit["viscous"] - VISCOUS[i]) < 3 * fit.std("viscous")
         assert fit.std("coulomb") < 0.1 * COULOMB[i]
         assert fit.relative_error < 0.02
     body = motion_friction.rigid_body
-    assert body is not None
     of_joint = dict(zip(body.names, zip(body.values, body.std, strict=True), strict=True))["F_2"]
     assert of_joint[0] == pytest.approx(OF_JOINT, abs=3 * of_joint[1])
 
 
-def test_passes_of_a_coupled_joint_show_the_friction_of_its_motor_alone() -> None:
+def test_passes_of_a_coupled_joint_show_the_friction_of_its_motor_alone():
     """The first joint turns both motors, each with 9 Nm: at the joint, 13.5 Nm would be its friction."""
     motor = Motor(2e-3, RATIO, coulomb=COULOMB[0] / RATIO)
     limits = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)

@@ -5,9 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants import arm
 from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate
+from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
+from elastid.friction_record import FrictionRecord
 from elastid.friction_study import extended_kalman_filter
 from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.extended_kalman_filter import (
@@ -19,8 +22,10 @@ from elastid.friction_study.extended_kalman_filter import (
     estimate_noise,
 )
 from elastid.friction_study.filter_consistency import MAX_CORRELATION, consistency
-from elastid.friction_study.friction_tracking import TrackedFriction, track_friction, with_tolerances
+from elastid.friction_study.friction_tracking import TrackedFriction, track_friction, track_joints, with_tolerances
 from elastid.friction_study.result import JointFriction
+from elastid.friction_study.spec import FilterSpec
+from elastid.robot import Friction
 
 
 def stops_and_moves(seconds: float) -> FloatArray:
@@ -58,7 +63,7 @@ def nees(track: Track, name: str, truth: FloatArray) -> float:
 
 
 @pytest.mark.slow
-def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) -> None:
+def test_friction_that_warms_up_is_followed_through_stops(kalman):
     """Torque within 0.4 %, NEES at most 1.2, NIS 0.9 to 1.1."""
     run = simulate(stops_and_moves(25), seed=1)
     track = tracked(kalman, run)
@@ -71,7 +76,7 @@ def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) 
 
 
 @pytest.mark.slow
-def test_a_bristle_taken_for_certain_is_seen() -> None:
+def test_a_bristle_taken_for_certain_is_seen():
     """Without the slip's noise a filter that is sure of all else is many std off: its innovations say so."""
     run, sure = simulate(stops_and_moves(20), seed=1), KalmanFilter(replace(FOLLOWED, tolerances={}), RATE_HZ)
     track = tracked(sure, run, FilterNoise(angle=NOISE.angle, torque=NOISE.torque, drift=DRIFT, slip=0.0))
@@ -82,7 +87,7 @@ def test_a_bristle_taken_for_certain_is_seen() -> None:
 
 
 @pytest.mark.slow
-def test_noise_is_found_from_innovations() -> None:
+def test_noise_is_found_from_innovations():
     """Torque noise within 10 % from a guess of a third; a bristle that is LuGre's slips no more than guessed."""
     kalman = KalmanFilter(FOLLOWED, RATE_HZ)
     run = simulate(rich(5), seed=5)
@@ -91,7 +96,7 @@ def test_noise_is_found_from_innovations() -> None:
     assert found.slip == pytest.approx(NOISE.slip)
 
 
-def test_correlated_torque_noise_keeps_its_variance() -> None:
+def test_correlated_torque_noise_keeps_its_variance():
     """w_k+1 = a w_k + e_k, a = exp(-T / tau), has std sigma where var e = sigma^2 (1 - a^2)."""
     joint, noise = replace(FOLLOWED, correlation_s=0.02), replace(NOISE, correlated=0.3)
     driving = noise.vector(joint, RATE_HZ)[2]
@@ -108,7 +113,7 @@ def codes(found: TrackedFriction) -> set[str]:
     return {note.code for note in found.notes}
 
 
-def test_constant_speed_says_what_it_cannot_know() -> None:
+def test_constant_speed_says_what_it_cannot_know():
     """Coulomb friction and an offset are distinguished by reversals."""
     constant = followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4))
     assert "filter/not-observable" in codes(constant)
@@ -116,7 +121,7 @@ def test_constant_speed_says_what_it_cannot_know() -> None:
 
 
 @pytest.mark.parametrize(("viscous", "noise"), [(1e3, 1.0), (1.0, 20.0)])
-def test_filter_that_lost_the_log_diverges_at_a_time(viscous: float, noise: float) -> None:
+def test_filter_that_lost_the_log_diverges_at_a_time(viscous, noise):
     """Viscous friction a thousand times too large at the start, noise of 20 times."""
     joint = replace(FOLLOWED, viscous=viscous * FOLLOWED.viscous)
     expected = replace(NOISE, angle=noise * NOISE.angle, torque=noise * NOISE.torque)
@@ -125,7 +130,7 @@ def test_filter_that_lost_the_log_diverges_at_a_time(viscous: float, noise: floa
     assert 5.0 <= float(re.findall(r"^at (\S+) s:", lost.consistency.divergence)[0]) <= 7.0
 
 
-def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch, kalman: KalmanFilter) -> None:
+def test_filter_in_blocks_continues_its_estimate(monkeypatch, kalman):
     """Blocks of a fifth of a second bound the memory and change no number."""
     run = simulate(rich(0.5), 4)
     whole = tracked(kalman, run)
@@ -135,7 +140,7 @@ def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.slow
-def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> None:
+def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins():
     """Another motion of half a second, 1 rad away, changes nothing of the noise that is found."""
     run = simulate(rich(1.5), 5).samples
     short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + 1.0)
@@ -148,7 +153,7 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> 
     assert after.noise == alone.noise
 
 
-def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
+def test_a_band_holds_stiction_that_falls_with_warmth():
     """F_s / F_c of 1.30 for the 1.40 that the filter holds: its band has F_c, that of a filter that is sure has not."""
     run = simulate(stops_and_moves(14), 1, stiction_ratio=1.3)
     held = {}
@@ -161,7 +166,7 @@ def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
     assert held["exact"] < 0.5
 
 
-def test_what_a_study_has_identified_narrows_the_bands() -> None:
+def test_what_a_study_has_identified_narrows_the_bands():
     """Inertia to 0.5 % and gravity to 1 % of a rigid joint."""
     one = np.ones(1)
     levels = FrictionCurve("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
@@ -175,8 +180,30 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     assert with_tolerances(rigid, useless).tolerances["inertia"] == 0.5
 
 
+def test_friction_of_the_records_in_which_a_joint_moves_alone_is_followed():
+    """Beside the inertia and gravity that the study found; a joint that never moves alone has a note, or is refused."""
+    rng, t = np.random.default_rng(0), np.arange(3000) / 200.0
+    waves = [(0.6, 1.9, 0.0), (0.3, 4.3, 1.0)]
+    q, v, a = (sum(A * w**k * np.sin(w * t + p + k * np.pi / 2) for A, w, p in waves) for k in range(3))
+    torque = 2.0 * a + 5.0 * np.sign(v) + 3.0 * v + 4.0 * np.cos(q) - 1.5 * np.sin(q) + 0.5
+    record = FrictionRecord("alone", "1", "motion", 200.0, q, torque + 0.05 * rng.standard_normal(len(t)))
+    both = [replace(record, name="both", joint=joint) for joint in "12"]
+    shared = {"inertia": (2.0, 0.01), "gravity.cos": (4.0, 0.04), "gravity.sin": (-1.5, 0.02), "offset": (0.5, 0.01)}
+    one = np.ones(1)
+    levels = FrictionCurve("joint 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one, shared=shared)
+    first = JointFriction("1", False, constant_velocity=levels, friction=Friction(6.0), viscous=2.5)
+    second, spec = replace(first, joint="2"), FilterSpec(drift=2.0, torque_std=0.1, settle=3.0)
+    (found,), (note,) = track_joints(arm.robot(damping=None), [first, second], [record, *both], spec)
+    coulomb, viscous, offset = found.values[-1]
+    assert (coulomb + 1.2 * viscous, offset) == pytest.approx((5 + 1.2 * 3, 0.0), abs=0.1)
+    assert np.all((found.low[-1] < [5.0, 3.0, 0.0]) & (found.high[-1] > [5.0, 3.0, 0.0]))
+    assert note.code == "filter/record"
+    with refused("filter/start"):
+        track_joints(arm.robot(damping=None), [second], both, spec)
+
+
 @pytest.mark.parametrize("joint", [FOLLOWED, replace(FOLLOWED, stiffness=0.0)])
-def test_momentum_grows_by_the_torques_that_act(joint: TrackedJoint) -> None:
+def test_momentum_grows_by_the_torques_that_act(joint):
     """Of motor and link on their spring, or of a rigid joint, under drive, load, its offset and all but no friction."""
     free = {"coulomb": 1e-12, "viscous": 1e-12, "bristle_stiffness": 1e-12, "bristle_damping": 0.0}
     frictionless = replace(joint, followed=("offset",), **free)

@@ -1,5 +1,6 @@
 """Inertia and friction of one axis from any motion."""
 
+import math
 import re
 from dataclasses import replace
 
@@ -12,8 +13,14 @@ from plants.refusals import refused
 from scipy.io import loadmat
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.inverse_dynamics_regression import MotionFriction, regress_motion
-from elastid.friction_study.motion_signals import Motion
+from elastid.friction_study.inverse_dynamics_regression import (
+    MotionFriction,
+    assess_motion,
+    regress_motion,
+    torque_components,
+)
+from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.regressor import change_of, columns_of
 from elastid.model.formulation import ElasticJoint
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
@@ -39,7 +46,7 @@ def swing(seed: int = 0, uneven: float = 0.0, noise: float = 1.0) -> Motion:
 
 
 @pytest.mark.slow
-def test_inertia_friction_and_gravity_are_found_and_covered() -> None:
+def test_inertia_friction_and_gravity_are_found_and_covered():
     """30 logs with noise correlated over 0.1 s: unbiased, and 95 % intervals hold the truth."""
     truth = {"inertia": J, "coulomb": F_C, "viscous": VISCOUS, "gravity.cos": COS, "gravity.sin": SIN}
     found = [regress_motion(swing(seed)).regression for seed in range(30)]
@@ -61,7 +68,7 @@ def with_noise(motion: Motion, std: float, seed: int = 0) -> Motion:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("std", [2e-4, 5e-4])
-def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std: float) -> None:
+def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std):
     """8 logs; in a band of 20 Hz the noise lowers the inertia by 4 to 16 %."""
     fits = [regress_motion(with_noise(swing(seed), std, seed)) for seed in range(8)]
     errors = np.array([(fit.regression["inertia"] - J) / fit.regression.std("inertia") for fit in fits])
@@ -71,7 +78,7 @@ def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std: float
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 2 * np.pi / RATIO])
-def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn: float) -> None:
+def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn):
     """6 logs over half a radian under cogging and Coulomb friction by the motor's turn, whose ratio is known or not."""
     step_s, t = 5e-4, np.arange(60_000) * 5e-4
     joints, references = [], []
@@ -91,14 +98,36 @@ def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn: flo
     assert np.all(np.abs(np.mean(errors, axis=0)) < (1e-3 if turn else 0.02))
 
 
-def test_directions_are_told_apart_only_where_they_are() -> None:
+def test_parts_of_the_torque_are_those_of_the_axis():
+    fit = regress_motion(swing(3, noise=0.0))
+    signals = MotionSignals.of(fit.motion, fit.passband_hz)
+    parts = torque_components(fit.regression, columns_of(signals, fit.terms))
+    velocity, torque, q = signals.filtered(signals.velocity), signals.filtered(fit.motion.torque), fit.motion.position
+    np.testing.assert_allclose(parts["viscous"], VISCOUS * velocity, atol=0.005 * VISCOUS * np.abs(velocity).max())
+    assert np.std(parts["gravity"]) == pytest.approx(np.std(COS * np.cos(q) + SIN * np.sin(q)), rel=0.02)
+    assert np.std(torque - sum(parts.values())) < 0.05 * F_C
+
+
+def test_a_change_between_bands_is_in_the_interval_and_a_misfit_where_it_is_large():
+    """Of this joint, by more than three std: shift and std add as variances."""
+    fit = regress_motion(swing(3))
+    std = fit.regression.std("viscous")
+    for joint, change, widened in (("", 100 * std, math.hypot(std, 100 * std)), ("", std, std), ("2", 100 * std, std)):
+        found = assess_motion(fit, "", {(joint, "viscous"): (change, std)}, 20.0)
+        assert found.regression.std("viscous") == pytest.approx(widened)
+        assert ("viscous" in found.misfit) == (widened > std)
+
+
+def test_directions_are_told_apart_only_where_they_are():
     assert not any(regress_motion(swing(seed)).terms.by_direction for seed in range(3))
     fit = regress_motion(swing(1, uneven=6.0))
     assert fit.terms.by_direction
     assert fit.regression["directions.viscous"] == pytest.approx(6.0, rel=0.1)
+    even = regress_motion(swing(1)).regression
+    assert change_of(fit.regression, even)[fit.regression.names.index("directions.viscous")] == 0
 
 
-def test_friction_over_the_angle_is_a_part_where_it_matters() -> None:
+def test_friction_over_the_angle_is_a_part_where_it_matters():
     """From 3 % of Coulomb friction on, however well it shows."""
     log = swing(3, noise=0.05)
     wave = np.sign(np.gradient(log.position)) * (log.position - log.position.mean()) / np.ptp(log.position)
@@ -107,7 +136,7 @@ def test_friction_over_the_angle_is_a_part_where_it_matters() -> None:
     assert much.terms.angles
 
 
-def test_ripple_and_a_stribeck_effect_are_parts_where_they_are() -> None:
+def test_ripple_and_a_stribeck_effect_are_parts_where_they_are():
     log = swing(3)
     v = np.gradient(log.position) * log.rate_hz
     more = 3 * np.cos(2 * np.pi * 40 / (2 * np.pi) * log.position) + 4 * np.sign(v) * np.exp(-((v / 0.15) ** 2))
@@ -131,7 +160,7 @@ def test_ripple_and_a_stribeck_effect_are_parts_where_they_are() -> None:
     ],
     ids=["too short", "turned", "one way", "too slow"],
 )
-def test_motions_that_tell_nothing_are_refused(wrong) -> None:  # type: ignore[no-untyped-def]
+def test_motions_that_tell_nothing_are_refused(wrong):
     with refused("friction/motion", place="motion of joint 1"):
         regress_motion(wrong(swing()))
 
@@ -142,7 +171,7 @@ def axis() -> MotionFriction:
     return regress_motion(Motion("joint 1", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True))
 
 
-def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction) -> None:
+def test_a_real_axis_has_the_published_mass_and_two_slopes(axis):
     """Janot, Gautier and Brunot (2019): 95.11 kg, 203.50 N s/m, 20.39 N with both directions alike.
 
     From all samples; without those near a reversal, where friction is lower, the numbers are others, and the intervals,
@@ -160,9 +189,11 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
     assert fit.relative_error < 0.02
     assert sum(axis.seconds.values()) == pytest.approx(24.841)
     assert axis.seconds["used"] > 20
+    assert axis.time_summary.startswith(f"{axis.seconds['used']:.3g} of 24.8 s")
+    assert all(name in axis.time_summary for name, seconds in axis.seconds.items() if seconds and name != "used")
 
 
-def test_a_held_command_acts_half_a_sample_later() -> None:
+def test_a_held_command_acts_half_a_sample_later():
     """The delay that a regression finds where angles were read as a torque began is gone where the log says so."""
     rate, T = 200.0, 1 / 200
     t = np.arange(8000) / rate
@@ -194,7 +225,7 @@ def with_link(resonance_hz: float, share: float = 0.5) -> Motion:
     return Motion("joint 1", rate, np.round(q / 6e-6) * 6e-6, torque)
 
 
-def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -> None:
+def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none():
     """A link at 6 to 15 Hz; one at 1 kHz is rigid, though the noise of its angle is in acceleration and torque."""
     for resonance_hz in (6.0, 15.0):
         fit = regress_motion(with_link(resonance_hz))
@@ -209,7 +240,7 @@ def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -
 @pytest.mark.parametrize(
     ("at_hz", "stiffer", "inertia"), [(10, 1, 1), slow(10, 1.1, 1), slow(10, 1, 0.8), (1000, 1, 1)]
 )
-def test_spring_of_the_robot_model_is_in_the_regression(at_hz: float, stiffer: float, inertia: float) -> None:
+def test_spring_of_the_robot_model_is_in_the_regression(at_hz, stiffer, inertia):
     """A link at 10 Hz, of a model whose stiffness or inertia is off, too, and a rigid one: J in its interval of 2 %."""
     link = 0.5 * INERTIA
     spring = ElasticJoint(0.5 * INERTIA, inertia * link, stiffer * link * (2 * np.pi * 10.0) ** 2, 0.0)
@@ -237,7 +268,7 @@ def held(fit: MotionFriction, part: str) -> str:
     return next((each.reason for each in fit.unidentified if each.term == part), "")
 
 
-def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
+def test_friction_that_changes_with_temperature_has_numbers_for_it():
     """F_c falls by 0.06 N*m/K, viscous friction by a factor e in 20 K; both numbers hold at the mean temperature."""
     fit = regress_motion(warming(slope=-0.06, share=0.4))
     T_0 = fit.terms.reference
@@ -256,7 +287,7 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     assert by_heat.reference == pytest.approx(T_0)
 
 
-def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_says_so() -> None:
+def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_says_so():
     fits = [regress_motion(warming(seed)) for seed in range(2)]
     fits += [regress_motion(replace(warming(), temperature=none)) for none in (np.full(30000, 25.0), None)]
     assert not any(fit.terms.heat for fit in fits)
@@ -265,7 +296,7 @@ def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_
     ] * 2
 
 
-def test_a_stribeck_effect_below_all_speeds_has_no_numbers() -> None:
+def test_a_stribeck_effect_below_all_speeds_has_no_numbers():
     """Ways at 0.1 rad/s and faster, F_s over 0.05 rad/s: F_c is right, and stiction no number."""
     rng, n = np.random.default_rng(0), round(60 * RATE)
     speed = np.concatenate([

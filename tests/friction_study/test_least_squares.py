@@ -31,7 +31,7 @@ def bursts(rng: np.random.Generator) -> Equations:
 
 
 @pytest.mark.slow
-def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom() -> None:
+def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom():
     """Six moments against a minute of 24 cosines; 95 % of the intervals of 1000 draws hold the truth."""
     rng = np.random.default_rng(1)
     fits = [solve([bursts(rng)], RATE_HZ) for _ in range(1000)]
@@ -44,7 +44,7 @@ def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom() -> 
 @pytest.mark.slow
 @pytest.mark.parametrize(("logs", "seconds"), [(1, 60.0), (4, 12.0)])
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: float, correlation: float) -> None:
+def test_intervals_hold_the_truth_whatever_the_correlation(logs, seconds, correlation):
     """95 % of them, of 300 draws of two numbers, by one log or several; the std by the spread to a fifth."""
     rng = np.random.default_rng(0)
     fits = [solve([log(rng, seconds, correlation) for _ in range(logs)], RATE_HZ) for _ in range(300)]
@@ -56,10 +56,10 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: f
     np.testing.assert_allclose(np.sqrt(np.mean(std**2, axis=0)), error.std(axis=0), rtol=0.25)
 
 
-def test_a_search_ends_at_the_optimum_of_each_start_that_has_one() -> None:
+def test_a_search_ends_at_the_optimum_of_each_start_that_has_one():
     """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
 
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x):
         return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
 
     ends = minimise(residual, [np.array([-1.2, 1.0]), np.array([np.nan, 0.0])])
@@ -67,7 +67,7 @@ def test_a_search_ends_at_the_optimum_of_each_start_that_has_one() -> None:
     np.testing.assert_allclose(ends[0].x, [1, 1], rtol=1e-6)
 
 
-def test_chance_of_terms_is_uniform_where_they_are_not_there() -> None:
+def test_chance_of_terms_is_uniform_where_they_are_not_there():
     """One term more in a fit of 40 residuals of white noise, 400 times: below 5 % in 5 % +- 3 %."""
     rng = np.random.default_rng(0)
     chances = []
@@ -78,14 +78,14 @@ def test_chance_of_terms_is_uniform_where_they_are_not_there() -> None:
     assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.08
 
 
-def test_the_scattered_covariance_needs_no_variances() -> None:
+def test_the_scattered_covariance_needs_no_variances():
     """Weights wrong by factors up to three: the std of a slope is its spread over 300 draws to 5 %."""
     rng = np.random.default_rng(5)
     x, factor = np.linspace(-1.0, 1.0, 200), np.exp(np.linspace(-1.0, 1.0, 200))
     ends = []
     for _ in range(300):
         y = factor * rng.standard_normal(200)
-        ends += minimise(lambda slope, y=y: (y - slope * x) / factor**2, [np.zeros(1)], method="lm")  # type: ignore[misc]
+        ends += minimise(lambda slope, y=y: (y - slope * x) / factor**2, [np.zeros(1)], method="lm")
     spread = np.std([end.x[0] for end in ends])
     none, correlated = np.zeros(200), np.ones(200)
     stds = [np.sqrt(end.scattered_covariance(correlated, none)[0, 0]) for end in ends]

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from plants.cogged_joint import CoggedJoint, logged, simulated
 from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, trapezoids
-from plants.refusals import refused
+from plants.refusals import advised, refused
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.constant_velocity import Pass, PassRegression, estimate_friction_curve, passes_of
-from elastid.friction_study.motion_signals import detect_passes
+from elastid.friction_study.motion_signals import Motion, MotionSignals, detect_passes
 
 SPEEDS = (0.02, 0.05, 0.2, 0.5, 1.0)
 
@@ -23,7 +23,7 @@ def record(q: FloatArray, **changes: Any) -> FrictionRecord:
     return FrictionRecord("log", "1", "motion", RATE, np.round(q / count) * count, sliding_torque(q), **changes)
 
 
-def test_every_pass_of_a_log_is_found_and_its_levels_are_right() -> None:
+def test_every_pass_of_a_log_is_found_and_its_levels_are_right():
     """Five speeds there and back under gravity of 2.5 times friction: levels within 0.2 %."""
     found = detect_passes(record(trapezoids(SPEEDS)), True)
     assert [each.speed for each in found] == pytest.approx(SPEEDS, rel=0.01)
@@ -33,24 +33,24 @@ def test_every_pass_of_a_log_is_found_and_its_levels_are_right() -> None:
     assert levels.notes == ()
 
 
-def test_a_log_of_one_speed_gives_its_own_passes_alone() -> None:
+def test_a_log_of_one_speed_gives_its_own_passes_alone():
     found = detect_passes(record(trapezoids((0.2, 0.5, 0.2)), speed=0.2), True)
     assert [each.speed for each in found] == pytest.approx([0.2, 0.2], rel=0.01)
 
 
-def test_a_motion_without_plateaus_has_no_passes() -> None:
+def test_a_motion_without_plateaus_has_no_passes():
     t = np.arange(5000) / RATE
     assert detect_passes(record(0.5 * np.sin(2 * np.pi * 0.4 * t)), True) == ()
 
 
 @pytest.mark.parametrize("position", [trapezoids((0.5,), travel=0.05), trapezoids((0.5,))[: round(2.1 * RATE)]])
-def test_a_log_without_its_pass_is_refused(position: FloatArray) -> None:
+def test_a_log_without_its_pass_is_refused(position):
     """Too short a way, and no way back."""
     with refused("friction/constant-velocity-runs", holds="0.5 rad/s"):
         detect_passes(record(position, speed=0.5), True)
 
 
-def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:
+def test_ways_whose_speed_wanders_with_the_cogging_are_passes():
     """15 Nm of cogging on 115 Nm: twelve speeds of twelve, levels within 0.5 %, a slope of 12 % between directions."""
     joint = CoggedJoint(uneven=0.12 * 60)
     speeds = np.geomspace(0.05, 1.0, 12)
@@ -77,7 +77,7 @@ def regression(noise: np.ndarray, ripple: float) -> PassRegression:
     return PassRegression.of(passes, False, 1.0)
 
 
-def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression() -> None:
+def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression():
     """The fifth of a motor turn; the level is that of the truth either way."""
     noise = 0.01 * np.random.default_rng(1).standard_normal(8000)
     for ripple, names in ((0.5, {"ripple.5c", "ripple.5s"}), (0.0, set())):
@@ -87,7 +87,7 @@ def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression() -> N
         assert found.solve()[0][0] == pytest.approx(3.0, abs=2e-3)
 
 
-def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
+def test_the_variance_of_a_level_counts_the_correlation_of_the_noise():
     """sigma^2 / n (1 + phi) / (1 - phi) of noise x_k+1 = phi x_k + e, var e = sigma^2 (1 - phi^2)."""
     phi, n = 0.5, 14_000
     e = np.random.default_rng(2).standard_normal(n) * np.sqrt(1 - phi**2)
@@ -98,7 +98,7 @@ def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
     assert variance == pytest.approx((1 + phi) / (1 - phi) / n, rel=0.15)
 
 
-def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
+def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts():
     """Within a ramp of 2 rad/s^3 half a sample of 10 ms changes an acceleration by 0.01 rad/s^2."""
     rate = 100.0
     t = np.arange(200) / rate
@@ -111,3 +111,25 @@ def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
     assert len(short.position) == 8  # a tenth at each end may hold its ramps
     np.testing.assert_allclose((held.acceleration - read.acceleration)[20:-20], 0.01, rtol=0.02)
     np.testing.assert_allclose((held.velocity - read.velocity)[20:-20], 5e-3 * read.acceleration[20:-20], rtol=0.02)
+
+
+def test_signals_are_filtered_to_3_db_and_know_the_noise_of_their_position():
+    """Half of the power at the end of the passband; noise of velocity and acceleration through the same filter."""
+    rate, passband_hz = 500.0, 20.0
+    t, noise = np.arange(20_000) / rate, 1e-4 * np.random.default_rng(0).standard_normal(20_000)
+    to_and_fro, forth = 0.5 * np.sin(2 * np.pi * 0.3 * t), 0.2 * t + 0.05 * np.sin(t)
+    signals = MotionSignals.of(Motion("joint 1", rate, to_and_fro + noise, to_and_fro), passband_hz)
+    taps = signals.taps
+    assert abs(np.exp(-2j * np.pi * passband_hz / rate * np.arange(len(taps))) @ taps) == pytest.approx(
+        0.5**0.5, rel=0.01
+    )
+    smooth = np.convolve(noise, taps, "valid")
+    powers = np.var(np.gradient(smooth)[1:-1] * rate), np.var(np.diff(smooth, 2) * rate**2)
+    np.testing.assert_allclose(signals.noise_powers, powers, rtol=0.05)
+    one_way = MotionSignals.of(Motion("joint 1", rate, forth, forth), passband_hz)
+    assert [each.moves(way) for each in (signals, one_way) for way in (1, -1)] == [True, True, True, False]
+    assert sum(signals.seconds.values()) == pytest.approx(40.0)
+    with refused("friction/motion", place="motion of joint 1", holds="it lasts 1 s at 500 Hz") as caught:
+        MotionSignals.of(Motion("joint 1", rate, forth[:500], forth[:500]), passband_hz)
+    enough = forth[: round(advised(caught, "Hz takes") * rate)]
+    assert MotionSignals.of(Motion("joint 1", rate, enough, enough), passband_hz).moves(1)

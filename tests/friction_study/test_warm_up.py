@@ -1,6 +1,5 @@
 """The temperature of a joint from its power, and friction that follows it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -70,12 +69,16 @@ def without_tests(whole: WarmUp) -> WarmUp:
     [(True, True), (True, False), (False, True)],
     ids=["both", "thermometer", "friction alone, relative"],
 )
-def test_half_of_four_hours_has_the_numbers(thermometer: bool, tests: bool) -> None:
+def test_half_of_four_hours_has_the_numbers(thermometer, tests):
     first = first_half(campaign(0, thermometer=thermometer))
     model = fit_warm_up(first if tests else without_tests(first))
     assert model.time_constants[0] == pytest.approx(TIME_CONSTANT, rel=0.1)
     assert warm_up_note(model, first, "1") == ()
-    assert [number.symbol for number in thermal_numbers("1", model, first)] == ["h", "C / h"][not thermometer :]
+    numbers = [*thermal_numbers("1", model, first)]
+    assert [number.symbol for number in numbers] == ["h", "C / h"][not thermometer :]
+    for number in numbers:
+        assert number.low * number.high == pytest.approx(number.value**2)
+        assert np.log(number.high / number.value) == pytest.approx(1.96 * number.std / number.value, rel=1e-3)
     if thermometer:
         assert model.h == pytest.approx(H, rel=0.05)
     else:
@@ -83,7 +86,7 @@ def test_half_of_four_hours_has_the_numbers(thermometer: bool, tests: bool) -> N
 
 
 @pytest.mark.slow
-def test_a_second_node_is_taken_only_where_there_is_one() -> None:
+def test_a_second_node_is_taken_only_where_there_is_one():
     one = [fit_warm_up(campaign(seed)) for seed in range(8)]
     assert sum(len(model.time_constants) == 2 for model in one) <= 1
     two = fit_warm_up(campaign(1, second_share=0.3))
@@ -92,7 +95,7 @@ def test_a_second_node_is_taken_only_where_there_is_one() -> None:
 
 
 @pytest.mark.slow
-def test_stated_std_is_the_scatter() -> None:
+def test_stated_std_is_the_scatter():
     """ln h and ln C / h over 12 campaigns."""
     models = [fit_warm_up(without_tests(campaign(seed))) for seed in range(12)]
     single = [model for model in models if len(model.time_constants) == 1]
@@ -110,11 +113,11 @@ def test_stated_std_is_the_scatter() -> None:
         lambda w: without_tests(replace(w, log=replace(w.log, temperature=np.nan * w.log.temperature))),
     ],
 )
-def test_a_warm_up_that_tells_nothing_is_refused(wrong: Callable[[WarmUp], WarmUp]) -> None:
+def test_a_warm_up_that_tells_nothing_is_refused(wrong):
     with refused("friction/warm-up", place="warm-up"):
         fit_warm_up(wrong(campaign(0)))
 
 
-def test_tests_at_nearly_one_speed_are_at_one() -> None:
+def test_tests_at_nearly_one_speed_are_at_one():
     """Measured speeds differ a little from pass to pass."""
     np.testing.assert_allclose(alike_speeds(np.array([1.0, 0.2, 1.02, 0.2])), [1.01, 0.2, 1.01, 0.2])

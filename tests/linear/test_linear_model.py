@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm
 
-from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, state_space
+from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, elements, state_space
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
@@ -27,6 +27,20 @@ def test_slopes_of_the_logarithm_equal_differences(element):
     np.testing.assert_allclose(element.log_slope(S, T), difference, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("chain", "by_hand"),
+    [
+        (Chain(torque_lag=T), 1 / (1 + S * T)),
+        (Chain(torque_lag=T, torque_order=2, torque_damping=0.4), 1 / (1 + 0.8 * S * T + (S * T) ** 2)),
+        (Chain(sensor_lag=T, sensor_order=2), 1 / (1 + 2**0.5 * S * T + (S * T) ** 2)),
+        (Chain(differentiator=T), (1 - np.exp(-S * T)) / (S * T)),
+    ],
+)
+def test_an_element_of_a_chain_has_its_response(chain, by_hand):
+    (element,) = elements(chain)
+    np.testing.assert_allclose(element.response(S, T), by_hand, rtol=1e-9)
+
+
 FREQ_HZ = np.linspace(3.0, 40.0, 9)
 GAINS = (Channel("y", "body fore y", 1.3), Channel("y", "motor 1", 0.9), Channel("u", "motor 2", 1.1))
 
@@ -38,7 +52,7 @@ def linear(gains: tuple[Channel, ...]) -> LinearModel:
     return Linearisation.of(model).at(Configuration("c1", (0.3, -0.5)), model.theta, outputs, "acceleration")
 
 
-def test_gains_multiply_rows_and_divide_columns_of_a_response() -> None:
+def test_gains_multiply_rows_and_divide_columns_of_a_response():
     """By the formula, by the kernel and by the state space; motor 2 and motor 1 as output and input are apart."""
     model, calibrated = linear(GAINS), linear(())
     G = frequency_response(calibrated, calibrated.theta_ref, FREQ_HZ)

@@ -51,7 +51,7 @@ def linear_of(robot: Robot, angles: tuple[float, ...], form: str | None = None) 
     return model, linearisation.at(posture, model.theta, model.inputs, "position")
 
 
-def test_gravity_softens_as_a_hanging_pendulum_swings() -> None:
+def test_gravity_softens_as_a_hanging_pendulum_swings():
     """E[cos e] = 1 - rms^2 / 2: m g c of less stiffness, at every frequency, as statistical linearisation has it."""
     model, linear = linear_of(PENDULUM, (0.0,))
     rms = 0.02
@@ -61,14 +61,14 @@ def test_gravity_softens_as_a_hanging_pendulum_swings() -> None:
     np.testing.assert_allclose(effect, expected, rtol=1e-3)
 
 
-def test_sums_and_differences_of_lines_meet_the_motion_again() -> None:
+def test_sums_and_differences_of_lines_meet_the_motion_again():
     """A pendulum that leans: the curvature of its gravity twice, and between them the pendulum at omega +- omega_k."""
     angle, rms, lines = 0.9, 0.01, (0.55, 1.4)
     model, linear = linear_of(PENDULUM, (angle,))
     effect = posture_effect(model, linear, linear.theta_ref, motion(rms, lines, angle, OPEN), FREQ)
     (M,), (D,), (K,) = linear.M[0], linear.D[0], linear.K[0]
 
-    def L(omega: np.ndarray) -> np.ndarray:
+    def L(omega):
         return K + 1j * omega * D - omega**2 * M
 
     omega, curvature = 2 * np.pi * FREQ, -WEIGHT * np.sin(angle)
@@ -78,7 +78,7 @@ def test_sums_and_differences_of_lines_meet_the_motion_again() -> None:
     np.testing.assert_allclose(effect[:, 0, 0], 1 / (L(omega) + change) - 1 / L(omega), rtol=1e-3)
 
 
-def test_a_posture_that_gave_way_is_where_the_motor_was_measured() -> None:
+def test_a_posture_that_gave_way_is_where_the_motor_was_measured():
     """Of a mean 1 mrad off the configuration: gravity's stiffness there, to first order; 0.1 rad is another zero."""
     angle, shift = 0.9, 1e-3
     model, linear = linear_of(PENDULUM, (angle,))
@@ -92,7 +92,7 @@ def test_a_posture_that_gave_way_is_where_the_motor_was_measured() -> None:
     np.testing.assert_array_equal(other, kept)
 
 
-def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection() -> None:
+def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection():
     """The linearisation of a Duffing spring, k + 3 k_3 sigma^2, of the deflection that goes with the motor's motion."""
     k, cubic, inertia = 2e4, 4e8, 3.0
     joint = Joint("1", "z", Spring(k, 5.0, cubic=cubic), Motor(4.0, 1.0, 10.0))
@@ -117,7 +117,7 @@ def swinging(rms: float, feedback: bool) -> MotorMotion:
 
 
 @pytest.mark.parametrize("feedback", [False, True])
-def test_multipliers_and_minimal_coordinates_say_the_same_of_a_loop(feedback: bool) -> None:
+def test_multipliers_and_minimal_coordinates_say_the_same_of_a_loop(feedback):
     """The linkage's rod as a constraint that turns and stretches, and cut: of two sums of terms that differ widely."""
     robot = load_robot(ROBOTS / "linkage_arm.yml")
     effects = []
@@ -142,14 +142,13 @@ def beyond_scatter(
     rest = to_response(linear, linear.theta_ref, response.freq_hz).G
     effect = estimate_motion_bias(linearisation.model, linear, linear.theta_ref, response)
     assert effect is not None
-    assert response.total is not None
     variance = response.total.variance
     left_in, taken = (np.median(np.abs(response.G - rest - each) ** 2 / variance, axis=0) for each in (0.0, effect))
     return left_in, taken
 
 
 @pytest.mark.slow
-def test_records_of_a_moving_arm_show_it_in_its_motors_and_at_points_that_turn() -> None:
+def test_records_of_a_moving_arm_show_it_in_its_motors_and_at_points_that_turn():
     """Three axes and a link that bends and twists; a point's acceleration along an axis, and an accelerometer's."""
     outputs = (*ARM.motor_locations, "frame tool z", "accelerometer tool x")
     simulated = SimulatedSpec(outputs=outputs, compiled=True)

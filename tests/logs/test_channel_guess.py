@@ -1,7 +1,6 @@
 """Channels by name, unit, neighbours and the motion of their joint; and silence where evidence is weak."""
 
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,11 +29,11 @@ def moved(k: int = 0, J: float = 3.0, gravity: float = 0.0) -> tuple[np.ndarray,
     return q, v, a, u
 
 
-def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
+def test_a_unit_that_the_file_states_counts_more_than_the_name():
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
 
 
-def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mirrored_torque() -> None:
+def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mirrored_torque():
     """u = J a - k_d v with a motion from outside; alone, the same torque has the wrong sign."""
     (q, v, a, _), noise = moved(0), np.random.default_rng(9).standard_normal(len(T))
     u = 0.1 * a - 8 * v + 5.5 * np.std(v) * np.convolve(noise, np.ones(400) / 20, "same")
@@ -44,7 +43,7 @@ def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mi
     assert torque_relation(mirrored, q, 0, RATE, others=[(moved(1)[0], 0)]).is_against_motion
 
 
-def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
+def test_torques_and_motions_are_paired_with_unit_and_sign():
     """In any order; angles in deg beside speeds in rad/s, of which the second angle is mirrored."""
     joints = [moved(k) for k in range(2)]
     signals = [(f"{name}_{k + 1}", joints[k][i]) for k in range(2) for name, i in (("tau", 3), ("w", 1))]
@@ -58,7 +57,7 @@ def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
     assert guess_log([(guess_by_name("tau_1", None), joints[0][3])], RATE) is None  # one signal is no log
 
 
-def test_stamps_are_a_clock_and_a_motion_is_none() -> None:
+def test_stamps_are_a_clock_and_a_motion_is_none():
     rng = np.random.default_rng(0)
     assert is_clock(1000 + np.cumsum(rng.choice([0.01, 0.012], 3000)))
     assert is_clock(T)
@@ -85,7 +84,7 @@ input_force|ch#; Kraft N|Beschl#
 
 
 @pytest.mark.parametrize("heading", re.split(r"[;\n]", HEADINGS.strip()))
-def test_headings_of_drives_are_read(heading: str) -> None:
+def test_headings_of_drives_are_read(heading):
     """Torque and motion of three joints, beside commands and temperatures, or one force and three accelerations."""
     of_torque, of_motion = heading.strip().split("|")
     names = [
@@ -103,7 +102,7 @@ def test_headings_of_drives_are_read(heading: str) -> None:
 
 
 def position(name: str, k: int = 1, **keys: object) -> ChannelSpec:
-    return ChannelSpec("y", f"motor {k}", name, **({"quantity": "position"} | keys))  # type: ignore[arg-type]
+    return ChannelSpec("y", f"motor {k}", name, **({"quantity": "position"} | keys))
 
 
 @pytest.mark.parametrize(
@@ -122,14 +121,12 @@ def position(name: str, k: int = 1, **keys: object) -> ChannelSpec:
         (tuple(position("", k, column=k, unit="deg" if k == 2 else "rad") for k in (1, 2, 3, 4)), []),
     ],
 )
-def test_contradictions_are_found_at_their_channel(
-    channels: tuple[ChannelSpec, ...], expected: list[tuple[int, str]]
-) -> None:
+def test_contradictions_are_found_at_their_channel(channels, expected):
     assert [(doubt.channel, doubt.key) for doubt in doubts_by_names(channels)] == expected
 
 
 @pytest.mark.parametrize("order", [-1, 0, 1, 2])
-def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order: int) -> None:
+def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order):
     """omega^k exp(-(s omega)^2 / 2), with a phase of k quarter turns."""
     omega, width = 2 * np.pi * 20 / RATE, 8.0
     t = np.arange(2000)
@@ -138,7 +135,7 @@ def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order: int) -> 
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0), (0, 2), (1, 1)])
-def test_the_order_between_two_motions_and_their_gain_are_found(first: int, second: int) -> None:
+def test_the_order_between_two_motions_and_their_gain_are_found(first, second):
     """With an encoder of 4096 counts, and speed in rpm."""
     signals = [np.round(x * 650) / 650 for x in moved()[:3]]
     gain = 60 / (2 * np.pi)
@@ -152,7 +149,7 @@ def test_the_order_between_two_motions_and_their_gain_are_found(first: int, seco
 @pytest.mark.parametrize(
     ("order", "gravity", "unit"), [(0, 0.0, 1.0), (0, 40.0, 1.0), (1, 40.0, 1.0), (2, 0.0, 1.0), (1, 0.0, 1e-12)]
 )
-def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int, gravity: float, unit: float) -> None:
+def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order, gravity, unit):
     """In any unit; where the angle is known or follows from the velocity, beside gravity."""
     motion = moved(gravity=gravity)
     relation = torque_relation(motion[3], unit * motion[order], order, RATE, turns=gravity > 0)
@@ -161,7 +158,7 @@ def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int, g
     assert not relation.is_against_motion
 
 
-def test_inertia_is_in_si_of_prefixed_torques_and_wrapped_angles() -> None:
+def test_inertia_is_in_si_of_prefixed_torques_and_wrapped_angles():
     """3 kg*m^2 from mN*m and an angle that is read from -180 to 180 deg."""
     q, _, _, u = moved()
     angle = (np.rad2deg(20 * q) + 180) % 360 - 180
@@ -212,9 +209,7 @@ TEN_TURNS = (1, 20 * np.pi / np.ptp(RIGHT[:, 1]))
         (RIGHT, TEN_TURNS, {"gear": 1.0}, []),
     ],
 )
-def test_channels_are_doubted_where_the_others_contradict_them(
-    values: np.ndarray, factors: tuple[float, ...], keys: dict[str, Any], expected: list[tuple[int, str]]
-) -> None:
+def test_channels_are_doubted_where_the_others_contradict_them(values, factors, keys, expected):
     """The one that the other two contradict; signals before the gear have no contradiction but the inertia."""
     n = len(factors)
     doubts = channel_doubts((U, Q, LINK)[:n], values[:, :n] * factors, RATE, robot(**keys))
@@ -227,9 +222,7 @@ D = ChannelSpec("d", "motor 1", "sensor", sign=-1)
 @pytest.mark.parametrize("factor", [1, -1, 1e3, 1e2, 1e-3, 1 / RATIO])
 @pytest.mark.parametrize(("gravity", "efficiency"), [(30.0, 1.0), (30.0, 0.7), (0.0, 1.0)])
 @pytest.mark.parametrize("others", [0.0, 1.0])
-def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(
-    factor: float, gravity: float, efficiency: float, others: float
-) -> None:
+def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(factor, gravity, efficiency, others):
     """Also behind a gear with losses, and moved by other joints; an inertia alone shows no unit that is too small."""
     q, v, a, _ = moved(J=0)
     noise = np.random.default_rng(8).standard_normal((2, len(q)))
@@ -242,7 +235,7 @@ def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(
 
 
 @pytest.mark.parametrize("factor", [1, -1])
-def test_joints_that_move_in_proportion_have_no_sign(factor: float) -> None:
+def test_joints_that_move_in_proportion_have_no_sign(factor):
     """A coupled torque that acts against the motion of its joint shows no sign, and none is written."""
     q, v, a, u = moved(0)
     signals = [("tau_1", u), ("q_1", q), ("tau_2", factor * (4 * a + 3 * v)), ("q_2", -0.8 * q)]
@@ -251,7 +244,7 @@ def test_joints_that_move_in_proportion_have_no_sign(factor: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed: int) -> None:
+def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed):
     """Friction carries the slow torque, modes the multisine; the torque is up to two samples late."""
     rng = np.random.default_rng(seed)
     rate, n, rotor, load, k = 250.0, 6000, 2.5, 9.0, rng.uniform(2e4, 2e5)

@@ -1,7 +1,6 @@
 """Logs of torques, positions and references: the torques show which gain of the stated controller is wrong."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 JOINT = ReferencedJoint(delay_s=0.0034)
 CHANNELS = tuple(
-    ChannelSpec(role, "motor 1", name, quantity=quantity)  # type: ignore[arg-type]
+    ChannelSpec(role, "motor 1", name, quantity=quantity)
     for role, name, quantity in (
         ("u", "torque", "torque"), ("y", "angle", "position"), ("reference", "command", "position")
     )
@@ -36,9 +35,7 @@ ROBOT = Robot(
     (1.0, 1.0, ()), (1.04, 1.0, ()), (1.0, 1.25, ("velocity_gain = 0.8",)), (1.25, 1.0, ("position_gain = 0.8",)),
     (1.25, 1.25, ("velocity_gain = 0.8",)),
 ])  # fmt: skip
-def test_gains_that_the_torques_contradict_are_reported(
-    of_kp: float, of_kd: float, wrong: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_gains_that_the_torques_contradict_are_reported(of_kp, of_kd, wrong, tmp_path):
     """Gains k_p and k_d of the study that are a factor off; references act 3.4 ms late, which is not stated."""
     torque, command = (JOINT.log(0, torque=is_torque) for is_torque in (True, False))
     rows = np.column_stack([torque, command[:, 0]])
@@ -53,7 +50,7 @@ def test_gains_that_the_torques_contradict_are_reported(
     assert all(gain in text for text, gain in zip(texts, wrong, strict=True))
 
 
-def test_a_motor_at_rest_contradicts_no_gain() -> None:
+def test_a_motor_at_rest_contradicts_no_gain():
     """Motor 1 obeys the controller of the study, motor 2 has noise alone; of both 99.9 % of the power is explained."""
     f, rng = np.linspace(1.0, 40.0, 80), np.random.default_rng(0)
     axis = Body("next", "load", joints=(replace(ROBOT.driven[0], name="2"),), inertia=JOINT.load)
@@ -65,7 +62,6 @@ def test_a_motor_at_rest_contradicts_no_gain() -> None:
     C_fb, C_ff = drives.controlled(f)
     U = C_ff * R - C_fb * Q + 0.1 * rng.standard_normal((80, 2))
     match = match_torques(drives, f, U, R, Q, 0.0)
-    assert match is not None
     assert match.explained > 0.999
     log = Log("log", ("u1", "u2"))
     report_controller(match, log)

@@ -27,9 +27,7 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 
 @pytest.mark.parametrize(("lost", "place"), [(2, 500), (3, 450), (-3, 310)])
-def test_samples_that_are_lost_in_three_periods_are_said(
-    lost: int, place: int, tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
+def test_samples_that_are_lost_in_three_periods_are_said(lost, place, tmp_path, log):
     """Without time stamps, early and late; not said of a log that lost none and has another period than is stated."""
     rows = np.delete(np.arange(600), np.arange(place, place + lost)) if lost > 0 else np.r_[:place, place + lost : 600]
     save_csv(tmp_path / "log.csv", {name: x[rows] for name, x in log.items()})
@@ -47,7 +45,7 @@ AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-
 LINES = np.arange(3, 60)
 
 
-def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
+def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path):
     """200.3 and 200.31 samples, found in each; the same lines, and the response of the axis that moves alone."""
     channels = (CHANNELS[1], ChannelSpec("y", "motor 1", "phi", quantity="position"))
     for name, T in (("a", 200.3), ("b", 200.31)):
@@ -62,7 +60,7 @@ def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(
     np.testing.assert_allclose(G.G[:, 0, 0], 0.2, rtol=1e-3)
 
 
-def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path) -> None:
+def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path):
     """1.95 periods: two of them, the last 10 samples from the first."""
     whole = multisines(LINES, N, 400)
     record = record_of(tmp_path, {name: x[:390] for name, x in whole.items()})
@@ -72,7 +70,7 @@ def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path
 
 
 @pytest.mark.parametrize("period", [None, "none"])
-def test_without_a_period_the_whole_record_is_one_piece(period: str | None, tmp_path: Path) -> None:
+def test_without_a_period_the_whole_record_is_one_piece(period, tmp_path):
     """Noise, all of its samples; nothing is mended from other periods."""
     rng = np.random.default_rng(0)
     log = {name: rng.normal(size=777) for name in ("i1", "i2", "phi", "w2")}
@@ -83,7 +81,7 @@ def test_without_a_period_the_whole_record_is_one_piece(period: str | None, tmp_
     assert said(record.notes) == ()
 
 
-def test_a_period_that_is_not_stated_is_advised_of(tmp_path: Path) -> None:
+def test_a_period_that_is_not_stated_is_advised_of(tmp_path):
     """Four periods of 200 samples; not where the study says none."""
     save_csv(tmp_path / "log.csv", multisines(LINES, N, 800))
     (note,) = said(measured(tmp_path, study_of("log.csv", period_samples=None)).notes)
@@ -91,7 +89,7 @@ def test_a_period_that_is_not_stated_is_advised_of(tmp_path: Path) -> None:
     assert said(measured(tmp_path, study_of("log.csv", period_samples=None, period="none")).notes) == ()
 
 
-def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path: Path) -> None:
+def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path):
     """The second log starts 37 samples earlier and holds the injected torque too."""
     rng = np.random.default_rng(0)
     r, y = rng.normal(size=1000), rng.normal(size=1000)
@@ -116,7 +114,7 @@ def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path: Path) -> Non
     sign=st.sampled_from([1, -1]),
     seed=st.integers(0, 5),
 )
-def test_no_log_and_no_period_raises(kind: str, n: int, lag: int, sign: int, seed: int) -> None:
+def test_no_log_and_no_period_raises(kind, n, lag, sign, seed):
     """Correlations are numbers up to 1, a lag that is advised of lies in the log, and no motion is taken for noise."""
     rng, t = np.random.default_rng(seed), np.arange(n)
     x = rng.normal(size=n)
@@ -136,15 +134,15 @@ def test_no_log_and_no_period_raises(kind: str, n: int, lag: int, sign: int, see
 
 
 @pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010, 5000))])
-def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dict[str, object]) -> None:
+def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period):
     """Whatever the study states; and what the sentence proposes can be measured."""
     channels = (
         ChannelSpec("u", "motor 1", "rec.act_torque_abs_nm", column=1),
         ChannelSpec("y", "motor 1", "rec.act_pos_mot_deg", column=1, quantity="position", unit="deg"),
     )
 
-    def rig(**changes: object) -> RecordedRig:
-        recorded = RecordedSpec(250.0, channels, (FileSpec(str(record_file(KUKA)), "home"),), **changes)  # type: ignore[arg-type]
+    def rig(**changes):
+        recorded = RecordedSpec(250.0, channels, (FileSpec(str(record_file(KUKA)), "home"),), **changes)
         return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
 
     periodic = rig(**period)
@@ -165,9 +163,7 @@ def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dic
     noise=st.sampled_from([0.0, 0.02, 0.3]),
     scale=st.sampled_from([1e-9, 1e6]),
 )
-def test_a_period_is_found_however_often_it_is_logged(
-    kind: str, T: float, periods: float, noise: float, scale: float
-) -> None:
+def test_a_period_is_found_however_often_it_is_logged(kind, T, periods, noise, scale):
     """To a twentieth of a sample and the noise, in any unit; a stated one off by a hundredth is not confirmed."""
     assume(noise < 0.1 or periods > 6)
     t = np.arange(np.ceil(periods * T))
@@ -185,7 +181,7 @@ def test_a_period_is_found_however_often_it_is_logged(
 
 @settings(max_examples=30, deadline=None)
 @given(x=arrays(np.float64, st.integers(2, 40), elements=st.integers(-9, 9).map(float) | st.just(np.nan)))
-def test_the_autocorrelation_is_its_sum(x: np.ndarray) -> None:
+def test_the_autocorrelation_is_its_sum(x):
     """Over pairs of samples that are both known."""
     found = autocorrelation(x)
     assert len(found) == len(x) - len(x) // 8

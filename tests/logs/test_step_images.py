@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,17 +29,17 @@ from elastid.robot.simplified import without_dry_friction
 from elastid.simulation.spec import ReferencePathSpec
 
 CYCLE, RATE, POSTURES = 0.004, 1000.0, {"a": (0.2, 0.4), "b": (-0.3, 0.9)}
-GAINS: dict[str, Any] = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "low_pass_hz": 200.0}
+GAINS = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "low_pass_hz": 200.0}
 CONTROLLER = CascadeSpec(**GAINS, reference=ReferencePathSpec(CYCLE, "linear"), ticks=4)
 ROBOT = replace(without_dry_friction(arm(Limits())), gravity=(0.0, 0.0, 0.0))
 U, Y, R = (
-    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))  # type: ignore[arg-type]
+    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))
     for role, what in (("u", "torque"), ("y", "position"), ("reference", "position"))
 )
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def logs(tmp_path_factory) -> Path:
     """Whole periods of a robot with a controller at 1 kHz, one row for each of its references every 4 ms."""
     folder, noise = tmp_path_factory.mktemp("logs"), NoiseSpec(torque_std=0.5, encoder_counts=1 << 20)
     simulated = SimulatedSpec(substeps=2, controller=CONTROLLER.spec, noise=noise)
@@ -64,7 +63,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("is_logged", "suffix"), [(True, ""), (False, ""), (True, "-late")])
-def test_images_of_reference_steps_are_subtracted(is_logged: bool, suffix: str, logs: Path) -> None:
+def test_images_of_reference_steps_are_subtracted(is_logged, suffix, logs):
     """Torques at the cycle without a filter, delay free: k within 0.2 % and 3 std, logged references or not, late."""
     records, recorded = measured(logs, CONTROLLER, (*U, *Y, *(R if is_logged else ())), suffix)
     notes = {(note.code, note.severity) for record in records for note in record.notes}
@@ -73,7 +72,7 @@ def test_images_of_reference_steps_are_subtracted(is_logged: bool, suffix: str, 
 
 
 @pytest.mark.slow
-def test_images_by_inaccurate_gains_are_systematic_errors(logs: Path) -> None:
+def test_images_by_inaccurate_gains_are_systematic_errors(logs):
     """Gains 10 to 15 % off, references not logged: k within 0.2 %, delay within 0.02 ms, both within 3 std."""
     gains = GAINS | {"position_gain": 22.0, "velocity_gain": (2550.0, 1725.0)}
     records, recorded = measured(logs, replace(CONTROLLER, **gains), (*U, *Y))
@@ -109,7 +108,7 @@ def fitted(records: list[Record], recorded: RecordedSpec) -> Result:
 
 
 @pytest.mark.slow
-def test_images_are_the_same_with_a_slow_motion(logs: Path) -> None:
+def test_images_are_the_same_with_a_slow_motion(logs):
     """Logs that end 0.2 rad from their start have the images of logs that end where they start, within 1 % rms."""
     torques = []
     for suffix in ("", "-slow"):

@@ -1,7 +1,6 @@
 """The modal model as state space and transfer function: of the modes, and of the response in the band."""
 
 import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ def far(G: np.ndarray, H: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("quantity", ["acceleration", "position"])
-def test_modes_in_real_form_have_the_modal_synthesis(quantity: Motion) -> None:
+def test_modes_in_real_form_have_the_modal_synthesis(quantity):
     """The sum of R / (s - lambda) and its conjugate, to rounding; as state space, and as transfer function."""
     pytest.importorskip("control")
     response, modes = structure(quantity)
@@ -48,7 +47,7 @@ def test_modes_in_real_form_have_the_modal_synthesis(quantity: Motion) -> None:
 
 
 @pytest.mark.parametrize("quantity", ["acceleration", "position"])
-def test_residual_makes_the_model_that_of_the_band(quantity: Motion) -> None:
+def test_residual_makes_the_model_that_of_the_band(quantity):
     """The mode above the band within 0.3 %; without the residual 0.3 to 22 % are lost. All poles are stable."""
     response, modes = structure(quantity)
     model, alone = (modes.state_space(residual).response(response.freq_hz) for residual in (True, False))
@@ -62,7 +61,7 @@ def test_residual_makes_the_model_that_of_the_band(quantity: Motion) -> None:
 
 
 @pytest.mark.slow
-def test_covariance_has_the_stated_deviations_and_is_that_of_draws() -> None:
+def test_covariance_has_the_stated_deviations_and_is_that_of_draws():
     """Of frequency and damping of two close modes, which share errors: correlation of 40 draws within 0.35."""
     pair, zeta, shapes = np.array([30.0, 30.6]), np.array([0.01, 0.01]), np.ones((1, 2))
     errors = []
@@ -76,14 +75,12 @@ def test_covariance_has_the_stated_deviations_and_is_that_of_draws() -> None:
     np.testing.assert_allclose(correlation, np.corrcoef(np.array(errors).T), atol=0.35)
 
 
-def test_exported_loader_has_model_and_covariance(tmp_path: Path) -> None:
+def test_exported_loader_has_model_and_covariance(tmp_path):
     """The system of `to_control`, as state space and transfer function, of a configuration with modes alone."""
     pytest.importorskip("control")
     response, modes = structure("acceleration")
     _, script = write_responses_control(tmp_path, "bench", [response], [modes])
     specification = importlib.util.spec_from_file_location("load_responses", script)
-    assert specification is not None
-    assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     omega = 2 * np.pi * response.freq_hz

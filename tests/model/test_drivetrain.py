@@ -1,7 +1,6 @@
 """Rotors that ride on bodies and gears that couple axes: an independent implementation, energy, either side, a fit."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -121,7 +120,7 @@ def test_a_rotor_that_no_robot_can_have_is_refused(on, axis, says):
         )
 
 
-def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path: Path) -> None:
+def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path):
     """An armature neither rides on a body nor is coupled: named, with the targets that hold it."""
     for robot in (random_arm(0, coupled=False), wrist()):
         with refused("export/not-representable", place=f"robot {robot.name}"):
@@ -177,20 +176,6 @@ def test_damping_in_series_is_right_to_first_order():
     assert errors[1] / errors[0] == pytest.approx(100, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("gears", "says"),
-    [
-        ([GearCoupling("5", "7", 1.0)], "joint 7 has a motor.*4, 5, 6"),
-        ([GearCoupling("5", "4", 1.0), GearCoupling("5", "4", 2.0)], "motor 5 with joint 4 is given twice"),
-        ([GearCoupling("5", "4", 79.2), GearCoupling("4", "5", -99.0)], "matrix of gear ratios is singular"),
-    ],
-)
-def test_gears_that_cannot_be_are_refused(gears, says):
-    """Unknown joints, couplings given twice, motors that no longer distinguish the joints."""
-    with pytest.raises(ValueError, match=says):
-        replace(wrist(), gears=tuple(gears))
-
-
 def test_logs_of_coupled_motors_come_to_the_link_side_together():
     """tau_a = eta^T tau_m and q_a = eta^-1 q_m of all channels; one that is missing is named."""
     robot = wrist()
@@ -206,7 +191,7 @@ def test_logs_of_coupled_motors_come_to_the_link_side_together():
         to_joints([*channels[:2], *channels[3:]], robot)
 
 
-def test_springs_on_both_ends_of_coupled_gears_are_told_apart() -> None:
+def test_springs_on_both_ends_of_coupled_gears_are_told_apart():
     """Three axes coupled all around: six stiffnesses in series are found from starts a factor 1.5 off."""
     robot = wrist(shafts=True, links=True)
     responses = []

@@ -39,7 +39,7 @@ ANGLES = np.linspace(-3.1, 3.1, 63)
 
 
 @pytest.mark.parametrize(("a", "b"), [(0.5, 0.4), (0.4, 0.4)])
-def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a: float, b: float) -> None:
+def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a, b):
     """L0 = 0 and k a b = m g l: nothing is left to hold, nor to stiffen, even where the two ends meet."""
     robot = arm(balancer(0.0, a, b))
     assert np.abs(holding(arm(), ANGLES)).max() == pytest.approx(WEIGHT, rel=2e-3)
@@ -50,7 +50,7 @@ def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a: float, b
         assert abs(float(model.stiffness([angle], [], model.theta))) < 1e-6 * WEIGHT
 
 
-def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy() -> None:
+def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy():
     """dV/dq written out against CasADi's gradient of V, and K against differences, for all kinds in a tree."""
     gas = {"force": 800.0, "length": 0.5, "column": 0.8}
     robots = [
@@ -73,7 +73,7 @@ def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy() -> None
             assert float(model.stiffness([angle], [], model.theta)) == pytest.approx((up - down) / (2 * h), rel=1e-6)
 
 
-def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula() -> None:
+def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula():
     """Isothermal nitrogen in a cylinder that axis 2 draws (Weigand et al. 2021), at -140 to -20 degrees."""
     D, k = 0.8, 0.2
     area = math.pi * (0.055**2 - 0.030**2) / 4
@@ -93,7 +93,7 @@ def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula() -> None:
     np.testing.assert_allclose(p[2:11] / 1e5, measured_bar, rtol=0.05)
 
 
-def test_wrong_compensators_are_refused() -> None:
+def test_wrong_compensators_are_refused():
     ends = Anchor("base"), Anchor("arm", (0, 0, 0.3))
     coil, gas = CoilSpring(1e4), GasSpring(1e3, 0.5, 0.4)
     with pytest.raises(ValueError, match="compensator c: give one of coil and gas"):
@@ -108,7 +108,7 @@ def test_wrong_compensators_are_refused() -> None:
         arm(Compensator("c", ends, coil), Compensator("c", ends, gas=gas))
 
 
-def test_a_gas_spring_beyond_its_end_is_refused() -> None:
+def test_a_gas_spring_beyond_its_end_is_refused():
     """Drawn further than its gas column is long, the pressure is not a number: the message says what to look at."""
     gas = GasSpring(1e3, 0.2, 0.1, 1.2, "draw")
     robot = arm(Compensator("c", (Anchor("base", (0, 0, 0.5)), Anchor("arm", (0, 0, 0.4))), gas=gas))
@@ -123,4 +123,4 @@ def slide(**changes: object) -> Robot:
     joint = Joint("x", "x", Spring(5e6, 300.0), Motor(2e-3, screw, 1e-4), 20.0, motion="translation")
     elastic = Joint("e", (1, 0, 0), Spring(8e5, 100.0), motion="translation")
     bodies = (Body("carriage", joints=(joint,), mass=40), Body("load", "carriage", joints=(elastic,), mass=25))
-    return Robot("slide", bodies, **changes)  # type: ignore[arg-type]
+    return Robot("slide", bodies, **changes)

@@ -50,7 +50,7 @@ def random_body(rng: np.random.Generator, index: int, parents: list[str], n_join
 def random_robot(seed: int) -> Robot:
     """Five bodies, branching, with several joints or none; two frames, one with a payload."""
     rng = np.random.default_rng(seed)
-    bodies: list[Body] = []
+    bodies = []
     for index in range(5):
         n_joints = 1 + int(rng.integers(3)) if index == 0 else int(rng.integers(4))
         bodies.append(random_body(rng, index, [BASE, *(body.name for body in bodies)], n_joints))

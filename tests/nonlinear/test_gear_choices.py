@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from nonlinear.test_gear_characteristics import PARAMETERS
 
 from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear import gear_model_selection as selection
-from elastid.nonlinear.basis_functions import GearEffect, Kind
+from elastid.nonlinear.basis_functions import GearEffect
 from elastid.nonlinear.gear_estimation import GearEstimate
 from elastid.nonlinear.variable_projection import SIGN_ERROR, SLIGHT
 
@@ -24,10 +23,10 @@ def estimate_of(magnitudes: Mapping[GearEffect, float], std: float = 1.0, cost: 
     """Magnitudes of one std, k and d as they start; each effect's basis function has power 1."""
     n = len(magnitudes)
     covariance, motion = np.diag([1e-6, 1e-6, *[std**2] * n]), SimpleNamespace(Phi=np.ones((1, 1, 1, n)))
-    drive: Any = SimpleNamespace(joints=("1", "2"), k=np.array([K, 2 * K]))
+    drive = SimpleNamespace(joints=("1", "2"), k=np.array([K, 2 * K]))
     f, scale_std = np.array([*magnitudes.values()]), np.zeros(n)
     return GearEstimate(
-        PARAMETERS, tuple(magnitudes), PARAMETERS.x, f, covariance, 0.0, cost, (motion,), (drive,), scale_std  # type: ignore[arg-type]
+        PARAMETERS, tuple(magnitudes), PARAMETERS.x, f, covariance, 0.0, cost, (motion,), (drive,), scale_std
     )  # fmt: skip
 
 
@@ -41,16 +40,14 @@ def estimate_of(magnitudes: Mapping[GearEffect, float], std: float = 1.0, cost: 
         ({CUBIC: 300.0, FRICTION: 6.1}, {CUBIC, FRICTION}),
     ],
 )
-def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(
-    monkeypatch: pytest.MonkeyPatch, magnitudes: dict[GearEffect, float], expected: set[GearEffect]
-) -> None:
+def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(monkeypatch, magnitudes, expected):
     """Three std; friction backwards; a sine with its cosine; 2 % of the torque of another effect of the joint."""
     monkeypatch.setattr(
         selection, "estimate_gear_parameters",
         lambda data, before, effects, **_: estimate_of({e: magnitudes[e] for e in effects}),
     )  # fmt: skip
     estimate, data = estimate_of(magnitudes), SimpleNamespace()
-    pruned = selection._prune(data, estimate)  # type: ignore[arg-type]
+    pruned = selection._prune(data, estimate)
     assert {*pruned.effects} == expected
     assert (pruned is estimate) == (expected == {*magnitudes})
 
@@ -65,13 +62,11 @@ def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(
         ("gap", 1.1 * K, "gap", K),
     ],
 )
-def test_a_range_far_stiffer_beyond_its_end_is_a_gap(
-    monkeypatch: pytest.MonkeyPatch, kind: Kind, magnitude: float, expected: Kind, stiffness: float
-) -> None:
+def test_a_range_far_stiffer_beyond_its_end_is_a_gap(monkeypatch, kind, magnitude, expected, stiffness):
     """By 2.25 times; k is then that of the flanks. A gap without a stiffness within stays one."""
     monkeypatch.setattr(selection, "estimate_gear_parameters", lambda data, before, effects, **_: before)
     spring = GearEffect(kind, "1", 0.0 if kind == "cubic" else 1e-4)
-    data: Any = SimpleNamespace()
+    data = SimpleNamespace()
     found = selection._as_gap_or_range(data, estimate_of({FRICTION: 9.0, spring: magnitude}), "1")
     assert [effect.kind for effect in found.effects] == ["friction", expected]
     assert found.parameters.as_dict(found.x)["k_1"] == pytest.approx(stiffness)
@@ -91,19 +86,17 @@ def test_a_range_far_stiffer_beyond_its_end_is_a_gap(
         ("cubic", {"cubic": 100.0, "range": 109.0, "range range": 65.0}, ["cubic"]),
     ],
 )
-def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(
-    monkeypatch: pytest.MonkeyPatch, start: Kind, costs: dict[str, float], expected: list[str]
-) -> None:
+def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(monkeypatch, start, costs, expected):
     """12 for a number; two ranges, 1.5 times as far, where one explains nearly as much; no gap beside a range."""
 
-    def of(effects: tuple[GearEffect, ...]) -> GearEstimate:
+    def of(effects):
         names = " ".join(effect.kind for effect in effects if effect.kind != "friction")
         return estimate_of(dict.fromkeys(effects, 1.0), cost=costs.get(names, 1e3))
 
     monkeypatch.setattr(selection, "estimate_gear_parameters", lambda data, before, effects, *_, **__: of(effects))
     monkeypatch.setattr(selection, "_prune", lambda data, estimate: estimate)
     monkeypatch.setattr(selection, "_sizes", lambda data, estimate, j: (1.0, 1e-3))
-    data: Any = SimpleNamespace(joints=("1",), lines=[SimpleNamespace(Y=np.zeros(10))])
+    data = SimpleNamespace(joints=("1",), lines=[SimpleNamespace(Y=np.zeros(10))])
     first = GearEffect(start, "1", 1e-3 if start == "range" else 0.0)
     found = selection._best_law(data, of((FRICTION, first)), "1", selection.SPRINGS)
     springs = [effect for effect in found.effects if effect.kind != "friction"]
@@ -128,18 +121,16 @@ def sums_of(gains: list[float], c: float = 100.0) -> tuple[np.ndarray, np.ndarra
         ({FRICTION: 13.0, GearEffect("load", "1", 1e-3): 40.0}, [GearEffect("load", "1", 1e-3), FRICTION]),
     ],
 )
-def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(
-    gains: dict[GearEffect, float], expected: list[GearEffect]
-) -> None:
+def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(gains, expected):
     """12 for each effect of a group, 60 for the law of a spring; the best one first."""
     groups = [(effect, COSINE) if effect == SINE else (effect,) for effect in gains]
     every = [0.0, 0.0, *(x for group in groups for x in (gains[group[0]], 0.0)[: len(group)])]
     none = np.zeros((len(every), len(every))), np.zeros(len(every))
-    data: Any = SimpleNamespace(joint_normal_equations=lambda estimate, further: (sums_of(every), none))
+    data = SimpleNamespace(joint_normal_equations=lambda estimate, further: (sums_of(every), none))
     assert selection._select_effects(data, estimate_of({}), groups) == expected
 
 
-def test_friction_is_a_systematic_error_of_the_transmission_at_its_joint() -> None:
+def test_friction_is_a_systematic_error_of_the_transmission_at_its_joint():
     """A part of each magnitude; of an error the deflection by 2 % of the friction on either side of its gear."""
     std = selection._systematic_std(estimate_of({FRICTION: 32.0, SINE: 2e-5, BEHIND: 10.0, COSINE: 0.0, CUBIC: 1e9}))
     bends = SLIGHT / QUANTILE_95 * 32.0 / K

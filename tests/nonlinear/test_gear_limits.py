@@ -1,6 +1,5 @@
 """Records and sections from which effects of gears cannot be found: each with the reason."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,7 +18,6 @@ from elastid.nonlinear.period_model import DriveLines
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
-from elastid.robot import Robot
 
 
 class Case(NamedTuple):
@@ -32,7 +30,7 @@ class Case(NamedTuple):
 
 def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     """Two realisations, 200 Nm rms at the excited lines."""
-    plant: Robot = robot(Gear() if gear is None else gear)
+    plant = robot(Gear() if gear is None else gear)
     numbers = plant.parameters() | {"delay": (0.0, "s")}
     free = ("k_1", "d_1")
     parameters = Parameters(
@@ -59,7 +57,7 @@ def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     return Case(replace(data, lines=[lines]), drives, result)
 
 
-def test_good_records_are_not_refused() -> None:
+def test_good_records_are_not_refused():
     """And the linear model leaves nothing of what it has made itself; a force at the motor is left."""
     good = case()
     assert refusal(*good) == ""
@@ -76,12 +74,12 @@ LATE = ModificationIndex("delay", "time", ("delay",), *NO_DATA, 1e-5, 9.0, 0.9, 
 
 def with_lines(good: Case, **changes: object) -> Case:
     """The case with other lines."""
-    return good._replace(data=replace(good.data, lines=[replace(good.data.lines[0], **changes)]))  # type: ignore[arg-type]
+    return good._replace(data=replace(good.data, lines=[replace(good.data.lines[0], **changes)]))
 
 
 def with_status(good: Case, status: str, *indices: ModificationIndex) -> Case:
     """The case with another end of its fit."""
-    return good._replace(result=replace(good.result, status=status, indices=indices))  # type: ignore[arg-type]
+    return good._replace(result=replace(good.result, status=status, indices=indices))
 
 
 def power(good: Case) -> np.ndarray:
@@ -109,14 +107,14 @@ def counts(good: Case, part: float) -> Case:
         (lambda good: counts(good, 0.01), ""),
     ],
 )
-def test_what_hides_the_effects_of_gears_is_refused(changed: Callable[[Case], Case], words: str) -> None:
+def test_what_hides_the_effects_of_gears_is_refused(changed, words):
     """One realisation to be fitted to; modes above the lines; a late torque beside a misfit; unsettled; coarse."""
     found = refusal(*changed(case()))
     assert words in found
     assert bool(words) == bool(found)
 
 
-def test_noise_of_an_encoder_is_no_difference_of_periods_and_named_where_it_hides_the_deflection() -> None:
+def test_noise_of_an_encoder_is_no_difference_of_periods_and_named_where_it_hides_the_deflection():
     """At all lines alike; a fifth of the torsion of the gear."""
     good = case()
     (lines,), noise = good.data.lines, power(good).mean()

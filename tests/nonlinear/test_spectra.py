@@ -7,7 +7,7 @@ import pytest
 from plants.refusals import refused
 
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.spectra import gather_lines
+from elastid.nonlinear.spectra import ConfigurationSpectra, gather_lines
 from elastid.record import Configuration, Record
 
 RATE_HZ, N, P = 500.0, 500, 3
@@ -26,7 +26,7 @@ def record(noise: float = 0.0, **changes: object) -> Record:
     return replace(made, **changes)
 
 
-def test_amplitudes_and_mean_are_those_of_the_signals() -> None:
+def test_amplitudes_and_mean_are_those_of_the_signals():
     lines = gather_lines([record()], SPEC, np.array([5, 9]))
     assert lines.freq_hz[:3] == pytest.approx([1.0, 2.0, 3.0])
     assert lines.U[[4, 8], 0, 0] == pytest.approx([2 * np.exp(0.4j), 1.0])
@@ -35,7 +35,7 @@ def test_amplitudes_and_mean_are_those_of_the_signals() -> None:
     assert np.flatnonzero(lines.excited).tolist() == [4, 8]
 
 
-def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
+def test_the_fine_grid_is_the_signal_between_its_samples():
     lines = gather_lines([record()], SPEC, np.array([5, 9]))
     t = np.arange(lines.points) / (RATE_HZ * lines.points / N)
     fine = lines.fine(lines.Y[:, :, 0].T)[0]
@@ -43,7 +43,7 @@ def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
     assert lines.amplitudes(fine[None])[0] == pytest.approx(lines.Y[:, 0, 0], abs=1e-12)
 
 
-def test_motion_beyond_half_the_rate_is_folded_into_samples() -> None:
+def test_motion_beyond_half_the_rate_is_folded_into_samples():
     """A force at line N - 3, of an inertia that moves by 1 at the last line F, is seen at line 3."""
     lines = gather_lines([record()], SPEC, np.array([5, 9]))
     F, force = N // 2 - 1, np.cos(2 * np.pi * (N - 3) * np.arange(lines.points) / lines.points)
@@ -52,13 +52,31 @@ def test_motion_beyond_half_the_rate_is_folded_into_samples() -> None:
     assert lines.folded(force[None])[1][0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
+def test_noise_is_the_variance_of_the_mean_over_the_periods():
     """White noise of std s has amplitudes of variance 4 s^2 / (N P)."""
     lines = gather_lines([record(1e-5)], SPEC, np.array([5, 100]))
     assert lines.noise[0] == pytest.approx(4 * 1e-5**2 / (N * P), rel=0.5)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-6])
+@pytest.mark.parametrize("count", [1, 8])
+def test_the_sign_of_a_gaussian_velocity_is_nonlinear_by_one_less_two_over_pi(count, size):
+    """Of all experiments where they exceed the motors; else of the lines beside those excited, in any unit."""
+    rng, points = np.random.default_rng(0), 2**14
+    lines = np.arange(1, points // 2)
+    excited = (rng.random(len(lines)) < 0.05) | (count > 1)
+    U = np.where(excited[:, None], np.exp(2j * np.pi * rng.random((len(lines), count))), 0)
+    spectrum = np.zeros((points // 2 + 1, count), complex)
+    spectrum[lines] = U
+    Phi = size * np.fft.rfft(np.sign(np.fft.irfft(spectrum, axis=0)), axis=0)[lines] * 2 / points
+    data = ConfigurationSpectra(
+        lines, 1.0 * lines, excited, *(x[:, None] for x in (U, U, Phi)), np.arange(count), np.zeros(1)
+    )
+    linear = 2 / np.pi * (1 if count > 1 else 20)  # of the power at each line, as all of it is at one of twenty
+    assert data.nonlinear_fraction()[0] == pytest.approx((1 - 2 / np.pi) / (1 - 2 / np.pi + linear), rel=0.07)
+
+
 @pytest.mark.parametrize("changes", [{"outputs": ("joint 1",)}, {"period_samples": P * N, "is_periodic": False}])
-def test_an_angle_that_was_not_logged_and_records_without_a_period_are_refused(changes: dict[str, object]) -> None:
+def test_an_angle_that_was_not_logged_and_records_without_a_period_are_refused(changes):
     with refused("gears/records", place="configuration a"):
         gather_lines([record(**changes)], SPEC, np.array([5, 9]))

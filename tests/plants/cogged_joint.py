@@ -74,4 +74,4 @@ def logged(
     count = 2 * np.pi / RATIO / COUNTS
     q, u = np.round(angle[::thin] / count) * count, torque[::thin]
     u = u + noise * np.random.default_rng(seed).standard_normal(len(u))
-    return FrictionRecord("log", "1", "motion", RATE, q, u, place="joint 1", **changes)  # type: ignore[arg-type]
+    return FrictionRecord("log", "1", "motion", RATE, q, u, place="joint 1", **changes)

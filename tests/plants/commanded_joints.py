@@ -85,7 +85,7 @@ def positions(
     n, m = reference.shape
     rows, h, smooth = reference.tolist(), 1 / RATE_HZ / steps, 2e-3
     q, v, result = [0.0] * m, [0.0] * m, np.empty((n, m))
-    held: list[list[float]] = []
+    held = []
 
     def acceleration(v: list[float], q: list[float], r: list[float]) -> tuple[float, ...]:
         read = held or [q, v]

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from typing import TypeAlias
 
 from elastid.base.arrays import IntArray
 from elastid.excitation.spec import MultisineSpec
@@ -58,7 +57,7 @@ def _bristles(level: float, law: str, bending: float) -> Friction | None:
     return None
 
 
-Measured: TypeAlias = tuple[tuple[tuple[Record, ...], ...], IntArray]
+Measured = tuple[tuple[tuple[Record, ...], ...], IntArray]
 
 
 @cache

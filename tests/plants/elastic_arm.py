@@ -16,10 +16,7 @@ def arm(k_1=3e5, k_2=1.8e5, gravity=9.81) -> Robot:
     """Two driven elastic joints, each with a further elastic rotation."""
     upper = Body(
         "upper",
-        joints=(
-            Joint("1", "y", Spring(k_1, 500), Motor(2.5e-3, 120, 1.5e-3)),
-            Joint("1x", "x", Spring(4e5, 300)),
-        ),
+        joints=(Joint("1", "y", Spring(k_1, 500), Motor(2.5e-3, 120, 1.5e-3)), Joint("1x", "x", Spring(4e5, 300))),
         mass=60,
         center_of_mass=(0.05, 0, 0.4),
         inertia=(6.0, 6.2, 0.8),
@@ -54,5 +51,5 @@ def measure(robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=N
 def started_elsewhere(robot: Robot, by: float, seed: int = 0) -> Robot:
     """The robot with every stiffness, damping and friction off by a factor of up to `by`."""
     rng = np.random.default_rng(seed)
-    numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm")}
+    numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm", "k3")}
     return robot.with_parameters({n: v * float(by ** rng.uniform(-1, 1)) for n, v in numbers.items()})

@@ -6,9 +6,8 @@ that a fit is to name.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -48,7 +47,7 @@ class Case:
         return {name: numbers[name][0] for name in self.robot.parameters() if name.startswith("k_")}
 
 
-Fault: TypeAlias = Callable[[Case], Case]
+Fault = Callable[[Case], Case]
 
 
 def true_case() -> Case:
@@ -196,7 +195,7 @@ def _number(fault: Fault, cause: str, step: float) -> Named:
 
 
 SOFT, OFF = 0.95, np.radians([-2.5, 3.0, -2.0])
-FAULTS: Mapping[str, Named] = {
+FAULTS = {
     "delay left out": _number(_times(lambda f: np.exp(-2j * np.pi * f * 0.3e-3)), "delay", 0.3e-3),
     "link mass +5 %": _number(lambda case: _numbers(case, m_fore=1.05), "m_fore", -math.log(1.05)),
     "link length": replace(_number(wrong_length, "p_fore_z", -0.03), alike=("pj_1_z",)),

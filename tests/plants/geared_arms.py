@@ -1,7 +1,6 @@
 """A linkage whose links' equations are those of two absolute angles, written out."""
 
 from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from elastid.robot import Anchor, Body, Joint, Loop, Motor, Placement, Robot, Ro
 RATIO, LOWER, LEVER = 100.0, 0.8, 0.3
 
 # Accelerations (n_l, M) of the links by their angles and velocities (n_l, M) and torques on their joints.
-Links: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+Links = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 def _joint(name: str, axis: str, J: float, k: float, d: float, f: float) -> Joint:

@@ -30,8 +30,8 @@ CURRENT = {"role": "u", "quantity": "current", "unit": "mA", "torque_constant": 
 
 
 CHANNELS = (
-    ChannelSpec(at="motor 2", channel="i2", sign=-1, **CURRENT),  # type: ignore[arg-type]
-    ChannelSpec(at="motor 1", channel="i1", **CURRENT),  # type: ignore[arg-type]
+    ChannelSpec(at="motor 2", channel="i2", sign=-1, **CURRENT),
+    ChannelSpec(at="motor 1", channel="i1", **CURRENT),
     ChannelSpec("y", "motor 1", "phi", quantity="position", unit="deg", side="motor"),
     ChannelSpec("y", "joint 2", "w2", quantity="velocity", scale=0.1),
 )
@@ -45,7 +45,7 @@ def multisines(lines: np.ndarray, T: float, n: int) -> dict[str, np.ndarray]:
 
 
 def study_of(path: str, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any) -> ExperimentSpec:
-    keys: dict[str, Any] = {
+    keys = {
         "rate_hz": RATE,
         "period_samples": N,
         "channels": channels,

@@ -19,7 +19,7 @@ def linkage(
     rod leaves its plane.  crank: its length; LEVER makes a parallelogram with the rod of length LOWER.
     """
     motor = Motor(inertia=2e-3, ratio=100, viscous=2e-3)
-    bodies: list[Body] = []
+    bodies = []
     base = "base"
     if spatial:
         turn = Joint("1", "z", spring=Spring(1.5e6, 700), motor=motor)

@@ -94,8 +94,8 @@ def rich(seconds: float) -> FloatArray:
     return 30 * np.sin(2 * np.pi * 0.7 * t) + 20 * np.sin(2 * np.pi * 0.23 * t + 1) + 8 * np.sin(2 * np.pi * 2.1 * t)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _simulated(velocity, disturbance, gains, coulomb, viscous, stiction_ratio, offset):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _simulated(velocity, disturbance, gains, coulomb, viscous, stiction_ratio, offset):
     """q, v, link, w, z (n + 1, 5) at the instants, from rest; torque of the controller (n,)."""
     n, h = len(velocity), 1 / RATE_HZ / SUBSTEPS
     states, torque = np.zeros((n + 1, 5)), np.empty(n)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.friction_study.motion_signals import Motion
 from elastid.model.rigid_body import inverse_dynamics
 from plants.arm import robot
@@ -28,5 +27,5 @@ def motion(seed: int, noise: float = 0.5, missing: float = 0.0) -> dict[str, Mot
     slow = np.array(
         [np.convolve(row, np.exp(-np.arange(100) / 25), "same") / 4 for row in rng.standard_normal(q.shape)]
     )
-    torque: FloatArray = rigid + rubbing + noise * slow + missing * np.sin(5 * q)
+    torque = rigid + rubbing + noise * slow + missing * np.sin(5 * q)
     return {name: Motion(f"joint {name}", RATE, q[i], torque[i]) for i, name in enumerate(("1", "2"))}

@@ -20,8 +20,8 @@ MIX, DIRECT = np.array([[1.0, 0.5], [-0.3, 2.0]]), np.array([[0.2, 0.0], [0.1, 0
 
 def truth(freq_hz: np.ndarray, n: int = 2) -> np.ndarray:
     z = np.exp(-2j * np.pi * freq_hz / RATE)
-    resonance: np.ndarray = 1 / (A[0] + A[1] * z + A[2] * z**2)
-    G: np.ndarray = resonance[:, None, None] * MIX + DIRECT
+    resonance = 1 / (A[0] + A[1] * z + A[2] * z**2)
+    G = resonance[:, None, None] * MIX + DIRECT
     return G[:, :n, :n]
 
 

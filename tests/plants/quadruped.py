@@ -19,8 +19,6 @@ def robot_of_commands(log: CommandLog) -> Robot:
 
 
 def _numbers(log: CommandLog, i: int) -> FloatArray:
-    assert log.kp is not None
-    assert log.kd is not None
     width, inner = 4.0, slice(100, -100)
     q, v, a = (gaussian_filter1d(log.position[:, i], width, order=k) * log.rate_hz**k for k in range(3))
     u = log.kp[i] * (gaussian_filter1d(log.command[:, i], width) - q) - log.kd[i] * v

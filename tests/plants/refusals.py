@@ -1,5 +1,6 @@
 """Refusals: an error with one of some codes, its place, and what it states of the user's data."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -22,3 +23,10 @@ def refused(
     assert place in caught.value.place, caught.value
     for stated in (holds,) if isinstance(holds, str) else holds:
         assert stated in str(caught.value), caught.value
+
+
+def advised(caught: pytest.ExceptionInfo[Exception], after: str) -> float:
+    """The number that a refusal states after some words."""
+    found = re.search(rf"{after} (\d+\.?\d*)", str(caught.value))
+    assert found, caught.value
+    return float(found[1])

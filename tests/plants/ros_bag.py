@@ -35,7 +35,7 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
             return lambda at, message: writer.write(
                 connection,
                 at,
-                store.serialize_cdr(message, kind.__msgtype__),  # type: ignore[arg-type]
+                store.serialize_cdr(message, kind.__msgtype__),
             )
 
         states, commands, words = topic("/joint_states", State), topic("/arm/commands", Numbers), topic("/note", Word)

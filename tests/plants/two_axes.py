@@ -33,7 +33,7 @@ FREQ = np.linspace(2, 50, 60)
 
 
 @pytest.fixture
-def study(tmp_path: Path) -> Path:
+def study(tmp_path) -> Path:
     """The path of a study whose responses are not there yet."""
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)

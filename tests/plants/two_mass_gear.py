@@ -71,8 +71,8 @@ class Gear:
         return slopes
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _slopes(x, u, numbers, ends, slopes):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _slopes(x, u, numbers, ends, slopes):
     """d (q, l, q', l', z) / dt (5,) into slopes, z the bend of the spring that slides."""
     J_m, J_l, k, d, f, F_m, F_l, k_3, k_2s, gap, loose, error, load, ripple, hysteresis, bends = numbers
     q, link, v, w, z = x
@@ -90,8 +90,8 @@ def _slopes(x, u, numbers, ends, slopes):  # type: ignore[no-untyped-def]
     slopes[4] = rate if abs(z) < bends or z * rate < 0 else 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _simulated(torque, reference, rate, numbers, ends, substeps):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _simulated(torque, reference, rate, numbers, ends, substeps):
     """Torques and angles (2 SAMPLES,) of an experiment after a period that settles; given (2 SAMPLES substeps,)."""
     bends, h, start = numbers[-1], 1 / (RATE_HZ * substeps), SAMPLES * substeps
     u, q, x, moved = np.empty(2 * SAMPLES), np.empty(2 * SAMPLES), np.zeros(6), np.empty(6)

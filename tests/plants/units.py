@@ -24,9 +24,9 @@ def factor(unit: str) -> float:
 def in_other_units(section: T) -> T:
     """A robot whose joints turn, or a section of a study, by the units that fields have."""
     hints = get_type_hints(type(section), include_extras=True)
-    parts = {each.name: getattr(section, each.name) for each in fields(section) if each.init}  # type: ignore[arg-type]
+    parts = {each.name: getattr(section, each.name) for each in fields(section) if each.init}
     converted = {name: _converted(value, unit_of(hints[name])) for name, value in parts.items()}
-    return replace(section, **converted)  # type: ignore[type-var]
+    return replace(section, **converted)
 
 
 def unit_of(hint: Any) -> str:

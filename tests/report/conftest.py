@@ -35,12 +35,12 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
-def visit(browser: Any) -> Iterator[Callable[..., Any]]:
+def visit(browser) -> Iterator[Callable[..., Any]]:
     """Opens a file of a page in the browser; its console stays empty, and it asks the network for nothing."""
-    complaints: list[str] = []
+    complaints = []
     contexts = []
 
-    def opened(path: Path, **options: Any) -> Any:
+    def opened(path, **options):
         contexts.append(browser.new_context(viewport={"width": 1200, "height": 900}, **options))
         page = contexts[-1].new_page()
         page.on("console", lambda message: complaints.append(message.text))
@@ -57,7 +57,7 @@ def visit(browser: Any) -> Iterator[Callable[..., Any]]:
 
 
 @pytest.fixture(scope="session")
-def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report_folder(tmp_path_factory) -> Path:
     """The report of two configurations of a two-axis robot with files of its figures."""
     folder = tmp_path_factory.mktemp("report")
     write_report(report_content(), folder, ("png",))
@@ -65,10 +65,10 @@ def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def written(tmp_path: Path) -> Callable[[ReportContent], Path]:
+def written(tmp_path) -> Callable[[ReportContent], Path]:
     """Writes the page of a content without its figures."""
 
-    def write(content: ReportContent) -> Path:
+    def write(content):
         path = tmp_path / "report.html"
         path.write_text(html(content, []), "utf-8")
         return path

@@ -1,5 +1,7 @@
 """Gear boxes: the springs that couplings join, the deflections that they allow, and the ratios of all motors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,7 @@ def wrist(coupling: GearCoupling | None, rigid: str = "", shaft: str = "") -> Ro
     return Robot("wrist", bodies, gears=() if coupling is None else (coupling,))
 
 
-def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
+def test_a_coupling_behind_the_springs_joins_two_of_them():
     """Before the coupling E: the joints turn by E^-1 where a spring deflects by 1; eta_ij = the ratio given."""
     robot = wrist(GearCoupling("5", "6", 40.0, "before"))
     first, second = robot.gearboxes
@@ -41,7 +43,7 @@ def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
     assert not second.is_in_series
 
 
-def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> None:
+def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling():
     """X has one column: the range is its direction, and the row of `rigid` is across it."""
     robot = wrist(GearCoupling("6", "5", 40.0, "before"), rigid="6", shaft="")
     box = robot.gearboxes[1]
@@ -53,7 +55,17 @@ def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> No
     assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
 
 
-@pytest.mark.parametrize("coupling", [("5", "5", 40.0), ("5", "6", 0.0), ("5", "7", 40.0)])
-def test_a_coupling_that_turns_no_other_motor_is_refused(coupling: tuple[str, str, float]) -> None:
-    with pytest.raises(ValueError, match=r"gears|ratio"):
-        wrist(GearCoupling(*coupling))
+@pytest.mark.parametrize(
+    ("couplings", "says"),
+    [
+        ([("5", "5", 40.0)], "couplings only"),
+        ([("5", "6", 0.0)], "couples nothing"),
+        ([("5", "7", 40.0)], "joint 7 has a motor.*4, 5, 6"),
+        ([("6", "5", 1.0), ("6", "5", 2.0)], "motor 6 with joint 5 is given twice"),
+        ([("5", "4", 80.0), ("4", "5", -100.0)], "matrix of gear ratios is singular"),
+    ],
+)
+def test_gears_that_cannot_be_are_refused(couplings, says):
+    """Unknown joints, couplings given twice, motors that no longer distinguish the joints."""
+    with pytest.raises(ValueError, match=says):
+        replace(wrist(None), gears=tuple(GearCoupling(*coupling) for coupling in couplings))

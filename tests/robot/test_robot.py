@@ -12,6 +12,7 @@ from elastid.robot import (
     Body,
     CoilSpring,
     Compensator,
+    Frame,
     Joint,
     Limits,
     Loop,
@@ -28,21 +29,19 @@ JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
 
 def one_joint(**body: object) -> Robot:
     """A robot of one body on one flexible joint."""
-    return Robot("test", (Body("arm", joints=(JOINT,), **body),))  # type: ignore[arg-type]
+    return Robot("test", (Body("arm", joints=(JOINT,), **body),))
 
 
 @pytest.mark.parametrize("inertia", [(1.0, 1.0, 2.1), (1.0, 1.0, -0.1), (1.0, 1.0, 1.0, 0.0, 0.0, 1.5)])
-def test_an_inertia_that_no_body_can_have_is_refused(inertia: tuple[float, ...]) -> None:
+def test_an_inertia_that_no_body_can_have_is_refused(inertia):
     """The triangle inequality of the principal moments, and their signs."""
     one_joint(inertia=(1.0, 1.0, 2.0))  # the limit: a flat body
     with pytest.raises(ValueError, match="inertia of body arm: "):
         one_joint(inertia=inertia)
 
 
-@given(
-    points=st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=5),
-)
-def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float, float, float]]) -> None:
+@given(points=st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=5))
+def test_the_inertia_of_any_cloud_of_points_is_accepted(points):
     """Whatever has mass somewhere has a physical inertia, flat and thin bodies included."""
     p = np.array(points) - np.mean(points, axis=0)
     tensor = np.sum(p**2) * np.eye(3) - p.T @ p
@@ -68,14 +67,14 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
         (lambda: Robot("r", (Body("arm", joints=(replace(JOINT, motor=None),)),)), "nothing to excite"),
     ],
 )
-def test_what_no_mechanism_can_be_is_refused(make: object, says: str) -> None:
+def test_what_no_mechanism_can_be_is_refused(make, says):
     """Each message names the number at fault."""
     with pytest.raises(ValueError, match=says):
-        make()  # type: ignore[operator]
+        make()
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])
-def test_a_placement_is_found_from_its_rotation(pitch: float) -> None:
+def test_a_placement_is_found_from_its_rotation(pitch):
     """Roll and yaw turn about one axis at a pitch of +-90 deg; the rotation is the same."""
     placement = Placement((1.0, 2.0, 3.0), (0.7, pitch, -0.4))
     found = Placement.of(placement.rotation, np.array(placement.xyz))
@@ -91,7 +90,7 @@ def test_a_placement_is_found_from_its_rotation(pitch: float) -> None:
         (Loop("l", (Anchor("base"), Anchor("tipp"))), "loop l: no body is called tipp; did you mean 'tip'"),
     ],
 )
-def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) -> None:
+def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop, says):
     """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))
@@ -100,15 +99,23 @@ def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) ->
 ENDS = (Anchor("lever"), Anchor("arm"))
 
 
-def test_a_loop_is_closed_in_one_way_between_two_bodies() -> None:
+def test_a_loop_is_closed_in_one_way_between_two_bodies():
     with pytest.raises(ValueError, match="not both"):
         Loop("pull", ENDS, Pin(), Rod(0.5))
     with pytest.raises(ValueError, match="both ends are on arm"):
         Loop("pull", (Anchor("arm"), Anchor("arm")))
 
 
-def test_only_an_elastic_rod_has_stiffness_and_damping_as_parameters() -> None:
+def test_only_an_elastic_rod_has_stiffness_and_damping_as_parameters():
     assert set(Loop("pull", ENDS, rod=Rod(0.5)).numbers) == {"m_pull", "a_pull", "I_pull"}
     assert {"k_pull", "d_pull"} < set(Loop("pull", ENDS, rod=Rod(0.5, stiffness=1e6)).numbers)
     with pytest.raises(ValueError, match="a rigid rod does not stretch"):
         Rod(0.5, damping=1.0)
+
+
+def test_places_that_translate_are_in_metres():
+    """Origins of frames, accelerometers and forces; their rotations and torques, and turning joints are not."""
+    robot = replace(one_joint(), frames=(Frame("tool", "arm"),))
+    turning = ("motor 1", "joint 1", "frame tool rz", "torque tool z")
+    moving = ("frame tool z", "accelerometer tool x", "force tool y")
+    assert robot.sliding((*turning, *moving)) == moving

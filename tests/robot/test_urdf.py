@@ -113,12 +113,7 @@ BESIDE = {"a1": {"motor": {"inertia": 1e-3, "ratio": 80}, "spring": {"stiffness"
         ('izz="1"', 'izz="9"', "robot.urdf:3", "upper"),
         ('ixx="1"', 'ixx="one"', "robot.urdf:3", "one"),
         ('lower="-1"', 'lower="3"', "robot.urdf:8", ("lower 3", "upper 2")),
-        (
-            '<child link="upper"/>',
-            '<child link="lower"/>',
-            "robot.urdf:6",
-            "lower",
-        ),
+        ('<child link="upper"/>', '<child link="lower"/>', "robot.urdf:6", "lower"),
         ('xyz="0 0 1"', 'xyz="0 0 0"', "robot.urdf:5", "axis"),
         ("</robot>", "", "robot.urdf:1", "XML"),
         ("<robot", "<!DOCTYPE a [<!ENTITY b 'c'>]><robot", "robot.urdf:1", "DOCTYPE"),

@@ -80,7 +80,7 @@ def pinocchio_with_bar(pin, robot: Robot):
 
 @pytest.mark.parametrize("name", POSE)
 @pytest.mark.oracle("pinocchio")
-def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name: str):
+def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name):
     """Random states and torques, the arm bent out of its plane: to 1e-8 of the largest acceleration.
 
     There the rod is a body on a universal joint, its tip held in three coordinates; here it is one row and an energy.
@@ -136,7 +136,7 @@ def _between(pin, reference, data, q, v):
 
 
 @pytest.mark.parametrize("name", POSE)
-def test_constrained_and_cut_rod_accelerate_alike(name: str):
+def test_constrained_and_cut_rod_accelerate_alike(name):
     """The same torques give the same motion with the elongation as a coordinate and with the rod cut."""
     robot, random = shipped(name), np.random.default_rng(1)
     model, cut = formulate(robot, CONSTRAINED), formulate(robot, MINIMAL)
@@ -151,7 +151,7 @@ def test_constrained_and_cut_rod_accelerate_alike(name: str):
 
 
 @pytest.mark.parametrize("name", POSE)
-def test_energy_is_conserved_and_loops_stay_closed(name: str):
+def test_energy_is_conserved_and_loops_stay_closed(name):
     """Over 0.5 s without damping and torque, swinging freely: energy to 1e-6 of what moves, loops to rounding."""
     model = without(formulate(shipped(name)), "d", "f", "fm")
     point = equilibrium(model, model.theta, Configuration("c", POSE[name]))
@@ -191,7 +191,7 @@ def test_accelerations_of_a_linkage_have_its_frequency_response():
 
 @pytest.mark.parametrize("name", POSE)
 @pytest.mark.parametrize("spec", [slow(CONSTRAINED), MINIMAL])
-def test_feed_forward_of_a_linkage_holds_it_and_does_the_work(name: str, spec: ModelSpec):
+def test_feed_forward_of_a_linkage_holds_it_and_does_the_work(name, spec):
     """At rest the holding torque; in motion its power is the change of the rigid robot's energy."""
     model = without(formulate(shipped(name), spec), "d", "f", "fm")
     at = Configuration("c", POSE[name])

@@ -20,7 +20,7 @@ def joints(reference: FloatArray, rate_hz: float = 200.0, held: bool = True) -> 
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0013, 0.0172])
-def test_delayed_step_response_agrees_with_closed_form(delay_s: float) -> None:
+def test_delayed_step_response_agrees_with_closed_form(delay_s):
     """A fraction of a sample counts as such: the poles of J s^2 + (f + k_d) s + k_p after the delay."""
     reference = np.where(np.arange(200) >= 20, 1.0, 0.0)
     moved = joints(reference).simulate(np.array([[[J, f, 0, 0, 0, 0]]]), np.array([delay_s]))[:, 0, 0]
@@ -31,7 +31,7 @@ def test_delayed_step_response_agrees_with_closed_form(delay_s: float) -> None:
     assert moved[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_linear_commands_agree_with_integration_by_scipy() -> None:
+def test_linear_commands_agree_with_integration_by_scipy():
     """With gravity, an offset and a load, under a sine that is linear between its samples."""
     t = np.arange(400) / 200
     reference, load = 0.3 * np.sin(2 * np.pi * t), 0.2 * t
@@ -39,7 +39,7 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
     object.__setattr__(commanded, "load", load[:, None])
     moved = commanded.simulate(np.array([[[J, f, 0, 0.05, 0.4, 0.7]]]), np.array([0.004]))[:, 0, 0]
 
-    def rate(time: float, x: FloatArray) -> list[float]:
+    def rate(time, x):
         r = float(np.interp(time - 0.004, t, reference))
         torque = kp * (r - x[0]) - kd * x[1] - 0.2 * time - 0.05 - 0.4 * math.cos(x[0]) - 0.7 * math.sin(x[0])
         return [x[1], (torque - f * x[1]) / J]
@@ -48,7 +48,7 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
     assert np.max(np.abs(moved - exact)) < 2e-4
 
 
-def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
+def test_a_joint_sticks_where_its_command_is_below_coulomb_friction():
     """Exactly, without creep; beyond it the joint ends where friction holds the rest of the command."""
     reference = np.full(400, 0.02)
     moved = joints(reference).simulate(np.array([[[J, f, 0.41, 0, 0, 0]], [[J, f, 0.1, 0, 0, 0]]]), np.zeros(2))
@@ -56,7 +56,7 @@ def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
     assert 0.015 <= moved[-1, 1, 0] <= 0.025
 
 
-def test_candidates_move_as_each_alone() -> None:
+def test_candidates_move_as_each_alone():
     """Together and alone they are the same to rounding; means over windows are means of samples."""
     reference = 0.3 * np.sin(np.arange(300) / 15)
     numbers = np.array([[[J, f, 0.1, 0, 0, 0]], [[J, 2 * f, 0.2, 0, 0.3, 0]]])

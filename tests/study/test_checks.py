@@ -32,7 +32,7 @@ CASCADE = (
     f"integral_time: 0.1, notches: [{NOTCH}]}}}}"
 )
 # Overrides that make a study of a kind.
-KINDS: dict[str, tuple[str, ...]] = {
+KINDS = {
     "simulated": (),
     "designed": ("design={count: 1, candidates: {given: {e: [0, 0]}}}",),
     "loaded": (FRAME, f"loads.tests=[{LOAD}]", "loads.tests.0.configuration=a"),
@@ -48,7 +48,7 @@ KINDS: dict[str, tuple[str, ...]] = {
 
 
 @pytest.fixture
-def study(tmp_path: Path) -> Path:
+def study(tmp_path) -> Path:
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)
     (tmp_path / "a.csv").write_text("u,y\n1,2\n")
@@ -167,9 +167,7 @@ def refusals(study: Path, *overrides: str) -> list[str]:
         ("structure", ("fit.starts=3",), "fit"),
     ],
 )
-def test_a_contradiction_is_reported_once_at_its_key(
-    study: Path, kind: str, overrides: tuple[str, ...], keys: str
-) -> None:
+def test_a_contradiction_is_reported_once_at_its_key(study, kind, overrides, keys):
     """And no other key is; what does not contradict is no problem."""
     found = refusals(study, *KINDS[kind], *overrides)
     assert len(found) == len(keys.split()), found
@@ -177,7 +175,7 @@ def test_a_contradiction_is_reported_once_at_its_key(
         assert sum(f": {key}: " in line for line in found) == 1, found
 
 
-def test_load_tests_of_a_table_are_those_of_the_study(study: Path) -> None:
+def test_load_tests_of_a_table_are_those_of_the_study(study):
     """Columns of numbers with their unit, of joints by their name; an empty cell is not given."""
     (study.parent / "loads.csv").write_text(
         "1,2 [deg],frame,fx,tz [kN*m],mass,y [mm],std [um],measured_at\n"
@@ -209,7 +207,7 @@ def test_load_tests_of_a_table_are_those_of_the_study(study: Path) -> None:
         ("excitation=null", "study/stage"),
     ],
 )
-def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Path, override: str, code: str) -> None:
+def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study, override, code):
     run = Run(load(study, [override]), study.parent / "run", 1)
     with refused(code):
         carry_out(run, "design")

@@ -9,7 +9,7 @@ from elastid.study.fleet import load_fleet
 
 
 @pytest.fixture
-def fleet(tmp_path: Path) -> Path:
+def fleet(tmp_path) -> Path:
     """The file of a fleet without members, next to a study."""
     (tmp_path / "study.yml").write_text("name: s\n")
     (tmp_path / "fleet.yml").write_text("name: f\nstudy: study.yml\n")
@@ -26,14 +26,14 @@ def fleet(tmp_path: Path) -> Path:
         ("robot,date\n", "members"),
     ],
 )
-def test_a_table_without_members_is_refused(fleet: Path, table: str, message: str) -> None:
+def test_a_table_without_members_is_refused(fleet, table, message):
     (fleet.parent / "members.csv").write_text(table)
     fleet.write_text(fleet.read_text() + "table: members.csv\n")
     with refused("files/table", "study/invalid", holds=message):
         load_fleet(fleet)
 
 
-def test_members_have_the_keys_of_their_row_and_of_all(fleet: Path) -> None:
+def test_members_have_the_keys_of_their_row_and_of_all(fleet):
     """In the order of robots and dates; {robot} and {date} stand for their own."""
     (fleet.parent / "members.csv").write_text("robot,date,fit.starts\nb,2026-01-02,3\na,2026-01-03,\na,2026-01-01,4\n")
     fleet.write_text(fleet.read_text() + 'table: members.csv\nset: {name: "of {robot} {date}", fit.starts: 2}\n')

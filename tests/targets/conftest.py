@@ -7,16 +7,16 @@ from elastid.fit.fitted_robot import FittedRobot
 
 
 @pytest.fixture(params=SERIAL)
-def serial_model(request: pytest.FixtureRequest) -> FittedRobot:
+def serial_model(request) -> FittedRobot:
     return fitted_model(request.param)
 
 
 @pytest.fixture(params=LOOPED)
-def looped_model(request: pytest.FixtureRequest) -> FittedRobot:
+def looped_model(request) -> FittedRobot:
     """Of a robot with loops, in one of its formulations."""
     return fitted_model(request.param)
 
 
 @pytest.fixture(params=[*SERIAL, *LOOPED])
-def model(request: pytest.FixtureRequest) -> FittedRobot:
+def model(request) -> FittedRobot:
     return fitted_model(request.param)

@@ -5,13 +5,11 @@ import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
 from ruamel.yaml import YAML
 
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.commanded import DELAY
 from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
 from elastid.robot import Body, Friction, Joint, Limits, Motor, Robot, Spring
@@ -36,7 +34,7 @@ INTERVALS = {("rail", "viscous"): (3.5, 4.5), ("rail", "kp"): (90.0, 110.0)}
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def files(tmp_path_factory) -> dict[str, Path]:
     """All snippets of two joints with gains and a delay of 12 ms."""
     gains = [(100.0, 8.0), (2000.0, 50.0)]
     actuators = actuators_of("bench", ROBOT, INTERVALS, gains, 0.012)
@@ -50,7 +48,7 @@ def comments(path: Path) -> list[str]:
 
 
 @pytest.mark.oracle("mujoco")
-def test_mujoco_has_the_numbers_of_included_classes(files: dict[str, Path], tmp_path: Path) -> None:
+def test_mujoco_has_the_numbers_of_included_classes(files, tmp_path):
     """Armature n^2 J_m, damping, frictionloss, stiffness of the gear, kp and kv of the servo."""
     import mujoco
 
@@ -69,15 +67,13 @@ def test_mujoco_has_the_numbers_of_included_classes(files: dict[str, Path], tmp_
     assert engine.actuator_biasprm[:, 2] == pytest.approx([-8.0, -50.0])
 
 
-def test_isaac_lab_module_has_one_configuration_for_each_joint(
-    files: dict[str, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_isaac_lab_module_has_one_configuration_for_each_joint(files, monkeypatch):
     """Its names match a joint alone; a delay of 12 ms is 2 to 3 steps of 5 ms."""
     source = files["isaac_lab.py"].read_text(encoding="utf-8")
     ast.parse(source)
     monkeypatch.setitem(sys.modules, "isaaclab", SimpleNamespace())
     monkeypatch.setitem(sys.modules, "isaaclab.actuators", SimpleNamespace(DelayedPDActuatorCfg=dict))
-    content: dict[str, Any] = {}
+    content = {}
     exec(source, content)
     rail, knee = (content["ACTUATORS"][joint.name] for joint in (RAIL, KNEE))
     assert (rail["armature"], rail["viscous_friction"], rail["dynamic_friction"]) == (8.0, 4.0, 4.0)
@@ -88,7 +84,7 @@ def test_isaac_lab_module_has_one_configuration_for_each_joint(
     assert not re.fullmatch(expression, KNEE.name.replace(".", "x"))
 
 
-def test_xml_snippets_have_damping_friction_and_rotors(files: dict[str, Path]) -> None:
+def test_xml_snippets_have_damping_friction_and_rotors(files):
     """URDF and SDF link side; Drake the rotor on the motor side with its ratio, which has its sign."""
     urdf, sdf, drake = (ET.parse(files[name]).getroot() for name in ("urdf.xml", "sdf.xml", "drake.xml"))
     dynamics = [element.attrib for element in urdf.iter("dynamics")]
@@ -103,14 +99,14 @@ def test_xml_snippets_have_damping_friction_and_rotors(files: dict[str, Path]) -
         assert any("3.5 to 4.5" in comment for comment in comments(files[name]))
 
 
-def test_ros_parameters_have_gains_and_limits(files: dict[str, Path]) -> None:
+def test_ros_parameters_have_gains_and_limits(files):
     content = YAML(typ="safe").load(files["ros2_control.yaml"])
     gains = content["joint_trajectory_controller"]["ros__parameters"]["gains"]
     assert gains == {"rail": {"p": 100.0, "i": 0.0, "d": 8.0}, KNEE.name: {"p": 2000.0, "i": 0.0, "d": 50.0}}
     assert content["joint_limits"][KNEE.name]["max_effort"] == 90.0
 
 
-def test_readme_has_intervals_and_the_lost_parts(files: dict[str, Path]) -> None:
+def test_readme_has_intervals_and_the_lost_parts(files):
     """Of the joint with a Stribeck law by direction and a gap."""
     text = files["README.md"].read_text(encoding="utf-8")
     assert "| rail | viscous | 4 | N*s/m | 3.5 to 4.5 |" in text
@@ -119,7 +115,7 @@ def test_readme_has_intervals_and_the_lost_parts(files: dict[str, Path]) -> None
     assert "direction" in lost
 
 
-def test_intervals_of_a_fit_are_on_the_link_side(serial_model: FittedRobot) -> None:
+def test_intervals_of_a_fit_are_on_the_link_side(serial_model):
     """Stiffness as in the fit; viscous friction of the motor times ratio^2, about the number of the snippet."""
     intervals = fit_intervals(serial_model, None)
     rows = {row.joint: row for row in actuators_of("arm", serial_model.robot, intervals).rows}
@@ -131,10 +127,10 @@ def test_intervals_of_a_fit_are_on_the_link_side(serial_model: FittedRobot) -> N
             assert (low, high) == pytest.approx(serial_model.result.interval(known[f"k_{joint}"]))
 
 
-def test_intervals_of_a_friction_study_are_assigned_by_name() -> None:
+def test_intervals_of_a_friction_study_are_assigned_by_name():
     """Coulomb and viscous friction; no interval of a number for each direction. The delay is of all joints."""
 
-    def number(path: str, mark: str = "") -> FrictionNumber:
+    def number(path, mark=""):
         term = (TERMS | RIGID_TERMS)[path]
         return FrictionNumber(f"{term.name('rail')}{mark}", term.symbol, term.meaning, "N", 4.0, 0.1, 3.8, 4.2, "log")
 
@@ -146,7 +142,7 @@ def test_intervals_of_a_friction_study_are_assigned_by_name() -> None:
     }  # fmt: skip
 
 
-def test_total_inertia_of_a_joint_is_listed_as_lost(tmp_path: Path) -> None:
+def test_total_inertia_of_a_joint_is_listed_as_lost(tmp_path):
     """It contains the links, so it is no armature; a joint of the result without it has no such line."""
     term = RIGID_TERMS["inertia"]
     number = FrictionNumber(term.name("rail"), term.symbol, term.meaning, "kg", 12.5, 0.1, 12.3, 12.7, "log")

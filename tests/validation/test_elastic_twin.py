@@ -32,7 +32,7 @@ def one_joint(viscous: float) -> LinearModel:
     )  # fmt: skip
 
 
-def test_parts_of_a_known_joint_have_their_torque() -> None:
+def test_parts_of_a_known_joint_have_their_torque():
     """Rigid: (J_m + J_l) a; viscous: f v; elasticity the rest of the model; dry friction what the net record lacks."""
     whole, frictionless = one_joint(VISCOUS_COEFFICIENT), one_joint(0.0)
     alone = replace(
@@ -106,7 +106,7 @@ def noise_share(record: Record, signal: np.ndarray, std: float) -> float:
     return float(std * np.sqrt(2 * inside.sum() / PERIOD) / np.std(np.fft.irfft(spectrum, PERIOD)))
 
 
-def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]) -> None:
+def test_the_true_twin_is_off_by_the_noise(measured):
     """Motions by what the noise of the torque moves, held on the log by a slow loop."""
     _, record = measured
     (run,) = simulate_record(record, arm(), BAND_HZ)
@@ -118,9 +118,7 @@ def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]
     assert run.tracking_bandwidth_hz == pytest.approx(0.4)
 
 
-def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
-    measured: tuple[SimulatedRig, Record],
-) -> None:
+def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(measured):
     """LuGre's law under the torque, from the middle of a motion on: friction has slid so for long."""
     bristly = arm(friction=Friction(0.08, lugre=LuGre(30.0, 0.02)))
     rig = rig_of(bristly)
@@ -133,7 +131,7 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
     assert errors(once)[MOTION] < 0.2
 
 
-def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
+def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured):
     """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
     _, record = measured
     assert simulate_record(replace(record, has_rate=False), arm(), BAND_HZ) == ()

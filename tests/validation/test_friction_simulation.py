@@ -19,8 +19,8 @@ from elastid.robot import Body, Friction, Joint, Motor, Robot, Spring
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import Commands, simulate
-from elastid.validation.friction_simulation import compare_friction_logs
-from elastid.validation.log_comparison import TORQUE, LogSimulation
+from elastid.validation.friction_simulation import compare_friction_logs, predict_logs
+from elastid.validation.log_comparison import LINK, MOTION, TORQUE, LogSimulation
 
 RATE_HZ, SECONDS = 500.0, 12.0
 COULOMB, VISCOUS = 20.0, 15.0
@@ -69,25 +69,45 @@ def recorded(pulse: float = 0.0) -> FrictionRecord:
     )  # fmt: skip
 
 
-def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[LogSimulation, ...]:
-    """Of the robot's file with the friction that the motion shows, 5 kg too light."""
+def fitted(record: FrictionRecord) -> tuple[Robot, JointFriction]:
+    """The robot's file with the friction that the motion shows, 5 kg too light, and the joint with its motion."""
     motion = Motion("joint 1", RATE_HZ, record.position, record.torque, turns_against_gravity=True)
     found = regress_motion(motion, passband_hz=10.0)
     law = Friction(found.regression["coulomb"])
     joint = JointFriction("1", False, motion=found, friction=law, viscous=found.regression["viscous"])
-    robot = with_laws(swing(), {"1": (law, found.regression["viscous"])})
+    return with_laws(swing(), {"1": (law, found.regression["viscous"])}), joint
+
+
+def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[LogSimulation, ...]:
+    robot, joint = fitted(record)
     return compare_friction_logs(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
 
 
+def test_a_twin_of_another_mass_moves_as_the_log_that_shows_its_friction(record):
+    """By its torque beside a slow loop, and by its reference; the regression of a motion explains it as another log."""
+    by_torque, by_reference = runs_of(record, CASCADE)
+    for run, most in ((by_torque, (0.003, 0.003, 0.02)), (by_reference, (0.001, 0.001, 0.01))):
+        errors = [run.of(kind)[0].error for kind in (MOTION, LINK, TORQUE)]
+        assert np.all(np.array(errors) < most), errors
+    robot, joint = fitted(record)
+    logs = FrictionRecords((record,))
+    found, none = (predict_logs(robot, joints, logs, None, Execution()) for joints in ((joint,), ()))
+    assert (set(found.missing), set(none.missing), none.runs) == (set(), {"1"}, ())
+    (balance,) = found.balances
+    assert balance.unexplained_fraction < 1e-3
+    assert balance.bands[-1].high_hz == joint.motion.passband_hz
+    assert len(balance.measured) / balance.rate_hz == pytest.approx(SECONDS, rel=0.15)
+
+
 @pytest.mark.slow
-def test_known_pulses_push_the_twin_as_well() -> None:
+def test_known_pulses_push_the_twin_as_well():
     """Under its controller; one that is not pushed has another torque."""
     pushed = recorded(pulse=60.0)
     assert runs_of(pushed, CASCADE)[1].of(TORQUE)[0].error < 0.03
     assert runs_of(replace(pushed, disturbance=None), CASCADE)[1].of(TORQUE)[0].error > 0.1
 
 
-def test_simulation_along_a_slow_log_takes_its_steps() -> None:
+def test_simulation_along_a_slow_log_takes_its_steps():
     """A spring that needs more than 80 steps in a sample of 100 Hz, of which a study may raise the rate."""
     stiff = with_joints(swing(), lambda joint: replace(joint, spring=joint.spring and Spring(1e9, 60.0)))
     spec, start = SimulatedSpec(), Configuration("start", np.zeros(2))
@@ -96,7 +116,7 @@ def test_simulation_along_a_slow_log_takes_its_steps() -> None:
     assert true_plant(stiff, spec, 100.0, start, is_free=True).loop.rate_hz == 100.0
 
 
-def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record: FrictionRecord) -> None:
+def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record):
     """A velocity gain beyond what the sampled loop bears."""
     _, followed = runs_of(record, CascadeSpec(30.0, 2e4))
     assert followed.lost.startswith("motor 1 ")

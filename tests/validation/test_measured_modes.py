@@ -34,7 +34,7 @@ def measured(lacking: float) -> FittedRobot:
     return replace(fitted, measured=(replace(empty, G=G, noise=Covariance(np.full(G.shape, std**2), np.inf)),))
 
 
-def test_modes_of_a_right_model_are_found_with_their_shapes() -> None:
+def test_modes_of_a_right_model_are_found_with_their_shapes():
     fitted = measured(0.0)
     (found,) = measured_modes(fitted)
     known = modes(fitted.linear[0], fitted.theta_of(found.configuration))
@@ -48,10 +48,12 @@ def test_modes_of_a_right_model_are_found_with_their_shapes() -> None:
     assert np.median(found.mac) > 0.98
 
 
-def test_a_mode_that_the_model_lacks_is_named_with_its_motors() -> None:
+def test_a_mode_that_the_model_lacks_is_named_with_its_motors():
     (own,) = measured_modes(measured(1.0))
     (note,) = own.notes
     assert note.code == "validation/missing-mode"
     assert "31.2 Hz" in note.text
     assert "motor 2, motor 3" in note.text
     assert [row for row in own.rows if "missing" in row]
+    shown = [[float(row[1]), float(row[3].rstrip(" %"))] for row in own.rows]
+    np.testing.assert_allclose(shown, np.stack([own.freq_std, 100 * own.zeta_std], 1) * 1.96, rtol=0.1)

@@ -1,5 +1,7 @@
 """The torque of a log part by part: shares of known parts come back, over all and by octave."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plants.measured import EMPS, measured
@@ -11,10 +13,10 @@ from elastid.friction_study.inverse_dynamics_regression import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.validation.friction_simulation import friction_balances
-from elastid.validation.log_comparison import DRY, INERTIA, MOTION, VISCOUS, ComparedSignal
+from elastid.validation.log_comparison import DRY, INERTIA, MOTION, VISCOUS, ComparedSignal, LogSimulation
 
 
-def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_part_is_left() -> None:
+def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_part_is_left():
     """Amplitudes 4, 2 and 1 at 3, 6 and 20 Hz: 16, 4 and 1 of 21; the model lacks the last."""
     (_, middle, fast), found = waves(), balance()
     assert found.fractions == pytest.approx((16 / 21, 4 / 21))
@@ -26,11 +28,12 @@ def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_par
     assert bands[4.0, 8.0].unexplained_without_friction == pytest.approx(1.0, rel=1e-3)
     assert found.worst is bands[16.0, 32.0]
     assert found.worst.unexplained_fraction == pytest.approx(1.0, rel=1e-3)
+    assert ("Hz" in found.sentence, "Hz" in replace(found, has_rate=False).sentence) == (True, False)
     np.testing.assert_allclose(found.residual, fast, atol=1e-12)
     np.testing.assert_allclose(found.torque_sum((DRY, VISCOUS)), middle, atol=1e-12)
 
 
-def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left() -> None:
+def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left():
     """Inertia 50 %, viscous friction 24 %, dry friction 27 % of the mean square; above 2.5 Hz all is inertia."""
     data = loadmat(measured(EMPS))
     record = FrictionRecord("log", "1", "motion", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True)
@@ -47,8 +50,9 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
     assert all(band.unexplained_fraction < 0.005 for band in found.bands)
 
 
-def test_the_error_of_a_signal_is_over_the_signal_about_its_mean() -> None:
+def test_the_error_of_a_signal_is_over_the_signal_about_its_mean():
     """10 % off at 6 Hz, all of 20 Hz missing."""
     slow, middle, fast = waves()
     signal = ComparedSignal(MOTION, "motor 1", "rad", slow + middle + fast + 7.0, slow + 0.9 * middle + 7.0)
     assert signal.error == pytest.approx(np.sqrt((0.2**2 + 1) / 21))
+    assert f" {100 * signal.error:.3g} %" in LogSimulation("log", "torque", 0.5, 1.0, 500.0, (signal,)).sentence

@@ -232,7 +232,7 @@ BAND = (0.01, 0.4)
 
 
 def true_modes() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute natural frequencies in rad/s, damping ratios, and mode shapes (3, 3) of unit modal mass by column."""
+    """Compute natural frequencies (3,), rad/s, damping ratios (3,), and modes (3, 3), columns of unit modal mass."""
     root = np.diag(1 / np.sqrt(MASSES))
     k = np.array([*STIFFNESSES, 0.0])
     K = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)

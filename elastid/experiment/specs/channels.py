@@ -183,7 +183,7 @@ class Structure:
 
     @property
     def mixing(self) -> FloatArray:
-        """No gear couples its inputs: the identity."""
+        """The identity (n_u, n_u): no gear couples its inputs."""
         return np.eye(len(self.motor_locations))
 
     def ratio(self, joint: str) -> float:

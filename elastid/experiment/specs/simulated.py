@@ -165,12 +165,12 @@ class CarrierSpec:
         )
 
     def velocities(self, n_u: int) -> FloatArray:
-        """Return the velocity of each of n_u joints; ValueError for a wrong number of them."""
+        """Return the velocities (n_u,) of the joints, rad/s or m/s; ValueError for a wrong number of them."""
         values = np.atleast_1d(0.0 if self.velocity is None else self.velocity)
         return np.broadcast_to(values, (n_u,)).astype(np.float64)
 
     def amplitudes(self, n_u: int) -> FloatArray:
-        """Return the amplitude of each of n_u joints, 0 of a carrier that is no sine; ValueError for a wrong number."""
+        """Return the amplitudes (n_u,), rad or m, 0 of a carrier that is no sine; ValueError for a wrong number."""
         values = np.atleast_1d(0.0 if self.amplitude is None else self.amplitude)
         return np.broadcast_to(values, (n_u,)).astype(np.float64)
 

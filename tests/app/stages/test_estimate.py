@@ -1,9 +1,9 @@
 """Friction is found before the responses are estimated, from records that are read one configuration at a time."""
 
-import json
 from pathlib import Path
 
 import pytest
+from plants.runs import summary_of
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.app.console import Console
@@ -25,14 +25,13 @@ def run_of(tiny: Path, friction: str) -> Run:
 
 
 @pytest.mark.slow
-def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
+def test_what_was_taken_out_is_in_every_result(tiny):
     """frf.h5, summary and robot.yml have the same; the model explains more."""
     run = run_of(tiny, "coulomb")
     friction = read_friction(run.path("estimate"))
-    assert friction is not None
     level, std = friction.coulomb_friction("motor 1")
     assert abs(level - 0.01) < 0.002, (level, std)
-    summary = json.loads((run.folder / "summary.json").read_text())
+    summary = summary_of(run.folder)
     assert [(each["motor"], each["F_c"], each["std"]) for each in summary["friction"]] == [("motor 1", level, std)]
     viscous = summary["parameters"]["fm_1"]
     assert viscous["contains"] == SLOPE
@@ -42,7 +41,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
     assert numbers["f_m1"][0] == pytest.approx(viscous["value"], rel=1e-9)
 
 
-def test_estimate_prints_why_friction_was_not_compensated(capsys: pytest.CaptureFixture[str]) -> None:
+def test_estimate_prints_why_friction_was_not_compensated(capsys):
     """One line per motor, also of one whose friction stays."""
     _artefacts([], [], taken_friction()).report(Console(0))
     assert LEFT in capsys.readouterr().out

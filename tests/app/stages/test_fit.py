@@ -1,10 +1,9 @@
 """How a fit ends: everything is written, the last line says what its status means, the exit code what to make of it."""
 
-import json
 import shlex
-from pathlib import Path
 
 import pytest
+from plants.runs import summary_of
 from plants.two_axes import measured
 
 from elastid.app import cli
@@ -17,9 +16,7 @@ from elastid.study import load_robot
 @pytest.mark.parametrize(
     ("factor", "status", "code"), [(1.0, "converged", 0), pytest.param(1.3, "misfit", 3, marks=pytest.mark.slow)]
 )
-def test_a_fit_ends_with_the_meaning_of_its_status(
-    study: Path, capfd: pytest.CaptureFixture[str], factor: float, status: str, code: int
-) -> None:
+def test_a_fit_ends_with_the_meaning_of_its_status(study, capfd, factor, status, code):
     """In its last line; a misfit is written whole, validated and reported like any fit, and its exit code is 3."""
     overrides = ("fit.starts=1", "fit.profile=[]", "fit.weights.model_error=0")
     robot = load_robot(study.parent / "robot.yml")
@@ -27,7 +24,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     run = measured(study, heavier, *overrides, noise=0.005)
     options = [part for override in overrides for part in ("--set", override)]
 
-    def ended(command: str) -> int:
+    def ended(command):
         return cli.run_command(["run", str(study), command, "--run", str(run.folder), "--jobs", "1", *options])
 
     assert ended("fit") == code
@@ -40,7 +37,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     assert step.sentence in " ".join(streams.out.split())
     said = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
     assert (f"{said} {step.text}" in streams.out) == step.text.startswith("--set")
-    summary = json.loads((run.folder / "summary.json").read_text())
+    summary = summary_of(run.folder)
     assert summary["status"] == status
     assert len(summary["parameters"]) > 3
     assert ended("validate") == 0

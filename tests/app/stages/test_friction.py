@@ -1,6 +1,5 @@
 """A friction study is run, resumed, refused and exported as every other one."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 from plants.friction_records import TEMPLATE
 from plants.lugre_joint import COULOMB, RATE_HZ, ROBOT, VISCOUS, rich, simulate
 from plants.refusals import refused
+from plants.runs import summary_of
 from scipy.signal import butter, sosfiltfilt
 
 from elastid.app.cli import run_command
@@ -33,7 +33,7 @@ def run_of(folder: Path, *overrides: str, jobs: int = 1) -> Run:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(tmp_path_factory) -> Path:
     """The folder of a small study that was run."""
     folder = tmp_path_factory.mktemp("friction")
     shutil.copytree(TEMPLATE, folder, dirs_exist_ok=True)
@@ -41,7 +41,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_leaves_its_artefacts_and_keeps_them(finished, monkeypatch):
     """plan, references, records, levels, law, summary, robot and page; nothing is done twice."""
     names = {path.name for path in (finished / "run").iterdir()}
     assert {"plan.h5", "references", "records.h5", "constant_velocity.h5", "friction.h5", "summary.json"} <= names
@@ -51,12 +51,12 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch
     assert all(run.is_current(name) for name in run.stages)
     records = read_friction_records(finished / "run" / "records.h5").records
     assert len(list((finished / "run" / "references").iterdir())) == len(records)
-    summary = json.loads((finished / "run" / "summary.json").read_text())
+    summary = summary_of(finished / "run")
     assert summary["status"] == "identified"
     assert {"value", "std", "interval95", "unit", "learnt_from", "truth"} <= set(summary["parameters"]["Fc_m1"])
 
 
-def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
+def test_the_identified_robot_is_exported_and_read(finished):
     """Its friction is that of the table; other tools take an elastic fit."""
     run = run_of(finished, *SMALL)
     (path,) = export(run, "robot")
@@ -86,7 +86,7 @@ experiment:
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def study(tmp_path_factory) -> Path:
     """A study of a log of 20 s."""
     folder = tmp_path_factory.mktemp("follow")
     run = simulate(rich(20), seed=6, offset=0.0, stiction_ratio=1.0)
@@ -100,7 +100,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_friction_of_a_log_is_followed(study: Path) -> None:
+def test_friction_of_a_log_is_followed(study):
     """The torque of sliding at the end of a warm-up is within 2 %, drawn, and its filter is exported as C."""
     run = study.parent / "run"
     stages = ("measure", "constant_velocity", "friction", "follow", "report")  # friction falls: a misfit
@@ -135,7 +135,7 @@ experiment:
 
 
 @pytest.mark.slow
-def test_coulomb_friction_without_presliding_is_followed_through_many_reversals(tmp_path: Path) -> None:
+def test_coulomb_friction_without_presliding_is_followed_through_many_reversals(tmp_path):
     """A reversal every second and a half: Coulomb and viscous friction of both directions stay in their bands."""
     rng, n = np.random.default_rng(0), 90_000
     position = sosfiltfilt(butter(2, 0.3, fs=1000, output="sos"), rng.standard_normal(n))

@@ -1,21 +1,19 @@
 """The stage gears, from a study to its files: on a simulated arm whose gears do everything at once."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from plants.artefacts import some_fit
 from plants.refusals import refused
+from plants.runs import run_of
+from plants.runs import summary_of as summary
 from plants.two_mass_gear import LINES, Gear, records, robot
 from ruamel.yaml import YAML
 
 from elastid.app import cli
-from elastid.app.console import Console
-from elastid.app.run import Run
 from elastid.app.stages.gears import on_straight_springs, with_gear_section
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
@@ -31,7 +29,7 @@ from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot
 from elastid.robot.simplified import with_joints
 from elastid.store.results import read_gears
-from elastid.study import load, load_robot
+from elastid.study import load_robot
 from tests.consistency.test_readme import numbers
 from tests.report.test_content import sheets
 
@@ -41,28 +39,21 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("gear")
     assert cli.run_command(["run", str(STUDY), "--run", str(path), "-q"]) == 0
     return path
 
 
-def summary(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
-    return content
-
-
 @pytest.mark.parametrize(("options", "has_gears"), [((), True), (("gears=null",), False)])
-def test_stages_before_the_gears_know_whether_they_follow(
-    options: tuple[str, ...], has_gears: bool, tmp_path: Path
-) -> None:
+def test_stages_before_the_gears_know_whether_they_follow(options, has_gears, tmp_path):
     """Notes that ask for the section `gears` are not for a study that has it."""
-    run = Run(load(STUDY, options), tmp_path, 1, Console(-1))
+    run = run_of(STUDY, tmp_path, *options)
     assert {run.work(stage).has_gears for stage in ("estimate", "fit")} == {has_gears}
 
 
 @pytest.mark.slow
-def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(folder: Path) -> None:
+def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(folder):
     """k within 0.1 %, d within 2 %; a misfit is one no more."""
     content = summary(folder)
     assert content["status"] == "converged"
@@ -70,12 +61,11 @@ def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(fo
         if name[:2] in ("k_", "d_"):
             assert abs(p["value"] / p["truth"] - 1) < (1e-3 if name[0] == "k" else 2e-2), name
     gears = read_gears(folder / "gears.h5")
-    assert gears is not None
     assert {number.name for number in gears.numbers} == set(content["gears"]["numbers"])
 
 
 @pytest.mark.slow
-def test_every_effect_of_the_robot_is_found_and_no_other(folder: Path) -> None:
+def test_every_effect_of_the_robot_is_found_and_no_other(folder):
     """Intervals, of 40 % at most, hold the levels simulated; what the robot has not is below its bound."""
     content = summary(folder)
     assert content["modification_indices"] == []  # the gears explain what the linear fit has beyond the noise
@@ -90,7 +80,7 @@ def test_every_effect_of_the_robot_is_found_and_no_other(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
+def test_the_table_of_the_readme_is_of_this_run(folder):
     """Each number of the last column and of the linear fit, and their std, to within two of its last digit."""
     content = summary(folder)
     names, number = (
@@ -113,12 +103,12 @@ def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
+def test_the_robot_that_was_found_moves_as_the_log(folder):
     """Its file states the effects; under the torque of the log it is 4 % off in its motion."""
     first = load_robot(folder / "identified_robot.yml").driven[0]
     assert first.gear.transmission_error[0].amplitude == pytest.approx(2e-5, rel=0.1)
     assert first.friction.coulomb == pytest.approx(12.0, rel=0.01)
-    runs = json.loads((folder / "validation.json").read_text())["simulation"]
+    runs = summary(folder, "validation.json")["simulation"]
     (run,) = runs
     motion = [signal for signal in run["signals"] if signal["signal"] == "motor angle"]
     assert motion
@@ -126,7 +116,7 @@ def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_exports_have_the_effects_that_they_can_carry(folder: Path) -> None:
+def test_exports_have_the_effects_that_they_can_carry(folder):
     """MuJoCo friction alone; drawn robots the effects of the identified one."""
     for target in ("mujoco", "robot"):
         assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", target]) == 0
@@ -139,7 +129,7 @@ def test_exports_have_the_effects_that_they_can_carry(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder, capfd):
     """summary.json is the linear fit's until the gears are laid open again; without the section it stays so."""
     arguments = [str(STUDY), "--run", str(folder), "-q"]
     cli.run_command(["run", *arguments, "fit"])
@@ -152,7 +142,7 @@ def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: p
 
 
 @pytest.mark.slow
-def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> None:
+def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already():
     """About rest within the gap of the file, k shows in no response: the search starts from straight springs."""
     gear = Gear(gap=1e-4, loose=0.3)
     measured, spec = records(gear, seed=1, experiments=4), EstimatorSpec(friction="none", transient_periods=0)
@@ -167,7 +157,7 @@ def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> No
     assert numbers["lost_1"].value == pytest.approx(2 * 0.7 * 1e-4, rel=0.03)
 
 
-def test_a_term_of_a_spring_is_not_fitted_and_found() -> None:
+def test_a_term_of_a_spring_is_not_fitted_and_found():
     """Its number would act twice; a robot of straight springs goes through as it is."""
     hard, fit = with_spring(cubic=1e9), FitSpec()
     free = Parameters((Parameter("k_1", 2e5, log=True), Parameter("k3_1", 1e9)))
@@ -179,7 +169,7 @@ def test_a_term_of_a_spring_is_not_fitted_and_found() -> None:
     assert on_straight_springs(straight, [], result, EXACT, fit, Execution()) == (result, straight)
 
 
-def test_the_summary_has_numbers_of_gears_in_makers_units_too() -> None:
+def test_the_summary_has_numbers_of_gears_in_makers_units_too():
     """Nm/arcmin and arcsec where they are usual; of what was not seen its bound."""
     result, empty = some_fit(), {"parameters": {}, "notes": [], "warnings": []}
     gears = replace(sheets(), x=result.x, covariance=result.covariance)

@@ -1,6 +1,5 @@
 """A large log costs `measure` little more than its own bytes, on the disk and in memory."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from plants.runs import summary_of
 
 from elastid.app import cli
 
@@ -69,7 +69,7 @@ def _measure(folder: Path) -> tuple[Path, int]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kB on Linux alone")
-def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_log(tmp_path):
     """A log of 0.4 GB, 0.31 GB of it asked for, is measured with 200 MB."""
     asked = _write(tmp_path, 1600)
     records, peak = _measure(tmp_path)
@@ -130,12 +130,12 @@ def write(tiny: Path, further: str = LISTED + TOOL) -> Path:
 
 
 @pytest.mark.slow
-def test_a_study_with_load_tests_and_a_hammer(tiny: Path) -> None:
+def test_a_study_with_load_tests_and_a_hammer(tiny):
     """The simulated rig measures the deflections; the hammer's response is predicted."""
     path = write(tiny, LISTED + TOOL + TAPPED)
     folder = tiny.parent / "run"
     assert cli.run_command(["run", str(path), "--run", str(folder)]) == 0
-    summary = json.loads((folder / "summary.json").read_text())
+    summary = summary_of(folder)
     loads = summary["static_loads"]
     assert [each["configuration"] for each in loads["readings"]] == ["a", "load test", "load test", "load test", "b"]
     turned = 0.0
@@ -143,7 +143,7 @@ def test_a_study_with_load_tests_and_a_hammer(tiny: Path) -> None:
         turned = 0.4 * 30 * np.cos(turned) / 60
     assert abs(loads["readings"][0]["measured"] - 0.4 * np.sin(turned)) < 5e-6
     assert loads["cause"] == ""
-    predictions = json.loads((folder / "validation.json").read_text())["predictions"]
+    predictions = summary_of(folder, "validation.json")["predictions"]
     keys = [(each["configuration"], each["motors"], each["is_fitted"]) for each in predictions]
     assert keys == [("b", "locked", False), ("a", "controlled", True)]
     assert min(each["inside"] for each in predictions) > 0.9

@@ -1,19 +1,13 @@
 """The stage validate: what it holds, and when it is done again."""
 
-import json
 import shutil
 from pathlib import Path
 
 import pytest
+from plants.runs import run_of, summary_of
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
+from elastid.app.run import run_all
 from elastid.store.results import read_validation
-from elastid.study import load
-
-
-def run_of(study, folder, *overrides):
-    return Run(load(study, overrides), folder, 1, Console(-1))
 
 
 @pytest.fixture(scope="module")
@@ -27,11 +21,11 @@ def validated(tmp_path_factory, finished):
 def test_validation_json_says_what_validation_h5_holds(validated):
     """Errors of the fit; every number the same."""
     found = read_validation(validated / "run" / "validation.h5")
-    summary_json = json.loads((validated / "run" / "validation.json").read_text())
+    summary_json = summary_of(validated / "run", "validation.json")
     assert (summary_json["schema"], summary_json["study"], summary_json["verdict"]) == (1, "tiny", found.verdict)
     rows = summary_json["configurations"]
     assert [(row["configuration"], row["is_validation"]) for row in rows] == [("a", False), ("b", False)]
-    summary = json.loads((validated / "run" / "summary.json").read_text())
+    summary = summary_of(validated / "run")
     keys = ("configuration", "rms_log_db", "phase_rms_deg", "rms_sigma")
     assert [{key: c[key] for key in keys} for c in rows] == summary["frf_error"]
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from plants.refusals import advised, refused
 
 from elastid.experiment.plan.friction import (
     RAMP_PEAK,
@@ -14,13 +15,14 @@ from elastid.experiment.plan.friction import (
     pass_reference,
     pass_time,
     plan_passes,
+    planned_pass,
 )
 
 LIMITS = PassLimits("motor 2", (-0.4, 0.8), 1.8, 6.0, 2 * np.pi / 240, 6.0, lag=0.02)
 SPEEDS = tuple(np.geomspace(0.004, 1.0, 12))
 
 
-def test_the_fastest_pass_fills_the_window() -> None:
+def test_the_fastest_pass_fills_the_window():
     """Its ramps, and the time that its loop and its plateau take; none where a turn does not fit."""
     v = fastest_speed(replace(LIMITS, velocity=9.0))
     room = v**2 / (LIMITS.acceleration / RAMP_PEAK) + v * (3 / (2 * np.pi * LIMITS.bandwidth_hz) + SHORTEST_S)
@@ -29,7 +31,20 @@ def test_the_fastest_pass_fills_the_window() -> None:
     assert fastest_speed(replace(LIMITS, turn=0.6, window=(0.0, 0.5))) == 0
 
 
-def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed() -> None:
+def test_the_window_or_the_speed_that_a_refusal_gives_has_room():
+    """Three digits of the speed, four of the window; not much more speed, hardly less window."""
+    limits = replace(LIMITS, velocity=9.0)
+    with refused("friction/plan", place=".window", holds=("motor 2 at 4 rad/s", "the window is 1.2.")) as caught:
+        planned_pass(4.0, 1, limits)
+    room, speed = advised(caught, "needs"), advised(caught, "up to")
+    planned_pass(4.0, 1, replace(limits, window=(0.0, 1.001 * room)))
+    planned_pass(0.99 * speed, 1, limits)
+    for least, window in ((4.0, (0.0, 0.999 * room)), (1.05 * speed, limits.window)):
+        with refused("friction/plan"):
+            planned_pass(least, 1, replace(limits, window=window))
+
+
+def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed():
     """Velocity constant between the marks, there and back; position within the window, at rest where it began."""
     for planned in plan_passes(SPEEDS, 1, LIMITS, 0):
         reference = pass_reference(planned, LIMITS, 500.0)
@@ -45,7 +60,7 @@ def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed() -> None
         assert len(reference.position) / 500.0 == pytest.approx(pass_time(planned, LIMITS), rel=0.02, abs=0.02)
 
 
-def test_the_order_is_random_and_the_same_for_a_seed_with_references_between() -> None:
+def test_the_order_is_random_and_the_same_for_a_seed_with_references_between():
     plan = plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
     assert plan == plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
     speeds = [one.speed for one in plan if not one.is_reference]

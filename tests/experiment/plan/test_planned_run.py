@@ -1,6 +1,5 @@
 """Records that contradict the plan they were measured by are named for what they are, and clean ones are not."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +31,7 @@ def plan() -> Plan:
 
 
 @pytest.fixture(scope="module")
-def clean(plan: Plan) -> Record:
+def clean(plan) -> Record:
     return measured(robot(), plan)
 
 
@@ -45,13 +44,13 @@ def said(plan: Plan, record: Record) -> str:
     return contradiction(record, plan, rehearsal, coulomb_torques(robot()), True)
 
 
-def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan: Plan, clean: Record) -> None:
+def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan, clean):
     """Nor one that begins some samples after the plan."""
     assert said(plan, clean) == ""
     assert said(plan, replace(clean, **{name: np.roll(getattr(clean, name), -5, axis=0) for name in "ruy"})) == ""
 
 
-FAULTS: dict[str, tuple[Callable[[Record], dict[str, np.ndarray]], str]] = {
+FAULTS = {
     "late": (lambda log: {name: np.roll(getattr(log, name), -100, axis=0) for name in "ruy"}, "0.2 s"),
     "injected exchanged": (lambda log: {"r": log.r[:, ::-1]}, "(r) of motor 1"),
     "injected motor side": (lambda log: {"r": log.r / [100, 90]}, "gain 0.0100"),
@@ -64,14 +63,14 @@ FAULTS: dict[str, tuple[Callable[[Record], dict[str, np.ndarray]], str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_wrong_log_is_named(fault: str, plan: Plan, clean: Record) -> None:
+def test_a_wrong_log_is_named(fault, plan, clean):
     spoil, words = FAULTS[fault]
     message = said(plan, replace(clean, **spoil(clean)))
     assert words in message, message
 
 
 @pytest.mark.parametrize("mass", [12.0, 25.0])
-def test_another_payload_is_seen(plan: Plan, mass: float) -> None:
+def test_another_payload_is_seen(plan, mass):
     """By the torques that hold it, on a robot whose springs are unknown."""
     loaded = replace(robot(), payload=Payload(mass=mass, at="tool"))
     message = said(plan, measured(loaded, plan))

@@ -6,7 +6,6 @@ import numpy as np
 from plants.limited_arm import EXCITATION, arm, experiment
 from scipy.linalg import eigh
 
-from elastid.excitation.spec import Signal
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.plant import (
     DAMPING,
@@ -23,7 +22,7 @@ from elastid.robot import Limits
 from elastid.robot.simplified import without_dry_friction
 
 
-def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
+def test_the_closed_loop_response_is_what_the_simulation_does():
     """Without friction and gravity, the torque and all motions at all lines, to aliasing."""
     machine = arm(Limits()).with_parameters({"fm_1": 1e-6, "fm_2": 1e-6})
     machine = replace(without_dry_friction(machine), gravity=(0.0, 0.0, 0.0))
@@ -33,14 +32,14 @@ def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
     loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
     rehearsal = rig.rehearse(rig.experiments[1])
     (last,) = np.nonzero((rehearsal.time_s > 5.999) & (rehearsal.time_s < 6.999))
-    signals: tuple[Signal, ...] = ("torque", "position", "velocity", "acceleration")
+    signals = ("torque", "position", "velocity", "acceleration")
     for signal, quantity in zip(rehearsal.signals, signals, strict=True):
         measured = np.fft.rfft(signal[last], axis=0)[plan.lines] / 250
         expected = np.einsum("foi,fi->fo", loop.stacked((quantity,)), plan.R[0, 0, 1])
         assert np.abs(measured - expected).max() < 0.01 * np.abs(expected).max()
 
 
-def test_shaken_masses_move_as_their_equations_say() -> None:
+def test_shaken_masses_move_as_their_equations_say():
     """G = -omega^2 C (K - omega^2 M + j omega D)^-1 B of forces of 5 N rms, D of the damping ratio of each mode."""
     M, stretch = np.diag(MASSES), np.eye(3) - np.eye(3, k=-1)
     K = stretch.T @ np.diag(STIFFNESSES) @ stretch

@@ -1,7 +1,6 @@
 """The sections of an experiment: one rig, channels of a quantity that goes with them, controllers and noise."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -49,27 +48,27 @@ TAPS = ToolSpec(RESPONSES, "controlled", (0.0,), (0.0,))
         (ControllerSpec(kind="cascade"), {"damping_ratio": 0.2}, {"damping_ratio": 0.2, "integral_time": 0.01}),
     ],
 )
-def test_a_section_is_what_can_be(section: Any, right: dict[str, Any], wrong: dict[str, Any]) -> None:
+def test_a_section_is_what_can_be(section, right, wrong):
     """A drive that pushes away, a period in s of logs without a rate, half a wave of an odd period cannot."""
     replace(section, **right)
     with pytest.raises(ValueError):  # noqa: PT011
         replace(section, **wrong)
 
 
-def test_exactly_one_rig_with_its_kind() -> None:
+def test_exactly_one_rig_with_its_kind():
     for kind, section in {"simulated": SimulatedSpec(), "recorded": LOGS, "responses": RESPONSES}.items():
-        spec = ExperimentSpec(**{kind: section})  # type: ignore[arg-type]
+        spec = ExperimentSpec(**{kind: section})
         assert (spec.kind, spec.rig) == (kind, section)
     for rigs in ({}, {"simulated": SimulatedSpec(), "recorded": LOGS}):
         with pytest.raises(ValueError, match="exactly one"):
-            ExperimentSpec(**rigs)  # type: ignore[arg-type]
+            ExperimentSpec(**rigs)
 
 
 @pytest.mark.parametrize("highest_hz", [20.0, 60.0, 90.0, 200.0])
-def test_steps_are_as_few_as_turn_by_the_right_angle(highest_hz: float) -> None:
+def test_steps_are_as_few_as_turn_by_the_right_angle(highest_hz):
     """Of what rotates at the end of the band the frequency is right to 4e-6, and one step less is too few."""
 
-    def error(steps: int) -> float:
+    def error(steps):
         angle = 2 * np.pi * highest_hz / 500.0 / steps
         return float(abs(np.angle(FIFTH_ORDER.amplification(np.array(1j * angle))) / angle - 1))
 

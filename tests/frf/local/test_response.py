@@ -45,17 +45,14 @@ def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -
     """G (F, n_y, n_u), a polynomial in frequency."""
     C = circular(rng, (degree + 1, n_y, n_u))
     x = (FREQ - FREQ.mean()) / np.ptp(FREQ)
-    G: np.ndarray = np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
-    return G
+    return np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
 
 
 @given(
     n_y=st.integers(1, 4), n_u=st.integers(1, 4), E=st.integers(1, 3), P=st.integers(1, 3), seed=st.integers(0, 10**6)
 )
 @settings(deadline=None, max_examples=15)
-def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(
-    n_y: int, n_u: int, E: int, P: int, seed: int
-) -> None:
+def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(n_y, n_u, E, P, seed):
     """Any n_y, n_u and number of experiments, fewer than inputs too; the transient beside or between the lines."""
     rng = np.random.default_rng(seed)
     G = _polynomial(n_y, n_u, rng)
@@ -65,7 +62,7 @@ def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(
 
 
 @pytest.mark.parametrize("order", [2, 3])
-def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order: int) -> None:
+def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order):
     """B(f) / A(f) of the local order, three inputs, two outputs, one experiment."""
     rng = np.random.default_rng(order)
     poles = np.array([40 + 1j, 85 + 2j, 200 + 5j])[:order]
@@ -87,7 +84,7 @@ def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) ->
 
 
 @pytest.mark.parametrize(("spec", "closed"), [slow(LPM, True), (LPM, False), slow(LRM, True), slow(LRM, False)])
-def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -> None:
+def test_variances_are_those_of_monte_carlo(spec, closed):
     """One experiment of three inputs: noise and total predict the squared error to 5 %.
 
     Where the model follows the plant approximately, that is in total: 8 %, and noise is less.
@@ -112,7 +109,7 @@ def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -
         assert [by_noise, by_total] == pytest.approx([1, 1], rel=0.05)
 
 
-def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() -> None:
+def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation():
     """What repeats from period to period but is not linear is in total, not in noise."""
     rng = np.random.default_rng(4)
     std, distortion = 0.02, 0.05
@@ -131,7 +128,7 @@ def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() ->
     assert ratio == pytest.approx(1 + distortion**2 / (1.1 * from_noise), rel=0.15)
 
 
-def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -> None:
+def test_records_of_unequal_length_and_a_drifting_position_give_one_response():
     """From rest, three and five periods, acceleration from a position that gains from end to end: -70 dB as a rule.
 
     Single draws scatter from -66 to -94 dB: where the phases leave a line near a resonance with little input.
@@ -153,7 +150,7 @@ def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -
     assert np.median(errors) < -70
 
 
-def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:
+def test_the_noise_of_repeats_is_that_of_all_their_periods():
     """Settled records of two and three periods: the merged one has the mean of five and its noise."""
     lines, spectra = np.arange(40, 700), []
     for P in (2, 3):
@@ -166,14 +163,14 @@ def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:
     np.testing.assert_allclose(merged.noise, (4 * spectra[0].noise + 9 * spectra[1].noise) / 25)
 
 
-def test_too_few_lines_are_refused() -> None:
+def test_too_few_lines_are_refused():
     rng = np.random.default_rng(0)
     few = _record(_phases(rng, 12, 3), _phases(rng, 12, 3), lines=LINES[:12])
     with refused("frf/lines", place="configuration c"):
         local_response([few], LPM, LINES[:12])
 
 
-def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
+def test_records_of_different_length_are_cut_for_a_local_method_or_refused():
     """A note for a little, a refusal whose remedy, h1, works for much."""
     spec = EstimatorSpec(method="local_rational", quantity="velocity", band_hz=(5.0, 80.0))
     a, b, c = (noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 2040, 900)))
@@ -184,7 +181,7 @@ def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> 
 
 
 @pytest.mark.parametrize(("P", "N"), [(200, 100), (331, 64), (7, 300)])
-def test_spectra_near_lines_are_those_of_the_whole_record(P: int, N: int) -> None:
+def test_spectra_near_lines_are_those_of_the_whole_record(P, N):
     """Also for lengths with a large prime factor, and where all bins are wanted."""
     signals = np.random.default_rng(0).normal(size=(P * N + 37, 2))
     lines, used = np.arange(3, N // 2 - 1, 4), slice(20, 20 + P * N)

@@ -1,6 +1,5 @@
 """Frequency responses of other programs: one analytic plant through every format, universal files' units, refusals."""
 
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,11 +13,11 @@ import pytest
 from plants.lab_logs import RATIO, ROBOT
 from plants.notes import said
 from plants.refusals import refused
+from plants.runs import run_of, summary_of
 from plants.two_mass import two_inertias
 from scipy.io import savemat
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
+from elastid.app.run import run_all
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
@@ -27,7 +26,6 @@ from elastid.logs.responses.table import uff_geometry, uff_places, uff_table
 from elastid.record import Configuration, Motion
 from elastid.response import Response
 from elastid.store.measured import read_responses
-from elastid.study import load
 
 pyuff = pytest.importorskip("pyuff")
 CONSTANT, DELAY = 0.5, 2e-3
@@ -172,9 +170,7 @@ WRITERS = [_matlab, _matlab_with_names_in_hz, _matlab_73, _hdf5, _csv, _csv_in_d
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(
-    write: Callable[[Path], ResponsesSpec], tmp_path: Path
-) -> None:
+def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(write, tmp_path):
     """Phase (a delay turns it down), units, sides, signs, quantities, names: not conjugated, not transposed."""
     response = _read(tmp_path, write(tmp_path))
     np.testing.assert_allclose(response.freq_hz, FREQ_HZ, rtol=1e-5 if write is _uff else 1e-14)
@@ -183,7 +179,7 @@ def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(
     assert (response.quantity, response.noise, said(response.notes)) == ("acceleration", None, ())
 
 
-def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(tmp_path: Path) -> None:
+def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(tmp_path):
     """CovarianceData holds real and imaginary part, std of a CSV the complex number: both end at 1 % and 3 % of |G|."""
     G = in_file()
     covariance = np.zeros((2, 2, len(FREQ_HZ), 2, 2))
@@ -201,7 +197,7 @@ def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(t
         np.testing.assert_allclose(np.sqrt(response.noise.variance), relative * np.abs(response.G), rtol=1e-10)
 
 
-def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) -> None:
+def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path):
     """A line at 0 Hz has no acceleration; a NaN would spoil the fit."""
     G = in_file()
     G[3, 0, 1] = np.nan
@@ -244,16 +240,14 @@ def _saved(**variables: Any) -> Callable[[Path], ResponsesSpec]:
         (partial(_csv_times, 1e-250), {}, "responses/lines", "frf.csv"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_with_its_content(
-    write: Callable[[Path], ResponsesSpec], changes: dict[str, Any], code: str, holds: Any, tmp_path: Path
-) -> None:
+def test_a_file_that_cannot_be_used_is_refused_with_its_content(write, changes, code, holds, tmp_path):
     """No unit, two responses, none, no frequencies, shapes that disagree, a line twice, a channel too many."""
     spec = replace(write(tmp_path), **changes)
     with refused(code, holds=holds):
         _read(tmp_path, spec)
 
 
-def test_universal_files_say_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_universal_files_say_what_is_missing(tmp_path, monkeypatch):
     """An element that is not there, another quantity than the channel's, and the extra that reads them."""
     spec = _uff(tmp_path)
     text = (tmp_path / "frf.uff").read_text()
@@ -289,7 +283,7 @@ fit:
 
 
 @pytest.fixture
-def elsewhere(tmp_path: Path, tiny_texts: tuple[str, str]) -> Path:
+def elsewhere(tmp_path, tiny_texts) -> Path:
     """A study of the robot of one elastic joint: stiffness 60, damping 0.01, from velocity responses with 1 % noise."""
     freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
     G = two_inertias(freq_hz, 1e-3, 1e-3, 60.0, 0.01, 1e-3)[:, 0, 0] / (2j * np.pi * freq_hz)
@@ -302,38 +296,38 @@ def elsewhere(tmp_path: Path, tiny_texts: tuple[str, str]) -> Path:
     return tmp_path / "study.yml"
 
 
-def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Path) -> None:
+def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere):
     """estimate (import), fit, validate, report: the true stiffness within its interval; again from that frf.h5."""
     folder = elsewhere.parent / "run"
-    run = Run(load(elsewhere), folder, 1, Console(-1))
+    run = run_of(elsewhere, folder)
     assert tuple(run.stages) == ("estimate", "fit", "validate", "report")
     run_all(run)
-    found = json.loads((folder / "summary.json").read_text())
+    found = summary_of(folder)
     low, high = found["parameters"]["k_1"]["interval95"]
     assert low < 60 < high
     assert high - low < 0.5
     assert (folder / "report.html").is_file()
     assert not (folder / "records.h5").exists()
-    assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
+    assert run_of(elsewhere, folder).is_current("estimate")
     with refused("study/stage", place="study.yml"):
         run_all(run, ["measure"])
     again = elsewhere.with_name("again.yml")
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
     again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
-    run_all(Run(load(again), folder / "again", 1, Console(-1)), ["estimate"])
+    run_all(run_of(again, folder / "again"), ["estimate"])
     for old, same in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
         np.testing.assert_array_equal(old.G, same.G)
         np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
 
 
-def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None:
+def test_a_response_measured_at_other_angles_is_refused(elsewhere):
     """frf.h5 of elastid knows its configuration."""
     folder = elsewhere.parent / "run"
-    run_all(Run(load(elsewhere), folder, 1, Console(-1)), ["estimate"])
+    run_all(run_of(elsewhere, folder), ["estimate"])
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b: [30 deg]", "b: [40 deg]").replace("b.mat", "run/frf.h5")
     elsewhere.write_text(text)
     with refused("responses/table", place="frf.h5"):
-        run_all(Run(load(elsewhere), folder / "again", 1, Console(-1)), ["estimate"])
+        run_all(run_of(elsewhere, folder / "again"), ["estimate"])
 
 
 @pytest.mark.parametrize(
@@ -345,9 +339,7 @@ def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None
         ({"hold": "zero-order", "rate_hz": 50.0}, {"rate_hz": 100.0}, (100.0, 50.0)),
     ],
 )
-def test_the_hold_of_commands_is_taken_out_once(
-    tmp_path: Path, section: dict[str, Any], first: dict[str, Any], rates: tuple[float | None, ...]
-) -> None:
+def test_the_hold_of_commands_is_taken_out_once(tmp_path, section, first, rates):
     """The file holds G H, H = (1 - e^{-s T}) / (s T) of each command: the plant is found to rounding."""
     s = 2j * np.pi * FREQ_HZ
     H = np.stack([np.ones(len(s)) if f is None else (1 - np.exp(-s / f)) / (s / f) for f in rates], axis=1)
@@ -387,14 +379,14 @@ TAPPED = (
 @pytest.mark.parametrize(
     ("code", "metre", "newton"), [(1, 1, 1), (5, 1e-3, 1e-3), (7, 0.0254, 4.4482216), (9, 1e-3, 1e-3)]
 )
-def test_units_of_a_file_are_believed(tmp_path: Path, code: int, metre: float, newton: float) -> None:
+def test_units_of_a_file_are_believed(tmp_path, code, metre, newton):
     """Metres, millimetres with millinewton, inches with pounds, and factors of the file's own."""
     table = uff_table(written(tmp_path / "a.uff", code), TAPPED)
     np.testing.assert_allclose(table.G[:, 0, 0], -G * metre / newton, rtol=1e-6)
     assert [note.code for note in table.notes] == ([] if code == 1 else ["responses/units"])
 
 
-def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
+def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path):
     """Millimetres in m; a trace line is interrupted at 0; a place with the other sign moves the other way."""
     geometry = uff_geometry(written(tmp_path / "a.uff", 10), TAPPED)
     np.testing.assert_allclose([geometry.points[name] for name in "123"], [[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0.05]])
@@ -404,6 +396,6 @@ def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
     assert uff_geometry(tmp_path / "a.uff", other) is None
 
 
-def test_places_are_those_of_the_responses(tmp_path: Path) -> None:
+def test_places_are_those_of_the_responses(tmp_path):
     """Node 2 along z answers node 1: the channels of a study that `new --from` writes."""
     assert uff_places(written(tmp_path / "a.uff", 1)) == ({"2z": "acceleration"}, ("1z",))

@@ -1,7 +1,6 @@
 """Figures: what each draws are the numbers of its result, and each can be read."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -122,7 +121,7 @@ def hysteresis(slides: bool) -> Drawn:
 def bode(modelled: bool) -> Drawn:
     """Magnitude in dB and phase in degrees of each element; dots are grey below two sigma."""
     measured, model = (replace(G, G=np.exp(-0.15j * G.freq_hz)[:, None, None] * G.G) for G in pair(2))
-    std, panels = 0.01 * np.abs(model.G), list[dict[str, Any]]()
+    std, panels = 0.01 * np.abs(model.G), []
     std[3] *= 100.0
     above = np.abs(measured.G) >= 2 * np.sqrt(measured.noise.variance)
     for i, y in ((i, y) for i in range(2) for y in (decibel, partial(np.angle, deg=True))):
@@ -145,7 +144,7 @@ def quality() -> Drawn:
     excited, even, odd = (Levels(f, size * noise, noise) for size in (10.0, 2.0, 3.0))
     of = Quality(np.ones((len(f), 2, 2)), multiple, G, u, noise, noise, excited, stochastic, even, odd)
     sizes = {"excited lines": 10, "noise": 1, "nonlinear, even": math.sqrt(3), "nonlinear, odd": math.sqrt(8)}
-    panels: list[dict[str, Any]] = [
+    panels = [
         {label: decibel(size * noise[:, i]) for label, size in sizes.items()}
         | {"stochastic nonlinear": decibel(stochastic[:, i])}
         for i in range(2)
@@ -200,7 +199,7 @@ def taken_out(*shapes: BasisFunction) -> Drawn:
 
 
 POSTURES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
-CASES: dict[str, Callable[[], Drawn]] = {
+CASES = {
     "parameters": partial(parameters, TRUTH),
     "parameters without a truth": parameters,
     "correlation": identifiability,
@@ -224,13 +223,13 @@ CASES: dict[str, Callable[[], Drawn]] = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name: str, monkeypatch: Any) -> None:
+def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name, monkeypatch):
     """No text covers another or leaves the figure; the legend has the labels, panels hold their lines."""
     figure, expected = CASES[name]()
-    texts: list[Text | None] = []
+    texts = []
     monkeypatch.setattr(RendererAgg, "draw_text", lambda *_, mtext=None, **__: texts.append(mtext))
     FigureCanvasAgg(figure).draw()
-    panels, labels = [axes for axes in figure.axes if axes.axison and axes.get_label() != "<colorbar>"], set[str]()
+    panels, labels = [axes for axes in figure.axes if axes.axison and axes.get_label() != "<colorbar>"], set()
     for axes, panel in zip(panels, expected, strict=True):
         values = shown(axes, 0 if name.startswith("parameters") else 1)
         for label, known in panel.items():
@@ -253,18 +252,18 @@ def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name: str, mon
         assert over is None or min(over.size) < 3, pair_of
 
 
-def test_cells_have_their_numbers_where_these_say_something() -> None:
+def test_cells_have_their_numbers_where_these_say_something():
     """Fractions from 0.5 %, correlations beyond 0.9 off the diagonal, limits that there are."""
     for case, counts in ((information, [6]), (limits, [2, 1]), (identifiability, [2])):
         assert [len([*filter(Text.get_text, axes.texts)]) for axes in case()[0].axes] == counts
 
 
-def test_dates_lie_left_and_right_of_the_name_of_their_robot() -> None:
+def test_dates_lie_left_and_right_of_the_name_of_their_robot():
     x = shown(fleet()[0].axes[0], 0)
     assert np.unique(x["differs or drifts"].round(9)).tolist() == [0.85, 1.15]
 
 
-def test_an_estimate_far_from_the_truth_is_marked_at_the_side_where_it_is() -> None:
+def test_an_estimate_far_from_the_truth_is_marked_at_the_side_where_it_is():
     """The others, and their intervals, stay apart on a scale of decades about 0; what has no end is drawn, too."""
     deviation = fit.forest(parameter_rows(fit_result(), TRUTH | {"k_2": 3e4})).axes[1]
     low, high = deviation.get_xlim()
@@ -278,7 +277,7 @@ def test_an_estimate_far_from_the_truth_is_marked_at_the_side_where_it_is() -> N
         fit.forest(parameter_rows(fitted, truth)).draw_without_rendering()
 
 
-def test_a_motion_shows_friction_without_inertia_and_its_regression() -> None:
+def test_a_motion_shows_friction_without_inertia_and_its_regression():
     """20 N and 200 N s/m under 400 N of inertia; the curve has both directions and ends where the motion does."""
     over_v, over_t = friction_records.friction_motion(study.motion()).axes
     v, force, of_time = shown(over_v, 0), shown(over_v), shown(over_t)

@@ -61,7 +61,7 @@ CLICK_SWITCHES = """
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     """All results of the study, and its parameters as CSV."""
     where = tmp_path_factory.mktemp("study")
     (where / "robot.yml").write_text(ROBOT)
@@ -74,12 +74,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def opened(browser: Any, folder: Path) -> Iterator[Any]:
+def opened(browser, folder) -> Iterator[Any]:
     """The page, with its plots on record."""
     context = browser.new_context(viewport={"width": 1440, "height": 900})
     context.add_init_script(RECORD_PLOTS)
     page = context.new_page()
-    complaints: list[str] = []
+    complaints = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.goto((folder / "report.html").as_uri())
     yield page

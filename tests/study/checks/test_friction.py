@@ -28,7 +28,7 @@ friction:
 
 
 @pytest.fixture
-def study(tmp_path: Path) -> Path:
+def study(tmp_path) -> Path:
     for file in TEMPLATE.iterdir():
         shutil.copy(file, tmp_path)
     text = (tmp_path / "study.yml").read_text()
@@ -43,13 +43,12 @@ def refusal(study: Path, *overrides: str) -> str:
     return str(error.value).replace(f"{study.parent}/", "")
 
 
-def test_every_key_is_read_in_si(study: Path) -> None:
+def test_every_key_is_read_in_si(study):
     """Angles in rad, hours in seconds; a study with friction is of a kind of its own."""
     loaded = load(study).study
     spec = loaded.as_friction()
     assert loaded.kind == "friction"
     assert spec.designed_passes.window == (pytest.approx(-math.pi / 6), pytest.approx(math.pi / 6))
-    assert spec.warm_up is not None
     assert (spec.warm_up.time, spec.designed_passes.reference_every) == (7200.0, 600.0)
     assert [load.payload for load in spec.loads] == [0.0, 12.0]
     assert [joint.name for joint in loaded.friction_joints] == ["1"]
@@ -77,6 +76,6 @@ def test_every_key_is_read_in_si(study: Path) -> None:
         ("gears={}", ": gears"),
     ],
 )
-def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
+def test_contradictions_are_refused(study, override, words):
     """Each by the key that is wrong, with its numbers."""
     assert words in refusal(study, override)

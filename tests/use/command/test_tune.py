@@ -8,7 +8,6 @@ import pytest
 from plants.commanded_arm import END, START, arm, move
 from plants.refusals import refused
 
-from elastid.base.arrays import FloatArray
 from elastid.fit.posture import default_frame
 from elastid.robot import Frame, Robot
 from elastid.study import load_robot
@@ -34,7 +33,7 @@ HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it b
 
 
 @pytest.mark.slow
-def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
+def test_limits_of_torque_hold_on_draws_with_their_feedback():
     """Where torque is short the tool leaves its path."""
     tuned = tune_move(given(torque=420.0), move(0.5), "arm")
     assert np.all(tuned.max_torque <= 420.0)
@@ -42,22 +41,21 @@ def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
     assert tuned.predicted_error.max() > 1e-3
 
 
-def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity() -> None:
+def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity():
     """A zero that is 1 mrad off turns a tool of 1.2 m by 1.2 mm, which the loop of the motor does not see."""
     asked = given(draws=1)
     robot = asked.draws[0].with_parameters({"zero_1": 1e-3})
-    told = list[tuple[int, int]]()
+    told = []
     tuned = tune_move(replace(asked, draws=(robot,)), move(1.0), "arm", lambda *parts: told.append(parts))
     assert told == sorted(told)
     assert all(done < total == told[0][1] for done, total in told)
     high = tuned.outcomes[-1].high
-    assert high is not None
     reach = np.linalg.norm(tuned.target, axis=1).max()
     assert tuned.geometric_error_m == pytest.approx(1e-3 * reach, rel=0.01)
     assert high.max() < 0.1 * tuned.geometric_error_m
 
 
-def test_a_draw_that_no_loop_moves_is_refused() -> None:
+def test_a_draw_that_no_loop_moves_is_refused():
     """A damping a hundred thousand times the estimate, of a fit that knows nothing of it."""
     asked = given(draws=1)
     (robot,) = asked.draws
@@ -72,7 +70,7 @@ def test_a_draw_that_no_loop_moves_is_refused() -> None:
     [(20.0, END, 0.15), (900.0, np.array([END[0], HIGHEST]), 1.0)],
     ids=["gravity", "deflection"],
 )
-def test_an_end_that_no_motor_holds_is_refused(torque: float, end: FloatArray, duration: float) -> None:
+def test_an_end_that_no_motor_holds_is_refused(torque, end, duration):
     """Gravity takes more than the motor has, in any time; or deflects so far that the motor stands at its limit."""
     with refused("use/move"):
         tune_move(given(torque, 0), point_to_point(START, end, duration), "arm")
@@ -83,7 +81,7 @@ LINKAGE = Path(__file__).parents[3] / "configs" / "robots" / "linkage_arm.yml"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rod", ["elastic", "rigid"])
-def test_a_linkage_follows_its_own_plan(rod: str) -> None:
+def test_a_linkage_follows_its_own_plan(rod):
     """An elastic rod is cut, a rigid one is a constraint with its multiplier: to ten micrometres both."""
     robot = load_robot(LINKAGE)
     if rod == "rigid":
