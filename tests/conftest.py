@@ -3,7 +3,7 @@
 import gc
 import os
 import signal
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 
 from elastid.app.cli import one_blas_thread
+from elastid.model.elastic import ElasticModel
 
 one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
 
@@ -111,7 +112,7 @@ def code_hashed_once() -> Iterator[None]:
 def equations_derived_once() -> Iterator[None]:
     """Models of equal robots are equal and do not change: many tests have the same robot."""
 
-    def once(derive):
+    def once(derive: Callable[..., ElasticModel]) -> Callable[..., ElasticModel]:
         derived = lru_cache(64)(derive)
         return lambda robot, *rest: derived(robot, *(tuple(e) if isinstance(e, Collection) else e for e in rest))
 

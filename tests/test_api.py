@@ -34,7 +34,7 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder):
+def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) -> None:
     """The same records, responses and fit; arrays of a file lie elsewhere in memory, which moves the last bit."""
     names = {"folder": folder}
     exec(SCRIPT, names)
@@ -57,7 +57,7 @@ def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder):
         result["k_9"]
 
 
-def test_wrong_keys_are_named(folder):
+def test_wrong_keys_are_named(folder: Path) -> None:
     robot = elastid.read_robot(folder / "robot.yml")
     with refused("study/invalid", holds=("recorded.chanels", "channels")):
         elastid.read_records(robot, configurations={"bench": [0]}, rate_hz=1000, chanels=[], channels=[], files=[])

@@ -44,7 +44,7 @@ def result(measured) -> Result:
     return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))
 
 
-def test_every_public_name_is_listed_and_there():
+def test_every_public_name_is_listed_and_there() -> None:
     """Before any of them is used, and without loading what they need."""
     code = "import sys, elastid; dir(elastid); print(*{'numpy', 'casadi', 'scipy', 'matplotlib'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
@@ -52,7 +52,7 @@ def test_every_public_name_is_listed_and_there():
         _ = elastid.fitt
 
 
-def test_values_show_themselves_in_a_few_lines(measured, result):
+def test_values_show_themselves_in_a_few_lines(measured, result) -> None:
     """Text for a prompt and a table for a notebook, with the numbers that one asks for first."""
     study = load_study(str(CONFIGS / "linkage_arm.yml"))
     model = result.model("c1")
@@ -76,7 +76,7 @@ def test_values_show_themselves_in_a_few_lines(measured, result):
     assert "motor &lt;1&gt;" in strange._repr_html_()
 
 
-def test_a_response_without_covariance_says_that_its_noise_is_unknown(measured, result):
+def test_a_response_without_covariance_says_that_its_noise_is_unknown(measured, result) -> None:
     """In the response, and in message, status and table of its fit, whose intervals come from the residuals."""
     bare = [replace(G, noise=None, total=None) for G in measured]
     assert "its noise is unknown" in repr(bare[0])
@@ -88,7 +88,7 @@ def test_a_response_without_covariance_says_that_its_noise_is_unknown(measured, 
 
 
 @pytest.mark.slow
-def test_figures_are_drawn_of_values(measured, result):
+def test_figures_are_drawn_of_values(measured, result) -> None:
     """Bode with the model dense and its band, parameters, friction curve; a notebook shows each as a picture."""
     model = result.model("c1")
     figure = elastid.plot.bode(measured[0], model)
@@ -102,13 +102,13 @@ def test_figures_are_drawn_of_values(measured, result):
     assert elastid.plot.parameters(fit_result(), TRUTH)._repr_png_().startswith(b"\x89PNG")
 
 
-def test_a_figure_of_a_notebook_has_the_style_of_the_page():
+def test_a_figure_of_a_notebook_has_the_style_of_the_page() -> None:
     picture = elastid.plot.friction_curve(friction_result(), "elbow")._repr_png_()
     with rc_context({"font.size": 22, "axes.facecolor": "black", "figure.dpi": 40, "savefig.transparent": True}):
         assert elastid.plot.friction_curve(friction_result(), "elbow")._repr_png_() == picture
 
 
-def test_figures_refuse_what_does_not_belong_together(measured, result):
+def test_figures_refuse_what_does_not_belong_together(measured, result) -> None:
     """A model of other places, a joint that was not identified: the message has the names there are."""
     other = replace(measured[0], inputs=("motor 1", "motor 7"))
     with pytest.raises(
@@ -120,7 +120,7 @@ def test_figures_refuse_what_does_not_belong_together(measured, result):
 
 
 @pytest.mark.slow
-def test_responses_and_models_go_to_python_control_and_back(measured, result):
+def test_responses_and_models_go_to_python_control_and_back(measured, result) -> None:
     """To rounding, with the names of their channels; a response from there has no noise."""
     back = elastid.Response.from_control(measured[0].to_control(), measured[0].configuration)
     np.testing.assert_allclose(back.freq_hz, measured[0].freq_hz, rtol=1e-14)
@@ -134,7 +134,7 @@ def test_responses_and_models_go_to_python_control_and_back(measured, result):
 
 
 @pytest.mark.slow
-def test_responses_and_results_become_labelled_tables(measured, result):
+def test_responses_and_results_become_labelled_tables(measured, result) -> None:
     """xarray by frequency and channel, pandas by parameter; a held number has neither std nor interval."""
     labelled = measured[0].to_xarray()
     one = labelled.G.sel(output="motor 2", input="motor 1", freq_hz=measured[0].freq_hz[7])
@@ -147,14 +147,14 @@ def test_responses_and_results_become_labelled_tables(measured, result):
     assert table[table.free]["std"].notna().all()
 
 
-def test_a_package_that_is_missing_says_how_to_install_it(measured, monkeypatch):
+def test_a_package_that_is_missing_says_how_to_install_it(measured, monkeypatch) -> None:
     """xarray and pandas are extras."""
     monkeypatch.setitem(sys.modules, "xarray", None)
     with refused("install/missing-package", holds="xarray"):
         measured[0].to_xarray()
 
 
-def test_every_public_function_takes_a_path_as_text(tmp_path, result):
+def test_every_public_function_takes_a_path_as_text(tmp_path, result) -> None:
     """By its signature, and where it counts: what is written under a text is read under it."""
     functions = [value for value in (getattr(elastid, name) for name in elastid.__all__) if inspect.isfunction(value)]
     paths = [p.annotation for f in functions for p in inspect.signature(f).parameters.values() if "Path" in str(p)]
@@ -165,7 +165,7 @@ def test_every_public_function_takes_a_path_as_text(tmp_path, result):
     assert load_robot(f"{CONFIGS}/robots/linkage_arm.yml").name == "linkage arm"
 
 
-def test_a_mistake_is_answered_with_what_there_is_or_what_gives_the_right_one(measured, result, tmp_path):
+def test_a_mistake_is_answered_with_what_there_is_or_what_gives_the_right_one(measured, result, tmp_path) -> None:
     """No index of a tuple, no shape inside CasADi, no attribute of an inner value; and no file is begun."""
     model, response, system = serial(arm()), measured[0], result.model("c1").to_control()
     home = elastid.Configuration("home", np.zeros(2))
@@ -193,7 +193,7 @@ def test_a_mistake_is_answered_with_what_there_is_or_what_gives_the_right_one(me
     assert not list(tmp_path.iterdir())
 
 
-def test_frequencies_are_numbers_in_a_row(result):
+def test_frequencies_are_numbers_in_a_row(result) -> None:
     """One or several; what is no such thing is refused before anything is computed."""
     model = result.model("c1")
     assert model.response(10.0).G.shape == (1, 2, 2)
@@ -205,7 +205,7 @@ def test_frequencies_are_numbers_in_a_row(result):
         model.to_control(pade=-1)
 
 
-def test_sections_made_in_python_refuse_words_that_are_no_choice(measured):
+def test_sections_made_in_python_refuse_words_that_are_no_choice(measured) -> None:
     """As a study does: no misspelt word is taken for a default, no number of another unit, no list for names."""
     assert elastid.Spring(stiffness="3 kN*m/rad") == elastid.Spring(stiffness=3000.0)
     for make, says in (
@@ -222,7 +222,7 @@ def test_sections_made_in_python_refuse_words_that_are_no_choice(measured):
         identify(measured, arm(), asked)
 
 
-def test_sections_made_in_python_take_lists_and_arrays_for_tuples():
+def test_sections_made_in_python_take_lists_and_arrays_for_tuples() -> None:
     """A robot of lists is that of tuples: it is equal, and has a hash, by which its equations are kept."""
     numbers = {"joints": arm().bodies[0].joints, "center_of_mass": (0.1, 0.0, 0.2), "inertia": (3.0, 2.0, 2.0)}
     tuples, lists = (elastid.Body("link", **{n: make(x) for n, x in numbers.items()}) for make in (tuple, list))
@@ -233,7 +233,7 @@ def test_sections_made_in_python_take_lists_and_arrays_for_tuples():
     assert hash(elastid.Robot("arm", [lists])) == hash(elastid.Robot("arm", (tuples,)))
 
 
-def test_records_of_two_configurations_make_no_response(tmp_path):
+def test_records_of_two_configurations_make_no_response(tmp_path) -> None:
     """They would be averaged into one of neither; records are read by their configuration."""
     one = steady_record()
     other = replace(one, name="other", configuration=elastid.Configuration("other", one.configuration.angles + 0.5))

@@ -30,13 +30,13 @@ def record(n: int = 100, period: int = 50, **changes: object) -> Record:
         ({"is_periodic": False}, "must be its length, 100 samples"),
     ],
 )
-def test_a_record_refuses_what_disagrees(changes, says):
+def test_a_record_refuses_what_disagrees(changes: dict[str, object], says: str) -> None:
     """Too short, or shapes that do not fit the names."""
     with pytest.raises(ValueError, match=says):
         record(**changes)
 
 
-def test_a_held_torque_acts_half_a_sample_late_and_weaker_by_a_sinc():
+def test_a_held_torque_acts_half_a_sample_late_and_weaker_by_a_sinc() -> None:
     """At a tenth of the rate: 18 degrees late, 1.6 % weaker; the DFT of a held cosine over many samples agrees."""
     H = record(hold="zero-order").hold_response(np.array([100.0]))[0, 0]
     assert np.degrees(np.angle(H)) == pytest.approx(-18)

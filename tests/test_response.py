@@ -12,7 +12,7 @@ from elastid.response import Covariance, Response, in_quantity
 HOME = Configuration("home", np.zeros(1))
 
 
-def test_the_kronecker_covariance_is_that_of_the_column_stacked_response():
+def test_the_kronecker_covariance_is_that_of_the_column_stacked_response() -> None:
     """full() of left (x) right equals the sample covariance of vec(R A L^T), column-major."""
     rng = np.random.default_rng(1)
     left_root = rng.normal(size=(2, 2)) + 1j * rng.normal(size=(2, 2))
@@ -35,13 +35,13 @@ def test_the_kronecker_covariance_is_that_of_the_column_stacked_response():
         (np.array([1.0, 2.0]), np.ones((2, 2, 1)), r"expected \(F, n_y, n_u\)"),
     ],
 )
-def test_a_response_refuses_what_is_not_one(freq_hz, G, says):
+def test_a_response_refuses_what_is_not_one(freq_hz: np.ndarray, G: np.ndarray, says: str) -> None:
     """Frequencies that do not increase, NaN, a wrong shape."""
     with pytest.raises(ValueError, match=says):
         Response(freq_hz, G, ("motor 1",), ("motor 1",), "acceleration", HOME)
 
 
-def test_another_quantity_scales_the_response_and_its_variance():
+def test_another_quantity_scales_the_response_and_its_variance() -> None:
     """By (j omega)^k and omega^2k; there and back is the response itself."""
     G, places = np.array([[[2.0 + 1j]]]), ("motor 1",)
     response = Response(np.array([3.0]), G, places, places, "position", HOME, Covariance(np.ones((1, 1, 1)), 4.0))
@@ -56,12 +56,12 @@ def test_another_quantity_scales_the_response_and_its_variance():
     np.testing.assert_allclose(in_quantity(acceleration, "position").G, G)
 
 
-def test_places_choose_elements_and_their_covariance():
+def test_places_choose_elements_and_their_covariance() -> None:
     """Outputs first, as python-control indexes; every form of the covariance is cut as its full matrix is."""
     rng = np.random.default_rng(3)
     F, n_y, n_u = 4, 3, 2
 
-    def positive(n):
+    def positive(n: int) -> np.ndarray:
         root = rng.normal(size=(F, n, n)) + 1j * rng.normal(size=(F, n, n))
         return root @ root.conj().transpose(0, 2, 1)
 

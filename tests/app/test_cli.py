@@ -167,7 +167,7 @@ def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(t
 def test_a_full_disk_is_one_sentence(tiny, here, monkeypatch, capsys):
     """Nothing half-written stays."""
 
-    def full(*_):
+    def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "runs/tiny/frf.h5")
 
     monkeypatch.setattr("elastid.app.stages.estimate.write_responses", full)
@@ -255,7 +255,7 @@ runpy.run_module("elastid", run_name="__main__")
 def test_ctrl_c_is_raised_again_where_it_was_swallowed():
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
 
-    def swallowing():
+    def swallowing() -> None:
         with insisting() as pressed:
             with contextlib.suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
@@ -271,7 +271,7 @@ def test_ctrl_c_is_raised_again_where_it_was_swallowed():
 def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(tiny, here, monkeypatch, capsys):
     """CasADi makes a RuntimeError of it, or returns None where an array was expected."""
 
-    def disguised(*_):
+    def disguised(*_: object) -> None:
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt:

@@ -147,7 +147,7 @@ def drafted(case: Case, folder: Path) -> None:
 def test_new_writes_studies_that_check_accepts(examples, tmp_path_factory):
     @settings(max_examples=examples, deadline=None)
     @given(case=CASES)
-    def every(case):
+    def every(case: Case) -> None:
         drafted(case, tmp_path_factory.mktemp("logs"))
 
     every()

@@ -36,7 +36,7 @@ experiment:
 def study_of(tmp_path_factory) -> Callable[..., Path]:
     """The study of a log of a rigid axis with J = 6 kg*m^2, f = 20 N*m*s/rad and a Coulomb friction."""
 
-    def made(name, seed, coulomb):
+    def made(name: str, seed: int, coulomb: float) -> Path:
         folder = tmp_path_factory.mktemp(name)
         rng, t = np.random.default_rng(seed), np.arange(32000) * 5e-4
         waves = zip(rng.uniform(0.1, 1.5, 5), rng.uniform(0, 2 * np.pi, 5), rng.uniform(0.1, 0.4, 5), strict=True)

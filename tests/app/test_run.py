@@ -3,9 +3,11 @@
 import os
 import re
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from elastid.app.stages import measure as measuring
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Record
+from elastid.response import Response
 from elastid.store.artefacts import read_stamp
 from elastid.store.plan import read_plan
 from elastid.store.results import read_fit
@@ -42,8 +45,8 @@ def worked_on(monkeypatch) -> list[str]:
     done = []
     names = {stage.function: name for name, stage in stages_of(SIMULATED).items()}
 
-    def written_down(text):
-        def stage(*_):
+    def written_down(text: str) -> Callable[..., object]:
+        def stage(*_: object) -> Artefacts:
             done.append(names[text])
             return Artefacts({})
 
@@ -210,7 +213,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch
     seen = []
     inner = fitting.identified
 
-    def spy(responses, *arguments, **options):
+    def spy(responses: list[Response], *arguments: Any, **options: Any) -> Any:
         seen.extend(response.configuration.name for response in responses)
         return inner(responses, *arguments, **options)
 
@@ -238,10 +241,10 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy):
 
 
 @pytest.fixture
-def never_converging(monkeypatch):
+def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
     inner = fitting.identified
 
-    def give_up(*arguments, **options):
+    def give_up(*arguments: Any, **options: Any) -> Any:
         result, effects = inner(*arguments, **options)
         return replace(result, status="not_converged"), effects
 

@@ -29,7 +29,7 @@ def studies(tmp_path_factory) -> dict[str, LoadedStudy]:
 
 
 @pytest.fixture(autouse=True)
-def same_code(monkeypatch):
+def same_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Thousands of stamps without reading the package each time."""
     monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
 

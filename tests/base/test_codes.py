@@ -17,7 +17,7 @@ PACKAGE = Path(elastid.__file__).parent
 CODED = {"ElastidError", "StudyError", "DataError", "FitError", "MisfitError", "Note"}
 
 
-def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and_explained():
+def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and_explained() -> None:
     constants = set()
     for file in sorted(PACKAGE.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
@@ -33,7 +33,7 @@ def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and
         assert explain(code).splitlines()[1:] == [f"  {meaning}", f"  {remedy}"]
 
 
-def test_every_code_has_one_exit_code():
+def test_every_code_has_one_exit_code() -> None:
     """A program that reads the code knows how the command ended."""
     exit_codes = {}
     for file in PACKAGE.rglob("*.py"):
@@ -46,13 +46,13 @@ def test_every_code_has_one_exit_code():
     assert {code for code, each in exit_codes.items() if len(each) > 1} == set()
 
 
-def test_an_unknown_code_is_refused_with_the_nearest():
+def test_an_unknown_code_is_refused_with_the_nearest() -> None:
     with refused("study/unknown-key", holds="records/clock"):
         explain("records/clok")
 
 
 @pytest.mark.parametrize(("old", "new"), renamed_names().items())
-def test_explain_answers_an_old_name_with_one_that_exists(old, new):
+def test_explain_answers_an_old_name_with_one_that_exists(old: str, new: str) -> None:
     if not {".", "/"} & set(old):
         return
     with refused("study/unknown-key", holds=new):
@@ -61,13 +61,13 @@ def test_explain_answers_an_old_name_with_one_that_exists(old, new):
 
 
 @pytest.mark.parametrize("override", ["fit.weights.floor=0.1", "friction.passes=detect", "tool={motors: held}"])
-def test_a_study_with_an_old_name_is_told_the_new_one(override, tmp_path):
+def test_a_study_with_an_old_name_is_told_the_new_one(override: str, tmp_path: Path) -> None:
     assert cli.run_command(["new", str(tmp_path / "arm")]) == 0
     with refused("study/invalid", holds="renamed to "):
         load(tmp_path / "arm" / "study.yml", (override,))
 
 
 @pytest.mark.parametrize("words", ["run x levels", "loops x --draws 2"])
-def test_an_old_word_on_the_command_line_is_told_the_new_one(words, capsys):
+def test_an_old_word_on_the_command_line_is_told_the_new_one(words: str, capsys) -> None:
     assert cli.run_command(words.split()) == 2
     assert "renamed to" in capsys.readouterr().err

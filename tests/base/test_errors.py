@@ -3,7 +3,7 @@
 from elastid.base.errors import Note, grouped
 
 
-def test_notes_that_differ_in_their_numbers_are_grouped_by_place():
+def test_notes_that_differ_in_their_numbers_are_grouped_by_place() -> None:
     """Up to three places are named; of more the first, with a count."""
     three = [Note("late-log", f"{i} samples late", f"log {i}") for i in range(3)]
     (group,) = grouped([*three, three[0]])

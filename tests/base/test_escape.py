@@ -19,7 +19,7 @@ CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b\u2028\u2029\u202a-\u20
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_a_text_stays_in_its_place(text):
+def test_a_text_stays_in_its_place(text: str) -> None:
     assert not CONTROLS.search(escape.printable(text))
     assert escape.one_line(text).isprintable()
     comment = escape.c_comment([text, f"{text}*", text])
@@ -36,14 +36,14 @@ def test_a_text_stays_in_its_place(text):
     assert Path(escape.file_name(f"{text}x")).name == escape.file_name(f"{text}x")
 
 
-def test_identifiers_differ():
+def test_identifiers_differ() -> None:
     identifiers = escape.c_identifiers(TEXTS).values()
     assert len({name.lower() for name in identifiers}) == len(identifiers)
     assert all(re.fullmatch(r"joint(_[a-zA-Z0-9]+)*", each) for each in identifiers)
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_a_prompt_and_a_notebook_show_a_text_and_nothing_else(text):
+def test_a_prompt_and_a_notebook_show_a_text_and_nothing_else(text: str) -> None:
     display = Display(f"Robot {text}", ("name",), [(text,)])
     assert not CONTROLS.search(display.text)
     assert not CONTROLS.search(display.html)

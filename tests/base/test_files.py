@@ -22,7 +22,7 @@ def elsewhere(tmp_path) -> Path:
     return folder
 
 
-def test_a_link_on_the_way_is_refused_at_every_depth(tmp_path, elsewhere):
+def test_a_link_on_the_way_is_refused_at_every_depth(tmp_path: Path, elsewhere: Path) -> None:
     run = tmp_path / "run"
     path_below(run, "export", "c").mkdir(parents=True)
     (run / "export" / "robot").symlink_to(elsewhere, target_is_directory=True)
@@ -36,7 +36,7 @@ def test_a_link_on_the_way_is_refused_at_every_depth(tmp_path, elsewhere):
     assert not (tmp_path / "not there yet").exists()
 
 
-def test_the_run_folder_itself_may_be_a_link(tmp_path, elsewhere):
+def test_the_run_folder_itself_may_be_a_link(tmp_path: Path, elsewhere: Path) -> None:
     """Its user has named it."""
     run = tmp_path / "run"
     run.symlink_to(elsewhere, target_is_directory=True)
@@ -46,7 +46,7 @@ def test_the_run_folder_itself_may_be_a_link(tmp_path, elsewhere):
 
 
 @pytest.mark.parametrize("mode", ["w", "a", "x", "a+b", "r"])
-def test_a_file_that_is_a_link_is_not_opened(mode, tmp_path, elsewhere):
+def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewhere: Path) -> None:
     """One to a file that is not there yet would be made there."""
     link, dangling = tmp_path / "link", tmp_path / "dangling"
     link.symlink_to(elsewhere / "victim")
@@ -72,7 +72,7 @@ def written(row: list[str]) -> str:
 @given(
     ROW.filter(lambda row: len(set(row)) == 3), strategies.lists(ROW | strategies.sampled_from(["", "# a, b", ",,"]))
 )
-def test_a_table_has_its_cells_with_their_lines(heads, rows):
+def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[list[str] | str]) -> None:
     """As the writer of the library of Python writes them, without empty rows and remarks; short rows are refused."""
     lines = [row if isinstance(row, str) else written(row) for row in (heads, *rows)]
     expected = [(n, dict(zip(heads, row, strict=True))) for n, row in enumerate(rows, start=2) if isinstance(row, list)]
@@ -87,12 +87,14 @@ def test_a_table_has_its_cells_with_their_lines(heads, rows):
 
 
 @pytest.mark.parametrize("refusals", [0, 1, len(RENAME_PAUSES_S), len(RENAME_PAUSES_S) + 1])
-def test_a_refused_renaming_is_tried_again_for_two_seconds(refusals, tmp_path, monkeypatch):
+def test_a_refused_renaming_is_tried_again_for_two_seconds(
+    refusals: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As Windows refuses it while a scanner reads; afterwards the file is new and whole, or as before."""
     path, pauses, rename = tmp_path / "fit.h5", [], Path.replace
     path.write_bytes(b"before")
 
-    def refusing(source, target):
+    def refusing(source: Path, target: Path) -> Path:
         if len(pauses) < refusals:
             raise PermissionError(13, "in use", str(source))
         return rename(source, target)

@@ -1,5 +1,7 @@
 """A name is one line of printable characters wherever it is given, and stands for itself before it is a pattern."""
 
+from pathlib import Path
+
 import pytest
 from plants.hostile_names import REFUSED
 from plants.refusals import refused
@@ -23,14 +25,14 @@ def robot_called(joint: str, body: str = "arm") -> Robot:
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_anything_else_is_refused_in_python(name):
+def test_anything_else_is_refused_in_python(name: str) -> None:
     for make in (robot_called, lambda text: robot_called("1", text), lambda text: Frame(text, "arm")):
         with pytest.raises(ValueError, match=r"name: the name "):
             make(name)
 
 
 @pytest.mark.parametrize("name", ["&#10;", "&#9;", " x", "", "a@b", "&#x202e;"])
-def test_it_is_refused_with_its_line_in_a_urdf(tmp_path, name):
+def test_it_is_refused_with_its_line_in_a_urdf(tmp_path: Path, name: str) -> None:
     (tmp_path / "r.urdf").write_text(URDF.format(joint=name), encoding="utf-8")
     (tmp_path / "r.yml").write_text("urdf: r.urdf\njoints: {'1': {motor: {inertia: 1, ratio: 1}}}\n", encoding="utf-8")
     with refused("robot/file"):
@@ -38,7 +40,7 @@ def test_it_is_refused_with_its_line_in_a_urdf(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", [*REFUSED[:3], "../x", "a/b", "C:\\x", "CON", "x.", ".x", "é" * 101, "轴" * 70])
-def test_what_no_folder_can_be_called_is_refused(tiny, name):
+def test_what_no_folder_can_be_called_is_refused(tiny: Path, name: str) -> None:
     with pytest.raises(ValueError, match="name"):
         NameRule(is_file=True).check(name)
     tiny.write_text(tiny.read_text().replace("    a: [0]", f"    {quoted(name)}: [0]"), encoding="utf-8")
@@ -55,6 +57,6 @@ def test_what_no_folder_can_be_called_is_refused(tiny, name):
         "robot.frames=[{name: t, body: load}, {name: T, body: load}]",
     ],
 )
-def test_names_of_one_list_differ_in_more_than_case(tiny, option):
+def test_names_of_one_list_differ_in_more_than_case(tiny: Path, option: str) -> None:
     with refused("study/invalid"):
         load(tiny, [option])

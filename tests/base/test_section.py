@@ -20,11 +20,11 @@ class Sample:
 @pytest.mark.parametrize(
     "given", [{"time": 0.0}, {"time": float("nan")}, {"shares": (0.5, -0.1)}, {"count": 1}, {"band": (0.5, 0.5)}]
 )
-def test_a_number_out_of_its_bounds_is_named(given):
+def test_a_number_out_of_its_bounds_is_named(given: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=f"^{next(iter(given))}: "):
         replace(Sample(), **given)
 
 
-def test_the_first_number_is_named_where_it_is_given_without_its_name():
+def test_the_first_number_is_named_where_it_is_given_without_its_name() -> None:
     with pytest.raises(ValueError, match=r"^time: "):
         Sample(-1.0)

@@ -9,7 +9,7 @@ from hypothesis import given, strategies
 from elastid.base.statistics import f_test, interpolated, mean_of_neighbours, propagate, runs
 
 
-def test_the_f_test_rejects_a_column_without_effect_as_often_as_it_says():
+def test_the_f_test_rejects_a_column_without_effect_as_often_as_it_says() -> None:
     """Of 4000 regressions on noise 5 % have a p-value below 0.05."""
     rng = np.random.default_rng(0)
     J, y = rng.standard_normal((30, 3)), rng.standard_normal((30, 4000))
@@ -18,7 +18,7 @@ def test_the_f_test_rejects_a_column_without_effect_as_often_as_it_says():
     assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.012)
 
 
-def test_slopes_suffice_for_a_nearly_linear_function_and_draws_serve_another():
+def test_slopes_suffice_for_a_nearly_linear_function_and_draws_serve_another() -> None:
     """exp(x) with std 0.01 against std 1, whose own std is known: e^(1/2) (e - 1)^(1/2)."""
     x = np.zeros(1)
     narrow = propagate(np.exp, x, np.array([[1e-4]]))
@@ -29,17 +29,17 @@ def test_slopes_suffice_for_a_nearly_linear_function_and_draws_serve_another():
     assert 1.3 < wide.std[0] < 4.0
 
 
-def test_what_depends_on_a_number_that_nothing_constrains_is_unknown():
+def test_what_depends_on_a_number_that_nothing_constrains_is_unknown() -> None:
     spread = propagate(lambda x: np.array([x[0], x[1]]), np.ones(2), np.diag([0.04, np.inf]))
     np.testing.assert_allclose(spread.std, [0.2, np.inf])
 
 
-def test_bands_hold_so_often_as_they_say():
+def test_bands_hold_so_often_as_they_say() -> None:
     """Pointwise at each line, simultaneous at all of them, of errors that draws of x make."""
     rng, lines = np.random.default_rng(1), np.linspace(0, 1, 30)
     waves = np.array([np.exp(2j * np.pi * k * lines) for k in range(1, 6)])
 
-    def response(x):
+    def response(x: np.ndarray) -> np.ndarray:
         return (x @ waves)[:, None, None]
 
     spread = propagate(response, np.zeros(5), np.eye(5))
@@ -50,7 +50,7 @@ def test_bands_hold_so_often_as_they_say():
 
 
 @given(strategies.integers(0, 2**32 - 1), strategies.integers(2, 20), strategies.integers(0, 4))
-def test_runs_means_and_values_between_lines_are_those_of_their_definitions(seed, n, half):
+def test_runs_means_and_values_between_lines_are_those_of_their_definitions(seed: int, n: int, half: int) -> None:
     rng = np.random.default_rng(seed)
     flags, x = rng.random(n) < 0.6, rng.standard_normal((n, 3)) + 1j * rng.standard_normal((n, 3))
     spans = [match.span() for match in re.finditer("x+", "".join(" x"[flag] for flag in flags.astype(int)))]

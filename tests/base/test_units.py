@@ -10,7 +10,7 @@ from elastid.base.units import TABLE, dimension_and_size, to_si, units_of, usual
 
 
 @given(st.sampled_from(sorted(TABLE)), st.floats(-1e6, 1e6))
-def test_a_text_with_a_unit_equals_number_times_factor(unit, number):
+def test_a_text_with_a_unit_equals_number_times_factor(unit: str, number: float) -> None:
     """'<number> <unit>' reads as number * factor in SI for every unit of the table."""
     dimension, scale = TABLE[unit]
     assert to_si(f"{number!r} {unit}", dimension) == pytest.approx(number * scale, rel=1e-12, abs=1e-300)
@@ -28,7 +28,7 @@ def test_a_text_with_a_unit_equals_number_times_factor(unit, number):
         ([1], "m", "expected a number"),
     ],
 )
-def test_what_is_not_a_quantity_is_refused_with_what_would_fit(value, dimension, says):
+def test_what_is_not_a_quantity_is_refused_with_what_would_fit(value: object, dimension: str, says: str) -> None:
     """A wrong dimension, an unknown unit, a text, NaN: each message says what is expected."""
     with pytest.raises(ValueError, match=says.replace("*", r"\*")):
         to_si(value, dimension)
@@ -42,7 +42,7 @@ def test_what_is_not_a_quantity_is_refused_with_what_would_fit(value, dimension,
         ("N·m", "N*m"), ("°C", "degC"), ("Nm/°", "N*m/deg"),
     ],
 )  # fmt: skip
-def test_units_are_read_as_logs_and_data_sheets_spell_them(spelt, usual):
+def test_units_are_read_as_logs_and_data_sheets_spell_them(spelt: str, usual: str) -> None:
     """With the factor of the usual spelling, the one that messages list."""
     assert dimension_and_size(spelt) == TABLE[usual]
     assert usual_spelling(spelt) == usual

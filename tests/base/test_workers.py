@@ -33,7 +33,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no groups of processes")
-def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path):
+def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path: Path):
     """The process that they are copies of shows no traceback of its own, and works on."""
     (tmp_path / "script.py").write_text(LOADING)
     command = [sys.executable, str(tmp_path / "script.py")]
@@ -42,10 +42,10 @@ def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path):
 
 
 @pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_while_a_worker_starts_leaves_none_behind(monkeypatch):
+def test_ctrl_c_while_a_worker_starts_leaves_none_behind(monkeypatch: pytest.MonkeyPatch):
     start, started = BaseProcess.start, []
 
-    def pressed(process):
+    def pressed(process: BaseProcess):
         if not started:
             signal.raise_signal(signal.SIGINT)
             time.sleep(0.1)
@@ -92,7 +92,7 @@ def unsendable(item: int) -> object:
 
 
 @pytest.mark.parametrize(("item", "said"), [(1, "Unsendable"), (2, "pickle|local object"), (4, "holds what does not")])
-def test_an_error_or_value_that_does_not_pickle_is_told(item, said):
+def test_an_error_or_value_that_does_not_pickle_is_told(item: int, said: str):
     """And not waited for."""
     with pytest.raises(Exception, match=said):
         Execution(2).ordered(unsendable, [0, item, 3])
@@ -132,7 +132,7 @@ def wait_for_end(processes: Iterable[int]) -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="asks for processes as POSIX does")
-def test_lasting_workers_stay_for_the_next_work_and_no_longer(tmp_path):
+def test_lasting_workers_stay_for_the_next_work_and_no_longer(tmp_path: Path):
     """One that is killed between two works is replaced, and no work is lost by that."""
     with persistent_workers():
         first = two_processes(tmp_path / "first")
@@ -149,7 +149,7 @@ def test_lasting_workers_stay_for_the_next_work_and_no_longer(tmp_path):
     wait_for_end(first | last)
 
 
-def test_workers_start_anew_where_there_is_no_process_to_copy(monkeypatch):
+def test_workers_start_anew_where_there_is_no_process_to_copy(monkeypatch: pytest.MonkeyPatch):
     """As on Windows: the same values."""
     monkeypatch.setattr(workers, "get_all_start_methods", lambda: ["spawn"])
     assert workers.start_method() == "spawn"

@@ -60,7 +60,9 @@ def makes(tmp_path_factory) -> ModuleType:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("make", MAKES)
-def test_logs_of_a_make_give_stiffness_delay_and_friction(make, makes, tmp_path, monkeypatch):
+def test_logs_of_a_make_give_stiffness_delay_and_friction(
+    make: str, makes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """From a model with default tolerances, by at most ten edited lines: k to 3 std and 2 %, Coulomb torque to 5 %."""
     path, late, limit, of_stiffness = MAKES[make]
     robot = re.sub(r"acceleration: \d+, ", "", import_module("arm").robot())
@@ -132,7 +134,7 @@ def references(rng: np.random.Generator, rate: int) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [1000, 250])
-def test_references_alone_give_stiffness_damping_and_delay(rate, makes, tmp_path):
+def test_references_alone_give_stiffness_damping_and_delay(rate: int, makes: ModuleType, tmp_path: Path) -> None:
     """Without a torque, at 250 Hz with images of the references: four springs to 1 %, dampings to 5 %, delay to 0.1 ms.
 
     The integral of the rig contains the error of its own sample, and its two sampled lags are 112 us less late than the

@@ -77,7 +77,7 @@ QUOTED = re.compile(r"(?<!`)`([A-Za-z_]\w*)(?:\(\))?`(?!`)")
 
 
 @pytest.mark.slow
-def test_names_in_docstrings_exist():
+def test_names_in_docstrings_exist() -> None:
     """In the code of the module, among definitions of the package, modules beside it, rooms, keys or builtins."""
     codes = {path: re.sub(r'"""(?:.|\n)*?"""', "", path.read_text(encoding="utf-8")) for path in MODULES}
     texts = (*(key.path for key in list_keys()), *dir(builtins), *dir(object), *map(str, MODULES[0].parent.iterdir()))

@@ -114,7 +114,7 @@ def written(folder: Path, rough: bool, seed: int = 1, **replacing: str) -> Path:
     return folder / "study.yml"
 
 
-def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path):
+def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None:
     """4 N across the slide is read; N*m there, N at a motor, m/s of a motor's friction are refused where they stand."""
     robot = load(written(tmp_path, rough=True)).study.robot
     assert robot.joints[1].friction.coulomb == 4.0
@@ -141,7 +141,7 @@ def stage(path: Path, *names: str) -> tuple[Run, dict]:
     ("rough", "seeds"), [pytest.param(False, (1,), id="smooth"), pytest.param(True, (1, 2, 3), id="friction")]
 )
 @pytest.mark.slow
-def test_known_values_come_back_within_their_intervals(tmp_path, rough, seeds):
+def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bool, seeds: tuple[int, ...]) -> None:
     """Several seeds, everything in one study, end to end: |error| / std of all as normal numbers would have it."""
     off = []
     for seed in seeds:
@@ -161,7 +161,7 @@ def test_known_values_come_back_within_their_intervals(tmp_path, rough, seeds):
     assert np.abs(off).max() < 5
 
 
-def test_candidates_of_a_slide_need_its_ends():
+def test_candidates_of_a_slide_need_its_ends() -> None:
     """A joint that turns may be drawn from a whole turn; metres have no such default."""
     slide = Joint("x", "x", motor=Motor(1.0), motion="translation")
     with refused("design/candidates", place="design.candidates"):

@@ -14,7 +14,7 @@ RIG = Path(__file__).parents[3] / "shared" / "rigs" / "two_axis_arm.py"
 @pytest.mark.slow
 @pytest.mark.skipif(not RIG.is_file(), reason="the simulator ../shared/rigs/two_axis_arm.py is not there")
 @pytest.mark.filterwarnings("default")
-def test_five_damaged_samples_a_channel_change_no_result(tmp_path, monkeypatch):
+def test_five_damaged_samples_a_channel_change_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Missing, zero and spikes: stiffness, damping, friction within 0.3 std, stated at most 1.2 times as wide."""
     monkeypatch.syspath_prepend(str(RIG.parent))
     rig, rng, results = import_module(RIG.stem), np.random.default_rng(0), {}

@@ -53,7 +53,7 @@ def number_of(result: FrictionResult, name: str) -> tuple[float, float]:
 
 
 @pytest.mark.slow
-def test_multisines_and_passes_tell_the_same_coulomb_friction(passes):
+def test_multisines_and_passes_tell_the_same_coulomb_friction(passes: FrictionResult) -> None:
     """At both motors, each within its interval of the truth, and of each other."""
     configurations, lines = measured()
     taken = identify_motor_friction(configurations, AUTO, lines)
@@ -68,7 +68,7 @@ def test_multisines_and_passes_tell_the_same_coulomb_friction(passes):
 
 
 @pytest.mark.slow
-def test_identified_friction_put_back_is_found_by_an_elastic_study(passes):
+def test_identified_friction_put_back_is_found_by_an_elastic_study(passes: FrictionResult) -> None:
     """Its records show the F_c of passes, and its fit finds their viscous friction beside the springs."""
     machine = robot((0.0, 0.0))
     put = {f"fm_{joint}": number_of(passes, f"f_m{joint}")[0] / n**2 for joint, n in zip("12", RATIO, strict=True)}

@@ -39,7 +39,7 @@ def messages() -> tuple[tuple[str, str], ...]:
     return tuple(found)
 
 
-def test_commands_and_options_that_messages_name_exist():
+def test_commands_and_options_that_messages_name_exist() -> None:
     commands = {word for _, text in messages() for word in re.findall(r"`elastid ([a-z]+)\b", text)}
     assert len(commands) > 5
     assert commands <= {*COMMANDS}
@@ -49,7 +49,7 @@ def test_commands_and_options_that_messages_name_exist():
     assert {option for _, option in options - compilers} <= OPTIONS | OTHERS
 
 
-def test_keys_that_messages_name_exist():
+def test_keys_that_messages_name_exist() -> None:
     """Dotted paths that begin with a section of a study; patterns, names and numbers in them stand for any."""
     paths = [re.sub(r"\[\]|\.?<[^>]*>", "", key.path) for key in list_keys()]
     sections = {path.partition(".")[0] for path in paths if "." in path}

@@ -23,7 +23,7 @@ def run(script: str, folder: Path, *words: str) -> str:
 
 @pytest.mark.slow
 @pytest.mark.oracle("mujoco")
-def test_records_entry_and_score(tmp_path):
+def test_records_entry_and_score(tmp_path: Path) -> None:
     """Two stiff gears: SciPy is within 1 % of k; guesses of the data sheet are 20 % off and move the tool otherwise."""
     run("make.py", tmp_path, "--robots", "stiff_gears")
     run("by_scipy.py", tmp_path)
@@ -38,7 +38,7 @@ def test_records_entry_and_score(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.oracle("mujoco")
-def test_same_seed_same_bytes_and_a_secret_word_changes_them(tmp_path):
+def test_same_seed_same_bytes_and_a_secret_word_changes_them(tmp_path: Path) -> None:
     files = []
     for name, words in (("first", ()), ("second", ()), ("secret", ("--secret", "word"))):
         run("make.py", tmp_path / name, "--robots", "commands_alone", *words)
@@ -48,7 +48,7 @@ def test_same_seed_same_bytes_and_a_secret_word_changes_them(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.oracle("mujoco")
-def test_torques_that_are_late_by_a_part_of_a_cycle(tmp_path):
+def test_torques_that_are_late_by_a_part_of_a_cycle(tmp_path: Path) -> None:
     """Three axes, references without feedforward: `check` accepts the logs, k within 2 %, five intervals of six."""
     run("make.py", tmp_path, "--robots", "late_torque", "--seed", "2")
     run("by_elastid.py", tmp_path, "--seed", "2")
@@ -61,7 +61,7 @@ def test_torques_that_are_late_by_a_part_of_a_cycle(tmp_path):
 
 
 @pytest.mark.slow
-def test_emps_in_free_run():
+def test_emps_in_free_run() -> None:
     """Published mass to 1 %; over 25 s without feedback the position stays within 6 mm rms of a stroke of 250 mm."""
     script, log = runpy.run_path(str(OPEN / "identibench_emps.py")), loadmat(measured(EMPS))
     u, y = log["vir"].ravel(), log["qm"].ravel()

@@ -61,13 +61,13 @@ def posix_uses(tree: ast.Module) -> list[str]:
 
 
 @pytest.mark.slow
-def test_no_call_needs_posix():
+def test_no_call_needs_posix() -> None:
     """It is made where the system was asked whether it has it."""
     assert [f"{path}, {use}" for path, tree in trees() for use in posix_uses(tree)] == []
 
 
 @pytest.mark.slow
-def test_every_text_is_utf_8():
+def test_every_text_is_utf_8() -> None:
     """Whatever the system's own encoding: `open`, `read_text` and `write_text` name it, or read bytes."""
     found = []
     for path, tree in trees():
@@ -87,7 +87,7 @@ def test_every_text_is_utf_8():
 
 
 @pytest.mark.slow
-def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system():
+def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system() -> None:
     """Their words are UTF-8 or bytes, and what is neither is replaced."""
     found = [
         f"{path}:{node.lineno}: {ast.unparse(node)}"
@@ -99,7 +99,7 @@ def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system():
     assert found == []
 
 
-def test_the_walk_sees_what_it_is_there_for():
+def test_the_walk_sees_what_it_is_there_for() -> None:
     """Unguarded calls are found, guarded ones are not."""
     assert posix_uses(ast.parse("import fcntl\nimport os\nos.getuid()")) == ["line 1: fcntl", "line 3: os.getuid"]
     assert posix_uses(ast.parse("import os\nif hasattr(os, 'getuid'):\n    os.getuid()")) == []

@@ -24,13 +24,13 @@ def blocks(language: str) -> list[str]:
     return [text for of, text in BLOCKS if of == language]
 
 
-def test_every_block_says_its_language():
+def test_every_block_says_its_language() -> None:
     """So that it is known how each is executed."""
     assert {language for language, _ in BLOCKS} == {"bash", "python", "yaml"}
     assert README.count("```") == 2 * len(BLOCKS)
 
 
-def test_the_study_of_the_readme_is_that_of_its_template(tmp_path):
+def test_the_study_of_the_readme_is_that_of_its_template(tmp_path: Path) -> None:
     """Beside the robot and the logs that the template brings; the commands run the template's own."""
     study = scaffold.new(tmp_path / "mystudy", "recorded")
     template = load(study).study
@@ -39,13 +39,13 @@ def test_the_study_of_the_readme_is_that_of_its_template(tmp_path):
     assert load(study).study == template
 
 
-def test_links_of_the_readme_lead_somewhere():
+def test_links_of_the_readme_lead_somewhere() -> None:
     assert [path for path in re.findall(r"\]\(([^)#:]+)\)", README) if not (ROOT / path).exists()] == []
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_every_block_does_what_the_readme_says(tmp_path):
+def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
     """The commands and the Python, in this order and in one copy of the repository."""
     folder = tmp_path / "elastid"
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "runs", "__pycache__"))

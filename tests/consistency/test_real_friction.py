@@ -31,7 +31,7 @@ def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(tmp_path):
+def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(tmp_path: Path) -> None:
     """Its mass and friction are those of friction_study/test_inverse_dynamics_regression.py."""
     summary = run("emps", tmp_path / "run")
     assert summary["motions"]["1"]["misfit"] == ""
@@ -44,7 +44,7 @@ def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(t
 
 
 @pytest.mark.slow
-def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path):
+def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -> None:
     """Near the regression of the whole motion; NIS in its band; a law without bristles is less likely.
 
     F_c changes by -3 to +5 % along the axis, as the study of its law says, and the filter ends with that of its end.
@@ -79,7 +79,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path):
 
 
 @pytest.mark.slow
-def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path):
+def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Path) -> None:
     """Intervals hold what Weigand et al. (2021) identified with a full model of the robot, but for axis 5.
 
     There it is 468, just below the interval; its Coulomb friction and the coupling in the wrist are not the same. The
@@ -117,7 +117,7 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path):
     assert top["unexplained_fraction"] > 2 * top["unexplained_without_friction"]
 
 
-def test_two_records_of_the_axis_agree_within_their_intervals():
+def test_two_records_of_the_axis_agree_within_their_intervals() -> None:
     """Motion alone, and with pulses of force: 95 % intervals of the difference of each number."""
     logs = [loadmat(measured(name)) for name in (EMPS, EMPS_PULSES)]
     motions = [Motion("joint 1", 1e3, log["qm"].ravel(), 35.1507 * log["vir"].ravel(), slides=True) for log in logs]
@@ -128,7 +128,7 @@ def test_two_records_of_the_axis_agree_within_their_intervals():
 
 
 @pytest.mark.slow
-def test_legs_of_a_quadruped_move_by_their_commands_alone(tmp_path):
+def test_legs_of_a_quadruped_move_by_their_commands_alone(tmp_path: Path) -> None:
     """Reserved logs at most at 0.004 rad rms over 12 joints; published 0.0056, and 0.079 where a joint is told to be.
 
     The delay is between nothing and three samples, and inertias of equal joints of the four legs agree within 10 %.

@@ -120,12 +120,12 @@ SLOW = {
 
 
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
-def test_an_example_gives_its_numbers(name):
+def test_an_example_gives_its_numbers(name: str) -> None:
     found = (FAST | SLOW)[name](example(name))
     assert all(found), found
 
 
-def test_every_example_is_short_and_asserted():
+def test_every_example_is_short_and_asserted() -> None:
     """A new example has its test, here or, of example 5, with the run folder of the README, and a figure or picture."""
     tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
     for path in EXAMPLES.glob("ex[0-9]*.py"):
@@ -136,7 +136,7 @@ def test_every_example_is_short_and_asserted():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", RUNNABLE, ids=lambda path: f"{path.parent.name} {path.stem}")
-def test_every_bench_and_study_ends_with_json(script, tmp_path):
+def test_every_bench_and_study_ends_with_json(script: Path, tmp_path: Path) -> None:
     """--quick is a small problem; the full size is for scripts' users."""
     done = subprocess.run(
         [sys.executable, str(script), "--quick"], cwd=tmp_path, capture_output=True, text=True, timeout=580, check=False
@@ -152,7 +152,7 @@ QUOTE = re.compile(r"(\d+(?:\.\d+)?) \((\w+)\)")
 
 
 @pytest.mark.parametrize("script", sorted(LAST_RUN))
-def test_every_quoted_ratio_is_that_of_the_last_run(script):
+def test_every_quoted_ratio_is_that_of_the_last_run(script: str) -> None:
     """Each number names its key, and has its value in as many digits as are quoted."""
     paragraphs = (BENCHMARKS / script).read_text().split("\n\n")
     paragraph = next(each for each in paragraphs if each.startswith("Measured")).replace("\n", " ")
@@ -175,7 +175,9 @@ def f(x):
 '''
 
 
-def test_a_number_beyond_the_budget_fails_until_it_falls(tmp_path, capsys, monkeypatch):
+def test_a_number_beyond_the_budget_fails_until_it_falls(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By what, where and how much; lowering takes the numbers that fell and leaves the others."""
     monkeypatch.syspath_prepend(SCRIPTS)
     main = runpy.run_path(str(SCRIPTS / "budget.py"))["main"]
@@ -205,7 +207,7 @@ def test_a_number_beyond_the_budget_fails_until_it_falls(tmp_path, capsys, monke
     ("ratio", "repeat", "is_slower"),
     [(1.0, 1.15, False), (1.15, 1.15, True), (1.15, 1.0, False), (1.15, 1.06, False), (1.08, 1.15, True)],
 )
-def test_speed_fails_only_if_the_repeat_confirms_it(ratio, repeat, is_slower):
+def test_speed_fails_only_if_the_repeat_confirms_it(ratio: float, repeat: float, is_slower: bool) -> None:
     """By its interval, with errors of 3 % of each time: ratios of 1.06 with them may be the limit of 1.05."""
     rng, speed = np.random.default_rng(1), runpy.run_path(str(BENCHMARKS / "speed.py"))
     samples = [np.log(r) + 0.04 * rng.standard_normal(n) for r, n in zip((ratio, repeat), speed["PAIRS"], strict=True)]
@@ -227,11 +229,11 @@ LICENCES = runpy.run_path(str(SCRIPTS / "licences.py"))
         ("BSD-3-Clause AND MIT", True),
     ],
 )
-def test_licences_that_bind_a_user_are_refused(licence, is_allowed):
+def test_licences_that_bind_a_user_are_refused(licence: str, is_allowed: bool) -> None:
     assert (LICENCES["FORBIDDEN"].search(licence) is None) == is_allowed
 
 
-def test_what_is_installed_passes(capsys):
+def test_what_is_installed_passes(capsys: pytest.CaptureFixture[str]) -> None:
     """CasADi's LGPL is among the licences."""
     assert LICENCES["main"]() == 0
     lines = capsys.readouterr().out.splitlines()

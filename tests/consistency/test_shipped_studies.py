@@ -58,7 +58,7 @@ def nearest(freq_hz: FloatArray, G: ComplexArray, wanted: float, sign: int = 1) 
 
 
 @pytest.mark.slow
-def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path):
+def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and a message."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 1
@@ -71,7 +71,7 @@ def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(
 
 
 @pytest.mark.slow
-def test_the_bench_comes_out_as_measured(tmp_path):
+def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
     """Antiresonance and resonance within 1 %, bad periods named, inertias, shaft and delay as expected."""
     study = BENCH_STUDY
     summary = run(study, tmp_path)
@@ -97,7 +97,7 @@ def test_the_bench_comes_out_as_measured(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [0.01, 0.05])
-def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error, tmp_path):
+def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error: float, tmp_path: Path) -> None:
     """Residuals 48 times the noise, of 16 %: exit code 3, a whole report, and the intervals include the stiffness."""
     options = ("--set", f"fit.weights.model_error={error}", "--set", "fit.starts=4")
     assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 3
@@ -109,7 +109,7 @@ def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error, tmp_path):
 
 
 @pytest.mark.slow
-def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path):
+def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Path) -> None:
     """Fits on the first and on the last ten periods differ by no more than chance allows."""
     halves = []
     for name, samples in (("first", "[0, 25000]"), ("last", "[25000, 50000]")):
@@ -122,7 +122,7 @@ def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path):
+def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> None:
     """In units of a sampling rate that was not recorded: 0.0322, 0.1798 (dips) and 0.0583, 0.1269 (peaks)."""
     study = ARM_STUDY
     run(study, tmp_path)
@@ -134,13 +134,13 @@ def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path):
 
 
 @pytest.mark.parametrize("study", SHIPPED, ids=lambda path: path.stem)
-def test_every_shipped_study_is_free_of_errors(study):
+def test_every_shipped_study_is_free_of_errors(study: Path) -> None:
     """check finds nothing, where its data are here."""
     assert cli.run_command(["check", str(with_records(study))]) == 0
 
 
 @pytest.mark.parametrize("robot", sorted((CONFIGS / "robots").glob("*.yml")), ids=lambda path: path.stem)
-def test_every_shipped_robot_has_a_linear_model(robot, tmp_path):
+def test_every_shipped_robot_has_a_linear_model(robot: Path, tmp_path: Path) -> None:
     """A robot file can be named in a study, and stands still at angle zero."""
     from elastid.linear.linearise import linearise
     from elastid.model.formulation import formulate
@@ -227,7 +227,9 @@ UP_TO_FIT = ("design", "measure", "estimate", "fit")
         pytest.param("irb4400_linkage.yml", 1, UP_TO_FIT, marks=pytest.mark.slow),
     ],
 )
-def test_shipped_linkages_are_identified_from_the_simulated_rig(study, seed, commands, tmp_path):
+def test_shipped_linkages_are_identified_from_the_simulated_rig(
+    study: str, seed: int, commands: Sequence[str], tmp_path: Path
+):
     """Gears, rod and bending within 3 standard deviations and 5 % of the truth, with friction, noise and gravity."""
     summary = run(CONFIGS / study, tmp_path / "run", "--set", f"seed={seed}", commands=commands)
     found = {name: p for name, p in summary["parameters"].items() if name.startswith("k_")}
@@ -268,7 +270,9 @@ def ran(study: Path, folder: Path, *overrides: str) -> Response:
     [(), ("experiment.recorded.period=none", "estimator.method=h1")],
     ids=["as-shipped", "as-one-transient"],
 )
-def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(overrides, tmp_path):
+def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(
+    overrides: tuple[str, ...], tmp_path: Path
+) -> None:
     """Force over acceleration above 2 Hz is the published 95.11 kg within 5 %."""
     response = ran(EMPS_STUDY, tmp_path / "run", *overrides)
     assert (response.inputs, response.outputs, response.unit) == (("drive",), ("carriage",), "(m/s^2)/(N)")
@@ -277,7 +281,7 @@ def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(overrides,
     assert np.median(1 / response.G[high, 0, 0].real) == pytest.approx(95.11, rel=0.05)
 
 
-def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had():
+def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had() -> None:
     """Its head has repository, commit and path; with another file in its place it is a study of responses."""
     head = EMPS_STUDY.read_text(encoding="utf-8").partition("\nname:")[0]
     for part in ("github.com/forgi86/sysid-neural-continuous", "956aa7ecd7", "examples/EMPS/data/DATA_EMPS.mat"):
@@ -285,7 +289,7 @@ def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had():
     assert load(EMPS_STUDY, (f"experiment.recorded.files.0.path={Path(__file__)}",)).study.kind == "frf"
 
 
-def test_the_bench_as_a_structure_has_its_resonance_and_antiresonance(tmp_path):
+def test_the_bench_as_a_structure_has_its_resonance_and_antiresonance(tmp_path: Path) -> None:
     """Without a robot, per ampere: 54 Hz in the dip of the motor, 76 Hz in the peak of both, within 3 %."""
     (tmp_path / "study.yml").write_text(BENCH_AS_STRUCTURE)
     response = ran(tmp_path / "study.yml", tmp_path / "run")

@@ -28,7 +28,7 @@ def blocks(name: str) -> list[tuple[str, str]]:
     return [(language, textwrap.dedent(text)) for language, text in BLOCK.findall(page)]
 
 
-def test_every_tutorial_is_in_the_table_of_contents():
+def test_every_tutorial_is_in_the_table_of_contents() -> None:
     contents = (PAGES / "tutorials" / "index.rst").read_text(encoding="utf-8")
     assert TUTORIALS
     assert sorted(re.findall(r"^   (\w+)$", contents, re.MULTILINE)) == TUTORIALS
@@ -37,7 +37,7 @@ def test_every_tutorial_is_in_the_table_of_contents():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tutorial", TUTORIALS)
-def test_a_tutorial_does_what_it_says(tutorial, tmp_path):
+def test_a_tutorial_does_what_it_says(tutorial: str, tmp_path: Path) -> None:
     """A program runs after those before it, in which the data are made and the numbers are checked."""
     folder = tmp_path / "empty"
     folder.mkdir()
@@ -57,7 +57,7 @@ DERIVED = ("mechanics", "linearisation", "responses", "fit", "intervals", "frict
 
 
 @pytest.mark.parametrize("name", DERIVED)
-def test_equations_of_a_page_agree_with_the_code(name):
+def test_equations_of_a_page_agree_with_the_code(name: str) -> None:
     """Each program by itself, as a reader would paste it; warnings are errors."""
     programs = [text for language, text in blocks(f"theory/{name}") if language == "python" and "assert " in text]
     assert programs != []
@@ -70,7 +70,7 @@ HAS_SPHINX = all(importlib.util.find_spec(name) for name in ("sphinx", "sphinx_g
 
 @pytest.mark.slow
 @pytest.mark.skipif(not HAS_SPHINX, reason="the group docs is not installed; `uv sync --group docs` brings Sphinx")
-def test_the_documentation_is_built_without_a_warning(tmp_path):
+def test_the_documentation_is_built_without_a_warning(tmp_path: Path) -> None:
     """All pages but the figures of the gallery; each key, command and public name has a heading of its own."""
     command = [sys.executable, str(ROOT / "scripts" / "docs" / "build.py"), "--quick", "--to", str(tmp_path / "html")]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -94,7 +94,7 @@ def test_the_documentation_is_built_without_a_warning(tmp_path):
     assert all(name in files for name in ("plan.h5", "records.h5", "frf.h5", "fit.h5", "summary.json", "robot.yml"))
 
 
-def test_pictures_are_small_and_shown():
+def test_pictures_are_small_and_shown() -> None:
     """Below 120 KB each; every one is on the README or on a page."""
     texts = (ROOT / "README.md").read_text(encoding="utf-8") + "".join(
         page.read_text(encoding="utf-8") for page in PAGES.rglob("*.rst")
@@ -104,19 +104,19 @@ def test_pictures_are_small_and_shown():
         assert f"pictures/{picture.name}" in texts, picture.name
 
 
-def test_pages_name_modules_that_exist():
+def test_pages_name_modules_that_exist() -> None:
     """A page that says where an equation lives names a room of the code."""
     for page in PAGES.rglob("*.rst"):
         for name in re.findall(r"``(elastid(?:\.\w+)+)``", page.read_text(encoding="utf-8")):
             assert importlib.util.find_spec(name) is not None, f"{page.name}: {name}"
 
 
-def test_every_public_name_has_an_example():
+def test_every_public_name_has_an_example() -> None:
     text = (PAGES / "howto" / "python.rst").read_text(encoding="utf-8")
     assert [name for name in elastid.__all__ if not re.search(rf"\*\*[^*]*\b{name}\b", text)] == []
 
 
 @pytest.mark.slow
-def test_the_examples_of_public_names_run():
+def test_the_examples_of_public_names_run() -> None:
     page = PAGES / "howto" / "python.rst"
     assert doctest.testfile(str(page), module_relative=False, encoding="utf-8").failed == 0

@@ -33,7 +33,7 @@ def _angles(spec: CandidateSpec, seed: int = 1, swing: float = 0.0) -> np.ndarra
     return np.array([c.angles for c in draw_candidates(spec, ARM, seed, swing).configurations])
 
 
-def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed():
+def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed() -> None:
     """A joint without limits turns within +-180 deg."""
     spec = CandidateSpec(random=2000, margin=0.0)
     angles = _angles(spec, swing=0.1)
@@ -44,7 +44,7 @@ def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed():
     assert not np.array_equal(angles, _angles(spec, seed=2, swing=0.1))
 
 
-def test_a_grid_reaches_from_limit_to_limit():
+def test_a_grid_reaches_from_limit_to_limit() -> None:
     """One number for all joints or one for each."""
     assert len(_angles(CandidateSpec(grid=3))) == 27
     angles = _angles(CandidateSpec(grid=(1, 2, 3), margin=0.0))
@@ -53,7 +53,7 @@ def test_a_grid_reaches_from_limit_to_limit():
     assert set(angles[:, 0].tolist()) == {0.0}
 
 
-def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused():
+def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -> None:
     """Joints, centres of mass, a frame, and points on the way between, against the skeleton's own numbers."""
     box = BoxSpec("post", (0.2, -0.3, 0.0), (0.6, 0.3, 0.8))
     spec = CandidateSpec(random=500, floor=0.1, boxes=(box,), clearance=0.05)
@@ -63,7 +63,7 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused():
 
     owners = [knot.owner for knot in knots(ARM, tree(ARM))]
 
-    def is_free(angles):
+    def is_free(angles: np.ndarray) -> bool:
         drawn = skeleton(ARM, angles[None])
         points = drawn.points[0][drawn.moves]
         joint2, joint3, tool, point = map(owners.index, ("2", "3", "fore", "hand"))
@@ -94,19 +94,19 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused():
         (CandidateSpec(grid=100), ".grid"),
     ],
 )
-def test_no_admissible_candidate_is_refused_with_what_would_help(spec, place):
+def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, place: str) -> None:
     with refused("design/candidates", place=f"design.candidates{place}"):
         draw_candidates(spec, ARM, 1)
 
 
-def test_a_carrier_too_wide_for_the_limits_is_refused():
+def test_a_carrier_too_wide_for_the_limits_is_refused() -> None:
     with refused("design/candidates", place="design.candidates"):
         draw_candidates(CandidateSpec(), ARM, 1, swing=1.8)
 
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6), decades=st.lists(st.floats(-5, 5), min_size=4, max_size=4))
-def test_candidates_inform_the_same_numbers_whatever_their_units(seed, decades):
+def test_candidates_inform_the_same_numbers_whatever_their_units(seed: int, decades: list[float]) -> None:
     """Two numbers that only a sum shows are wanted no more; what stands for their difference is in its units."""
     rng, unit = np.random.default_rng(seed), 10.0 ** np.array(decades)
     J = rng.standard_normal((6, 4, 3)) + 1.0

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -85,7 +86,7 @@ def _with(**changes: object) -> DesignProblem:
 
 
 @pytest.mark.slow
-def test_fits_scatter_as_the_forecast_said():
+def test_fits_scatter_as_the_forecast_said() -> None:
     """Thirty times measured, estimated and fitted: 4 parameters within what 30 draws allow, 25 % on average."""
     problem = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
     forecasted = design(problem).forecast
@@ -99,7 +100,7 @@ def test_fits_scatter_as_the_forecast_said():
 
 
 @pytest.mark.slow
-def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast():
+def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() -> None:
     """Predicted over fitted standard deviation, the median of three robots: 0.8 to 1.25 for each stiffness and damper.
 
     With the default floor; the part by noise likewise.
@@ -132,7 +133,7 @@ def test_std_of_logarithms_are_relative():
     np.testing.assert_allclose([forecast.std, forecast.relative], [[0.2, 0.2], [0.1, 0.05]])
 
 
-def test_an_exact_file_has_no_part_in_the_forecast():
+def test_an_exact_file_has_no_part_in_the_forecast() -> None:
     """The table then has no columns for it."""
     forecast = design(GIVEN).forecast
     assert not len(forecast.variance_fractions)
@@ -146,7 +147,7 @@ def test_an_exact_file_has_no_part_in_the_forecast():
 GIVEN = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
 
 
-def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest():
+def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -> None:
     """sign of a Gaussian velocity: d = sqrt(2 / pi) tau / sigma, and the scattered power of van Vleck's arcsine."""
     rng = np.random.default_rng(0)
     N, lines = 16384, np.arange(1, 1500)
@@ -163,7 +164,7 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest():
     assert abs(fast[0]) < 1e-6 * d[0]
 
 
-def test_information_is_a_function_of_powers_in_the_closed_loop():
+def test_information_is_a_function_of_powers_in_the_closed_loop() -> None:
     """Injected torques are |I + F P| times those that act; one experiment of two motors informs half as much as two.
 
     Distortion and the floor of the weights do not decrease with power.
@@ -186,7 +187,7 @@ def test_information_is_a_function_of_powers_in_the_closed_loop():
     assert largest == sorted(largest, reverse=True)
 
 
-def test_candidates_that_tip_over_are_no_choice():
+def test_candidates_that_tip_over_are_no_choice() -> None:
     """Under gravity, on soft springs."""
     hanging = with_joints(replace(TWO, gravity=(0, -9.81, 0)), lambda joint: replace(joint, spring=Spring(15.0, 0.1)))
     up, down = {"up": (math.pi / 2, 0.2)}, {"down": (-math.pi / 2, 0.2)}
@@ -197,7 +198,7 @@ def test_candidates_that_tip_over_are_no_choice():
         design(replace(problem, experiment=replace(problem.experiment, configurations=down)))
 
 
-def test_the_design_adds_to_the_given_configurations_and_beats_random_choices():
+def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() -> None:
     """Names, realisations, robot time, and the geometric mean of the forecasts of random plans."""
     problem = replace(PROBLEM, experiment=replace(PROBLEM.experiment, configurations={"c1": (0.0, 0.5)}))
     found = design(problem)
@@ -207,7 +208,7 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices():
     assert found.plan.robot_time_s == 8 * 2 * 3 * 1.0
     assert "chosen among" in found.forecast.choice
 
-    def level(angles):
+    def level(angles: np.ndarray) -> float:
         given = {"c1": (0.0, 0.5), **{f"r{i}": (float(a), float(b)) for i, (a, b) in enumerate(angles)}}
         plain = replace(problem, design=None, experiment=replace(problem.experiment, configurations=given))
         return float(np.linalg.slogdet(design(plain).forecast.covariance)[1])
@@ -217,7 +218,7 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices():
     assert planned < min(level(draw.uniform(-1.9, 1.9, (3, 2))) for _ in range(5))
 
 
-def test_robot_time_is_filled():
+def test_robot_time_is_filled() -> None:
     """With one candidate of two periods and a transient, 3 s each and two realisations of two experiments."""
     one = CandidateSpec(given={"a": (0.1, 0.9)})
     found = design(_with(count=None, robot_time=40.0, candidates=one))
@@ -226,7 +227,7 @@ def test_robot_time_is_filled():
         design(_with(count=None, robot_time=10.0))
 
 
-def test_what_a_plan_cannot_see_is_named_with_its_direction():
+def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     """Without gravity m c^2 + I of the fore arm is all that counts in one configuration: two of its numbers are one."""
     fit = FitSpec(parameters={"k_2": ParameterSpec(), "I_upper": ParameterSpec(), "m_upper": ParameterSpec()})
     problem = replace(
@@ -260,7 +261,7 @@ UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()
         (replace(_with(parameters=("c_*",)), fit=UNSEEN), "design/goal"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem, code):
+def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem: DesignProblem, code: str) -> None:
     with refused(code):
         design(problem)
 
@@ -272,7 +273,7 @@ def _rough(problem: DesignProblem, coulomb: float) -> DesignProblem:
 
 
 @pytest.mark.parametrize(("realisations", "is_left"), [(1, True), (2, False)])
-def test_friction_that_the_estimator_takes_out_is_hardly_in_the_forecast(realisations, is_left):
+def test_friction_that_the_estimator_takes_out_is_hardly_in_the_forecast(realisations: int, is_left: bool) -> None:
     """With estimator.friction the forecast is near that of a robot without, where realisations show friction."""
     problem = replace(GIVEN, experiment=replace(GIVEN.experiment, realisations=realisations))
     smooth, left = design(problem).forecast, design(_rough(problem, 0.3)).forecast
@@ -284,7 +285,7 @@ def test_friction_that_the_estimator_takes_out_is_hardly_in_the_forecast(realisa
 
 
 @pytest.mark.parametrize(("coulomb", "motors"), [(0.65, 0), (0.7, 1), (1.6, 1), (1.7, 2)])
-def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb, motors):
+def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb: float, motors: int) -> None:
     """On the link side, of 5 and 2 Nm rms behind gears, in two realisations."""
     plan, robot = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0), _rough(GIVEN, coulomb).robot
     places = ["motor 1", "motor 2"][2 - motors :]
@@ -295,7 +296,7 @@ def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb, 
 
 
 @pytest.mark.parametrize(("ratio", "is_noted"), [(0.1, False), (0.3, True), (3.0, True), (6.0, False)])
-def test_motors_that_reverse_within_their_presliding_distance_are_reported(ratio, is_noted):
+def test_motors_that_reverse_within_their_presliding_distance_are_reported(ratio: float, is_noted: bool) -> None:
     """Distances between reversals as in the rehearsed log, on the link side; bristles of 0.1 Nm at motor 2."""
     plan = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0)
     fitted = GIVEN.fitted(plan)
@@ -322,7 +323,7 @@ def _bent(coulomb: float, ratio: float, distance: FloatArray) -> Robot:
     return with_joints(TWO, lambda j: replace(j, motor=j.motor and replace(j.motor, friction=friction[j.name])))
 
 
-def test_presliding_friction_and_tolerances_of_gears_widen_the_forecast():
+def test_presliding_friction_and_tolerances_of_gears_widen_the_forecast() -> None:
     """Two numbers more at each motor, against Coulomb's law without presliding; and ratios against exact ones."""
     problem = replace(GIVEN, friction="auto", experiment=replace(GIVEN.experiment, realisations=2))
     ((prospect, configuration),) = problem.fitted(make_plan(problem.excitation, problem.experiment, TWO, 0))
@@ -340,7 +341,7 @@ def test_presliding_friction_and_tolerances_of_gears_widen_the_forecast():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.5, 1.0])
-def test_fits_with_presliding_friction_state_the_std_of_the_forecast(ratio):
+def test_fits_with_presliding_friction_state_the_std_of_the_forecast(ratio: float) -> None:
     """A third of the torque is friction; predicted over stated standard deviation of k is 0.7 to 1.4."""
     postures = {"a": (0.3, 0.8), "b": (0, 1.8), "c": (-1, -0.4)}
     quiet = SimulatedSpec(noise=NoiseSpec(torque_std=0.03, angle_std=1e-6), substeps=8)
@@ -359,7 +360,7 @@ def test_fits_with_presliding_friction_state_the_std_of_the_forecast(ratio):
 
 
 @pytest.mark.slow
-def test_a_study_without_configurations_runs_on_those_chosen(tiny, tmp_path):
+def test_a_study_without_configurations_runs_on_those_chosen(tiny: Path, tmp_path: Path) -> None:
     """Two of thirty candidates, from the plan to the page."""
     tiny.write_text(tiny.read_text().replace("  configurations:\n    a: [0]\n    b: [30 deg]\n", ""))
     done = elastid.run(tiny, tmp_path / "run", set=["design={count: 2, candidates: {random: 30}}"])

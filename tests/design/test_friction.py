@@ -1,6 +1,7 @@
 """Plans of friction studies: speeds within what a joint can do, and refusals by name."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from elastid.robot import Joint, Limits
 from elastid.robot.simplified import without_friction
 
 
-def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are():
+def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
     """All defaults: slow enough for stiction, as fast as window and torque allow, the same for a seed."""
     plan = planned(FrictionSpec())
     (design,) = plan.designs
@@ -39,7 +40,7 @@ def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are():
     assert len({motion.name for motion in plan.motions}) == len(plan.motions)
 
 
-def test_loads_loops_and_rest_come_after_each_other():
+def test_loads_loops_and_rest_come_after_each_other() -> None:
     """Amplitudes are parts of break-away and of Coulomb friction; a payload takes torque and so acceleration."""
     loads = (LoadSpec("empty"), LoadSpec("full", payload=10.0))
     still = {"presliding_loops": spec.PreslidingLoopsSpec(), "presliding_test": spec.PreslidingTestSpec()}
@@ -57,7 +58,7 @@ def test_loads_loops_and_rest_come_after_each_other():
     assert at_rest == pytest.approx(4 * [np.mean(moved.designs[0].limits.window)])
 
 
-def test_a_warm_up_is_followed_by_tests():
+def test_a_warm_up_is_followed_by_tests() -> None:
     plan = planned(FrictionSpec(warm_up=WarmUpSpec(speed=1.0, time=1800.0, test_every=300.0)))
     (warm_up,) = plan.warm_ups
     tests = [motion for motion in plan.motions if motion.is_warm_up]
@@ -66,7 +67,7 @@ def test_a_warm_up_is_followed_by_tests():
     assert tests[-3].start_s == pytest.approx(warm_up.start_s + 1800.0)
 
 
-def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gears():
+def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gears() -> None:
     """It is larger by as much as the motor is stronger, at the same part of its highest speed."""
     assert "friction of common gears" in planned(FrictionSpec(), axis(law=None)).assumed_friction[0]
     planned(FrictionSpec(), axis(Limits(), None))
@@ -91,7 +92,9 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("passes", "limits", "bandwidth_hz", "place"), REFUSED)
-def test_what_cannot_be_done_is_refused_by_name(passes, limits, bandwidth_hz, place):
+def test_what_cannot_be_done_is_refused_by_name(
+    passes: dict[str, Any], limits: Limits, bandwidth_hz: float, place: str
+) -> None:
     with refused("friction/plan", place=f"friction.constant_velocity{place}"):
         planned(FrictionSpec(constant_velocity=ConstantVelocitySpec(**passes)), axis(limits), bandwidth_hz)
 
@@ -100,7 +103,7 @@ def test_what_cannot_be_done_is_refused_by_name(passes, limits, bandwidth_hz, pl
 GUESS = StribeckGuess(3.11e-2, 7.01e-2, 3.21e-4, 14.4, 1.36)
 
 
-def test_no_speed_would_help_more_than_the_certificate_says():
+def test_no_speed_would_help_more_than_the_certificate_says() -> None:
     """d = 5 times (1 + excess) bounds the gain of every candidate; log-spaced speeds are worse by a fifth or more."""
     speed, passes, _ = optimal_speeds([GUESS], 0.5, 250.0, 50)
     H = _information(GUESS, np.geomspace(0.5, 250.0, 200))
@@ -113,7 +116,7 @@ def test_no_speed_would_help_more_than_the_certificate_says():
 
 @settings(max_examples=10, deadline=None)
 @given(torque=st.floats(140.0, 180.0), bandwidth_hz=st.floats(4.0, 15.0))
-def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque, bandwidth_hz):
+def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque: float, bandwidth_hz: float) -> None:
     """Of 90 % of any limit; the loop lags by break-away to both sides, and windows without limits have their size."""
     robot = axis(replace(LIMITS, torque=torque, acceleration=np.inf))
     (joint,) = robot.driven
@@ -130,7 +133,7 @@ def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque, bandwidth
 
 
 @given(speed=st.floats(0.5, 250.0))
-def test_friction_that_is_planned_for_falls_from_stiction_by_its_slope(speed):
+def test_friction_that_is_planned_for_falls_from_stiction_by_its_slope(speed: float) -> None:
     h = 1e-5 * speed
     assert GUESS.torque(0.0) == pytest.approx(GUESS.stiction)
     assert GUESS.slope(speed) == pytest.approx((GUESS.torque(speed + h) - GUESS.torque(speed - h)) / (2 * h), abs=1e-6)

@@ -47,7 +47,7 @@ def deviations(asked: DesignProblem, name: str) -> dict[str, float]:
     return dict(zip(forecast.parameters, np.sqrt(np.diag(forecast.covariance)).tolist(), strict=True))
 
 
-def test_the_posture_is_that_which_informs_the_goal():
+def test_the_posture_is_that_which_informs_the_goal() -> None:
     """Each spring by itself, against the forecast of both postures as plans of their own; friction scatters by seed."""
     asked = problem(without_dry_friction(arm()))
     expected = {name: deviations(asked, name) for name in GIVEN}
@@ -57,7 +57,7 @@ def test_the_posture_is_that_which_informs_the_goal():
         np.testing.assert_allclose(found.plan.configurations[0].angles, GIVEN[best])
 
 
-def test_the_shortest_experiment_that_reaches_the_goal_is_taken():
+def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
     """For a fine goal long ones pay where noise limits, short ones where friction does, the same in all periods."""
     smooth = without_dry_friction(arm())
     coarse, fine = Goal({"k_1": 0.05, "k_2": 0.05}), Goal({"k_1": 1e-6, "k_2": 1e-6})
@@ -72,7 +72,7 @@ def test_the_shortest_experiment_that_reaches_the_goal_is_taken():
         assert found.option.more_s > found.plan.robot_time_s
 
 
-def test_a_parameter_that_is_known_no_longer_counts():
+def test_a_parameter_that_is_known_no_longer_counts() -> None:
     """Where the fit knows one spring a hundred times better than asked, the posture is that of the other."""
     asked = problem()
     before = PriorEstimate.before(asked)
@@ -85,7 +85,7 @@ def test_a_parameter_that_is_known_no_longer_counts():
     np.testing.assert_array_equal(found.plan.configurations[0].angles, alone.plan.configurations[0].angles)
 
 
-def test_limits_are_kept_on_every_robot_that_the_fit_allows():
+def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
     """Lighter rotors are faster: amplitudes fall until these, too, keep the margin."""
     asked = problem(excitation=replace(EXCITATION, torque_rms="limits"))
     light = arm().with_parameters({"Jm_1": 1e-3, "Jm_2": 1e-3})
@@ -99,7 +99,7 @@ def test_limits_are_kept_on_every_robot_that_the_fit_allows():
         assert np.all(peaks <= limits * (1 - EXCITATION.margin) * 1.001)
 
 
-def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture():
+def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
     """A box a millimetre off the beam when it is level: free as a posture, and touched by its swing."""
     robot = replace(arm(), frames=(Frame("tip", arm().bodies[-1].name, Placement((0.0, 0.0, 0.5))),))
     x, z = 0.1 + 0.5 * np.sin(1.4), 0.4 + 0.5 * np.cos(1.4)
@@ -116,7 +116,7 @@ def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("flat", ["torque", "information"])
-def test_a_design_is_the_same_in_other_units(flat):
+def test_a_design_is_the_same_in_other_units(flat: str) -> None:
     """Torques, standard deviations, and the next experiment; numbers of the file within their tolerances."""
     robot = replace(without_dry_friction(arm()), tolerances=Tolerances())
     asked = problem(robot, replace(EXCITATION, torque_rms="limits", flat=flat), floor=0.1)
@@ -130,14 +130,14 @@ def test_a_design_is_the_same_in_other_units(flat):
     assert same.option.more_s == pytest.approx(one.option.more_s * factor("s"))
 
 
-def test_a_configuration_without_a_spectrum_has_the_typical_one():
+def test_a_configuration_without_a_spectrum_has_the_typical_one() -> None:
     asked = problem(excitation=replace(EXCITATION, flat="information"))
     asked = with_typical_spectrum(asked, EXCITATION.torque_rms)
     amplitudes = np.abs(asked.plan(experiment()).R[0])
     np.testing.assert_allclose(amplitudes, np.broadcast_to(asked.typical, amplitudes.shape))
 
 
-def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked():
+def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked() -> None:
     """Half widths of 95 % over those of the goal, by a covariance and by intervals; unknown numbers never are."""
     asked, goal = problem().parameters, Goal({"k_1": 0.02, "k_2": 0.1})
     std = np.array([0.02 if name == "k_1" else 0.05 for name in asked.free_names]) / 1.96
@@ -147,7 +147,7 @@ def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked():
     assert goal.reached(result) == {"k_1": pytest.approx(1.0), "k_2": np.inf}
 
 
-def test_friction_damps_the_motion_that_it_leaves_and_a_carrier_takes_its_room():
+def test_friction_damps_the_motion_that_it_leaves_and_a_carrier_takes_its_room() -> None:
     """The damping of a design is that of the motion with it; candidates are off the limits by swing and margin."""
     asked = problem()
     settled = with_friction_damping(asked)

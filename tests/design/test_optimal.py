@@ -27,7 +27,7 @@ def random_information(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int
 
 @settings(max_examples=40, deadline=None)
 @given(s=st.integers(1, 3), seed=st.integers(0, 1000))
-def test_the_criterion_is_that_of_the_covariance_and_has_its_gradient(s, seed):
+def test_the_criterion_is_that_of_the_covariance_and_has_its_gradient(s: int, seed: int) -> None:
     """ln det of K^T M^-1 K, the mean over guesses; slopes by differences."""
     rng = np.random.default_rng(seed)
     M, K = random_information(seed, S=2, Q=8).sum(axis=1), np.eye(4)[:, :s]
@@ -42,7 +42,7 @@ def test_the_criterion_is_that_of_the_covariance_and_has_its_gradient(s, seed):
     assert np.sum(gradient * step) == pytest.approx(change / 2, rel=1e-3, abs=1e-9)
 
 
-def test_whole_experiments_come_close_to_the_best_of_all_combinations():
+def test_whole_experiments_come_close_to_the_best_of_all_combinations() -> None:
     """Four of nine candidates, by brute force."""
     criterion = DesignCriterion(np.eye(3))
     for seed in range(4):
@@ -53,7 +53,7 @@ def test_whole_experiments_come_close_to_the_best_of_all_combinations():
         assert float(criterion.value(np.einsum("q,sqij->sij", numbers, H))) >= best - 1e-6
 
 
-def test_what_is_known_already_is_not_measured_again():
+def test_what_is_known_already_is_not_measured_again() -> None:
     """Two candidates, one for each parameter: knowledge about the first moves all weight to the second."""
     H = np.array([[[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]]]])
     criterion, nothing = DesignCriterion(np.eye(2)), np.zeros((1, 2, 2))
@@ -96,7 +96,7 @@ def information(groups: Groups, P: FloatArray, known: FloatArray) -> FloatArray:
     return known + sum(np.stack([one.information(p) for one in group[0]]) for group, p in each)
 
 
-def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle():
+def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> None:
     """One input, noise alone: lines are candidates, and a third of the power goes to -1, 0 and 1 each."""
     x = np.linspace(-1, 1, 201)
     one, J = np.ones((201, 1, 1)), np.vander(x, 3)
@@ -112,14 +112,14 @@ def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_an_independent_solver_finds_the_same(seed):
+def test_an_independent_solver_finds_the_same(seed: int) -> None:
     """Two configurations, overlapping limits, a floor: within the certified gap of SciPy's trust-region optimum."""
     groups, cost = drawn(seed, 2), priced(seed, 2)
     criterion, known = DesignCriterion(np.eye(4)), np.zeros((1, 4, 4))
     best = best_powers(groups, cost, criterion, known, 0.1, 1e-3)
     even = even_powers(cost)
 
-    def value(P):
+    def value(P: FloatArray) -> float:
         return -float(criterion.value(information(groups, P.reshape(even.shape), known)))
 
     rows = np.zeros((8, even.size))
@@ -139,7 +139,7 @@ def test_an_independent_solver_finds_the_same(seed):
 
 @settings(deadline=None, max_examples=15)
 @given(seed=st.integers(0, 10_000))
-def test_nothing_within_the_limits_exceeds_the_certified_bound(seed):
+def test_nothing_within_the_limits_exceeds_the_certified_bound(seed: int) -> None:
     """Limits are kept, and every line keeps its least power."""
     groups, cost = drawn(seed, 2, guesses=3), priced(seed, 2)
     criterion, known = DesignCriterion(np.eye(4)[:, :3]), np.zeros((3, 4, 4))
@@ -158,7 +158,7 @@ def test_nothing_within_the_limits_exceeds_the_certified_bound(seed):
         assert criterion.value(information(groups, P, known)) <= best.value + best.gap + 1e-9
 
 
-def test_even_powers_take_every_input_to_a_limit():
+def test_even_powers_take_every_input_to_a_limit() -> None:
     """Of its own, or of a shared one that binds first."""
     cost = priced(7, 3)
     even = even_powers(cost)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def rows_of(rng: np.random.Generator, n: int = 40) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["hold", "linear", "spline"])
-def test_the_played_reference_is_that_of_an_interpolator(kind):
+def test_the_played_reference_is_that_of_an_interpolator(kind: Any) -> None:
     """Steps; lines that arrive one cycle late; cubics by central differences, which pass every reference in time."""
     rows, n = rows_of(np.random.default_rng(1)), 4
     played = ReferencePath(ReferencePathSpec(CYCLE, kind), 1000.0).played(rows)
@@ -60,7 +61,7 @@ def test_the_played_reference_is_that_of_an_interpolator(kind):
     np.testing.assert_allclose(played, expected[kind], atol=1e-12)
 
 
-def test_filters_have_their_response_at_every_line():
+def test_filters_have_their_response_at_every_line() -> None:
     """A periodic reference, played until it is steady, has the spectrum F_r times its own."""
     spec = ReferencePathSpec(CYCLE, "linear", filter_hz=15.0, filter_order=2, moving_average=0.01)
     path, N, lines = ReferencePath(spec, 1000.0), 1000, np.array([3, 17, 60])
@@ -88,7 +89,7 @@ def planned(inject: Injected, controller: ControllerSpec, robot: Robot, spec: Ex
     ],
     ids=["hold", "filtered", "spline"],
 )
-def test_the_acting_torque_has_the_planned_spectrum(inject, path, controller):
+def test_the_acting_torque_has_the_planned_spectrum(inject: Injected, path: Any, controller: Any) -> None:
     """In the nonlinear simulation, without friction and gravity, line by line to 0.1 %; 1 Nm rms of each motor."""
     machine = arm(Limits()).with_parameters({"fm_1": 1e-6, "fm_2": 1e-6})
     machine = replace(without_dry_friction(machine), gravity=(0.0, 0.0, 0.0))
@@ -116,7 +117,7 @@ def limited(torque_rms: Any = 120.0) -> tuple[SimulatedRig, Any]:
 
 
 @pytest.mark.parametrize("torque_rms", [slow(5000.0), "limits"])
-def test_motion_torque_and_references_keep_the_limits_with_gains_that_are_thirty_percent_off(torque_rms):
+def test_motion_torque_and_references_keep_the_limits_with_gains_that_are_thirty_percent_off(torque_rms: Any) -> None:
     rig, use = limited(torque_rms)
     assert 0.8 < use.used.max() <= 0.9
     limit = limits_of(rig, rig.plan.configurations[0])
@@ -127,7 +128,7 @@ def test_motion_torque_and_references_keep_the_limits_with_gains_that_are_thirty
         assert (peaks / limit).max() < 1
 
 
-def test_gains_that_are_off_change_the_torque_by_no_more():
+def test_gains_that_are_off_change_the_torque_by_no_more() -> None:
     """K_p by 30 %: 5 %; K_v, to which the torque above the loop's bandwidth is proportional: 30 %."""
     rig, _ = limited()
     trial, ratios = rig.experiments[0], {}
@@ -140,7 +141,7 @@ def test_gains_that_are_off_change_the_torque_by_no_more():
 
 
 @pytest.mark.parametrize("carrier", [None, CarrierSpec(amplitude=0.02), CarrierSpec(kind="offset", velocity=0.1)])
-def test_a_run_is_complete_and_at_rest_in_its_first_and_last_rows(carrier):
+def test_a_run_is_complete_and_at_rest_in_its_first_and_last_rows(carrier: CarrierSpec | None) -> None:
     """Approach, P + 1 periods without a gap, return: one row a cycle."""
     driven = ControllerSpec(reference=ReferencePathSpec(CYCLE))
     spec = experiment(simulated=SimulatedSpec(substeps=4, controller=driven, carrier=carrier))
@@ -171,7 +172,9 @@ def plan_of_spline(inject: Injected) -> Plan:
         ("deg", "link", "velocity", "velocity of motor 2 (deg/s, link side)"),
     ],
 )
-def test_files_are_in_the_unit_and_on_the_side_that_the_study_states(unit, side, inject, heading, tmp_path):
+def test_files_are_in_the_unit_and_on_the_side_that_the_study_states(
+    unit: Any, side: Any, inject: Any, heading: str, tmp_path: Path
+) -> None:
     spec = ReferencePathSpec(CYCLE, "spline", unit=unit, side=side)
     driven, machine = ControllerSpec(reference=spec), arm()
     simulated = SimulatedSpec(substeps=4, controller=driven, noise=NoiseSpec(encoder_counts=4096))
@@ -203,13 +206,13 @@ def test_files_are_in_the_unit_and_on_the_side_that_the_study_states(unit, side,
         ("experiment.simulated.controller.reference.cycle=20 ms", "experiment.simulated.controller.reference.cycle"),
     ],
 )
-def test_paths_that_do_not_fit_are_refused_at_their_key(change, place, tmp_path):
+def test_paths_that_do_not_fit_are_refused_at_their_key(change: str, place: str, tmp_path: Path) -> None:
     study = scaffold.new(tmp_path, "position-reference")
     with refused("study/invalid", holds=(place,)):
         load(study, [change])
 
 
-def test_the_template_plans_references_and_check_foretells_their_margin(tmp_path):
+def test_the_template_plans_references_and_check_foretells_their_margin(tmp_path: Path) -> None:
     """Degrees at 4 ms; the run of a plan of a tenth of the size is written as the study says."""
     study = scaffold.new(tmp_path, "position-reference")
     small = ["experiment.configurations={a: [0, 20 deg]}", "experiment.realisations=1", "excitation.period=2 s"]

@@ -32,7 +32,7 @@ def result(measured) -> Result:
     return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))
 
 
-def test_the_result_has_the_model_of_each_configuration(measured, result):
+def test_the_result_has_the_model_of_each_configuration(measured, result) -> None:
     """Response, deviation and modes on lines of one's own; no other place, and no interval of a held number."""
     fitted = FittedRobot.of(result, arm(), measured)
     for G, linear, modelled, own in zip(measured, fitted.linear, fitted.responses, fitted.models, strict=True):
@@ -82,14 +82,14 @@ def worst(result: Result) -> float:
     return max(abs(float(x - np.log(TRUTH[p.name][0]))) for p, x in zip(result.parameters.free, result.x, strict=True))
 
 
-def test_stiffnesses_are_those_at_rest_whatever_the_motion_adds():
+def test_stiffnesses_are_those_at_rest_whatever_the_motion_adds() -> None:
     """Exact with the motion known, more than 0.1 % off without."""
     assert worst(fitted()) < 1e-5
     unknown = [replace(response, motion=None) for response in measured_moved_posture()]
     assert worst(fit_parameters(unknown, LINKAGE, WANTED)) > 1e-3
 
 
-def test_the_fitted_model_answers_as_it_was_measured():
+def test_the_fitted_model_answers_as_it_was_measured() -> None:
     """Responses of a fitted robot have the motion's effect; those of a record without motion do not."""
     for response, modelled in zip(
         measured_moved_posture(), FittedRobot.of(fitted(), LINKAGE, measured_moved_posture()).responses, strict=True

@@ -53,7 +53,7 @@ def measure(robot: Robot, postures: tuple[tuple[float, float], ...], seed: int) 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.slow
-def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed):
+def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed: int) -> None:
     """k and k3 of both gears from starts off by up to a factor of 2, within the claimed intervals."""
     result = identify(measure(CUBIC, POSTURES, seed), started_elsewhere(CUBIC, 2.0, seed), replace(WANTED, seed=seed))
     assert result.status == "converged"
@@ -64,7 +64,7 @@ def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed):
     assert result.inflation_factor < 1.1
 
 
-def test_a_fit_names_the_joint_that_rests_inside_its_gap():
+def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
     """Stiffness beyond the gap is found from loaded postures; the posture in between is spoken of."""
     truth = arm(Spring(9e5, 500, backlash=1e-4, inner_stiffness=1e5), Spring(4e5, 250, backlash=5e-5))
     wanted = replace(WANTED, starts=2, parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()})
@@ -74,7 +74,7 @@ def test_a_fit_names_the_joint_that_rests_inside_its_gap():
     assert "robot/operating-point" in {note.code for note in result.notes}
 
 
-def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_stands():
+def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_stands() -> None:
     """Springs a thousand times softer than those of the file carry neither link; the end says so, and is none."""
     robot, spec = (
         arm(Spring(3e5, 500), Spring(1.8e5, 250)),
@@ -120,7 +120,7 @@ TRUTH = {"k_1@A": 3e4, "k_1@B": 3.6e4, "k_2": 2e4, "fm_1@A": 1e-2, "fm_1@B": 3e-
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_shared_and_own_values_of_two_robots_are_found(seed):
+def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     """Each robot's stiffness and friction by its name, what they share once, all within the claimed intervals."""
     result = identify(
         both(seed), data_sheet_arm.arm().with_parameters({"k_1": 2.5e4, "k_2": 2.5e4}), replace(SPEC, seed=seed)
@@ -140,7 +140,7 @@ def test_shared_and_own_values_of_two_robots_are_found(seed):
     )
 
 
-def test_a_left_out_configuration_has_the_numbers_of_its_robot():
+def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
     data = both(0)
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
@@ -150,14 +150,14 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot():
     assert without.folds["b1"].misfit > 10
 
 
-def test_robots_must_be_named_once_and_at_all():
+def test_robots_must_be_named_once_and_at_all() -> None:
     with refused("fit/parameters", place="fit.parameters.k_1.per"):
         choose(replace(SPEC, robots={}), data_sheet_arm.arm(), ["a1"])
     with pytest.raises(ValueError, match="robots: configuration a1 is given to A, B"):
         FitSpec(robots={"A": ("a1",), "B": ("a1",)})
 
 
-def test_an_export_is_of_one_robot_each():
+def test_an_export_is_of_one_robot_each() -> None:
     """The linear models of robot B have its numbers: their response is that of the fit, and A's are another's."""
     data = both(0)
     ratio = {"beta": RatioSpec(start=2e-3)}

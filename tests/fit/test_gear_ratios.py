@@ -36,7 +36,7 @@ def scatter(
 
 
 @pytest.mark.parametrize("std", [0.5, 3.0])
-def test_ratio_std_is_recovered_and_propagated(std):
+def test_ratio_std_is_recovered_and_propagated(std: float) -> None:
     """The std over 40 angles to 20 %, and the covariance of x by it: sum of s^2 dx dx^T."""
     found, dx = scatter(std)
     assert found.std["motor 1"] == pytest.approx(std, rel=0.2)
@@ -44,14 +44,14 @@ def test_ratio_std_is_recovered_and_propagated(std):
     np.testing.assert_allclose(found.covariance, found.std["motor 1"] ** 2 * dx.T @ dx)
 
 
-def test_ratios_without_excess_explain_nothing():
+def test_ratios_without_excess_explain_nothing() -> None:
     """Residuals of noise alone: the std is small, and no excess is explained."""
     found, _ = scatter(0.0, is_excess=False)
     assert found.std["motor 1"] < 0.2
     assert not found.explains
 
 
-def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least():
+def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least() -> None:
     """Residuals of noise alone after a model error was added to it: ratios that agree prove nothing."""
     agreeing, dx = scatter(0.0, is_excess=False, least=1.0)
     np.testing.assert_allclose(agreeing.covariance, dx.T @ dx)
@@ -59,21 +59,21 @@ def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least():
     assert different.std["motor 1"] == pytest.approx(3.0, rel=0.2)
 
 
-def test_another_error_is_not_explained_by_ratios():
+def test_another_error_is_not_explained_by_ratios() -> None:
     """White residuals of twice the noise: ratios explain none of the excess and count with their tolerance."""
     found, dx = scatter(0.0, noise=2.0)
     assert not found.explains
     np.testing.assert_allclose(found.covariance, dx.T @ dx)
 
 
-def test_implausible_ratios_count_with_their_tolerance():
+def test_implausible_ratios_count_with_their_tolerance() -> None:
     """Of 20 tolerances another error is the cause: the std is one tolerance."""
     found, dx = scatter(20.0)
     assert not found.explains
     np.testing.assert_allclose(found.covariance, dx.T @ dx)
 
 
-def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_response():
+def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_response() -> None:
     """Noise in them would be correlated with residuals, and look like a scatter of the ratios."""
     responses = measure(arm(), np.random.default_rng(1), 0.05)
     assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), []
@@ -85,7 +85,7 @@ def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_respon
     np.testing.assert_array_equal(*errors)
 
 
-def test_a_gear_whose_ratios_agree_is_as_uncertain_as_the_others_show():
+def test_a_gear_whose_ratios_agree_is_as_uncertain_as_the_others_show() -> None:
     """Two angles say little of a scatter; those of the second gear are so many tolerances off, or agree, too."""
     N, names, first = 1e4 * np.eye(4), ["1", "1", "2", "2"], [0.0, 0.05]
     alone = ratio_std(N[:2, :2], 1e4 * np.array(first), names[:2], 1.0)[0]

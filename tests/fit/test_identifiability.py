@@ -36,7 +36,7 @@ def spec_of(changes: dict[str, ParameterSpec]) -> FitSpec:
     return FitSpec(parameters=SPRINGS | changes, starts=2, start_factor=1.5, seed=1, profile=())
 
 
-def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known():
+def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known() -> None:
     """A gyroscope that reads 30 % too much and a torque 10 % too low, found to 1 % with eight springs and dampers.
 
     Without their gains the residuals are several times the noise.
@@ -53,7 +53,7 @@ def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known():
     assert fit_parameters(responses, arm(), spec_of({})).inflation_factor > 3
 
 
-def test_the_fitted_model_reads_as_the_channels_do():
+def test_the_fitted_model_reads_as_the_channels_do() -> None:
     """Responses with gains as parameters and with gains as numbers of the fitted robot are those measured."""
     robot = read_as(**{READING: 1.3, TORQUE: 0.9})
     exact = measured(robot, None)
@@ -68,7 +68,7 @@ def test_the_fitted_model_reads_as_the_channels_do():
 
 
 @pytest.mark.parametrize("late", [Channel("u", "", delay=4e-3), Channel("u", "motor 2", 1.0, -0.3e-3, 0.8e-3)])
-def test_late_and_filtered_torques_are_identified(late):
+def test_late_and_filtered_torques_are_identified(late: Channel) -> None:
     """Delays of either sign and a low pass of 200 Hz of the torque channels: found within 3.5 standard deviations."""
     robot = replace(arm(), chain=Chain(channels=(late,)))
     names = {name: ParameterSpec() for name in robot.chain.numbers if not name.startswith("gain")}
@@ -81,7 +81,7 @@ def test_late_and_filtered_torques_are_identified(late):
         assert of_motion.values["delay"] == pytest.approx(-late.delay, abs=2e-5)
 
 
-def test_gains_that_nothing_scales_are_named_and_a_prior_or_a_held_one_helps():
+def test_gains_that_nothing_scales_are_named_and_a_prior_or_a_held_one_helps() -> None:
     """All gains of three motions and two torques: one factor is free."""
     gains = {f"gain_u_motor_{i}": ParameterSpec() for i in (1, 2)}
     gains |= {f"gain_y_{place.replace(' ', '_')}": ParameterSpec() for place in OUTPUTS}
@@ -93,7 +93,7 @@ def test_gains_that_nothing_scales_are_named_and_a_prior_or_a_held_one_helps():
         assert fit_parameters(responses, arm(), spec_of(gains | {TORQUE: known})).status == "converged"
 
 
-def test_gains_have_names_and_values_that_can_be():
+def test_gains_have_names_and_values_that_can_be() -> None:
     """Patterns stand for gains of a role, not for all; unknown places and wrong signs are refused."""
     chosen = choose(FitSpec(parameters={"gain_kp_*": ParameterSpec()}), arm())
     assert chosen.free_names == ("gain_kp_motor_1", "gain_kp_motor_2")
@@ -120,7 +120,7 @@ def twice(robot: Robot, configurations: tuple[tuple[float, ...], ...], seed: int
     return loaded + [replace(each, configuration=posture) for each, posture in zip(empty, postures, strict=True)]
 
 
-def test_two_torque_constants_of_an_arm_are_within_their_intervals():
+def test_two_torque_constants_of_an_arm_are_within_their_intervals() -> None:
     """One 5 % too small, one 5 % too large; springs, dampers, and inertias of links and rotors unknown."""
     heavy = replace(arm(), payload=Payload(5.0, (0.1, 0.0, 0.1), at="fore"))
     gains = (Channel("u", "motor 1", 0.95), Channel("u", "motor 2", 1.05))

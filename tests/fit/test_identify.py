@@ -66,7 +66,7 @@ def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, ident
     rng, exact = np.random.default_rng(3), measure(arm())
     spec = FitSpec(starts=1, profile=(), parameters={"k_1": ParameterSpec(), "k_2": ParameterSpec()})
 
-    def floor_of_error(error):
+    def floor_of_error(error: float) -> float:
         wrong = (1 + error * rng.standard_normal(each.G.shape) for each in exact)
         known = [Covariance((1e-3 * np.abs(each.G)) ** 2 + 1e-30, np.inf) for each in exact]
         data = [replace(G, G=G.G * w, noise=C) for G, w, C in zip(exact, wrong, known, strict=True)]
@@ -152,7 +152,7 @@ def test_what_friction_leaves_that_was_taken_out_is_in_the_intervals():
 
 
 @pytest.mark.parametrize("factor", [2 * np.pi, 1 / (2 * np.pi)])
-def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor):
+def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor: float) -> None:
     """No residual shows it: the springs alone come out (2 pi)^2 too stiff, or too soft."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(7), outputs=("motor 1", "joint 1"))
     response = replace(response, freq_hz=factor * response.freq_hz)
@@ -162,7 +162,7 @@ def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor
 
 
 @pytest.mark.slow
-def test_six_axes_are_found_from_every_start_in_few_evaluations():
+def test_six_axes_are_found_from_every_start_in_few_evaluations() -> None:
     """Twelve springs with their dampers and six frictions, starts a factor of 3 off, dampings and frictions of 9.
 
     Beside its iterations a start costs the evaluations with which its three solves begin.

@@ -67,7 +67,7 @@ OF_ARM = {
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed):
+def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
     """Both to a few millimetres, with all stiffnesses, from starts 50 to 100 mm away, within the claimed intervals."""
     truth = bending_arm()
     start = truth.with_parameters({"k_1": 2e4, "k_1b": 9e4, "k_2": 3e4})
@@ -84,7 +84,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed):
     assert np.abs(again.G / exact.G - 1).max() < 0.2
 
 
-def test_the_gradient_is_that_of_differences_and_travels_to_processes():
+def test_the_gradient_is_that_of_differences_and_travels_to_processes() -> None:
     """What the search solves, with points of an arm that the geometry moves, survives pickling and knows its slope."""
     robot, places = bending_arm(), ("accelerometer tool z", "frame tool x")
     spec = FitSpec(parameters=OF_ARM | {"p_fore_z": ParameterSpec(start=0.82)})
@@ -108,7 +108,7 @@ def fit_of_two(robot: Robot, wanted: dict[str, ParameterSpec], spec: ModelSpec =
     identify(measure(robot, POSTURES[:2], 0), robot, FitSpec(starts=1, parameters=wanted), model=spec)
 
 
-def test_what_nothing_depends_on_is_named():
+def test_what_nothing_depends_on_is_named() -> None:
     """Along the axis of a joint, and across the plane in which all that moves lies."""
     robot = replace(bending_arm(), compensators=())
     with refused("fit/not-identifiable", holds="p_root_x, pj_1b_y: "):
@@ -131,7 +131,7 @@ def test_a_robot_that_cannot_stand_at_its_start_is_named(name, asked, code, plac
         fit_of_two(LINKAGE, {name: asked})
 
 
-def test_equations_without_geometry_refuse_it():
+def test_equations_without_geometry_refuse_it() -> None:
     """They name the coordinate, and the variants that have it."""
     with pytest.raises(StudyError, match="p1_rod_x"):
         fit_of_two(LINKAGE, {"p1_rod_x": ParameterSpec()}, ModelSpec("minimal", "constant_stiffness"))
@@ -139,7 +139,7 @@ def test_equations_without_geometry_refuse_it():
 
 @pytest.mark.parametrize(("formulation", "seed"), [("constrained", 0), ("minimal", 1)])
 @pytest.mark.slow
-def test_the_ends_of_a_rod_and_its_stiffness(formulation, seed):
+def test_the_ends_of_a_rod_and_its_stiffness(formulation: str, seed: int) -> None:
     """The crank's length to a tenth of a millimetre, with the stiffness of rod, gears and bending, from 30 mm off."""
     truth, spec = LINKAGE, ModelSpec(formulation)
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*")}

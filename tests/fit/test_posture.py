@@ -20,7 +20,7 @@ LINES = np.linspace(1.0, 60.0, 40)
 LINKAGES = ("linkage_arm constrained", "linkage_arm minimal")
 
 
-def test_tool_responses_static_compliance_and_modes_are_those_of_the_closed_form():
+def test_tool_responses_static_compliance_and_modes_are_those_of_the_closed_form() -> None:
     """About the equilibrium under gravity, in the axes of the base, with the motors held."""
     M, D, K, J = closed_form(ANGLES)
     inputs, outputs = ["force tool x", "force tool z"], ["frame tool x", "frame tool z"]
@@ -38,7 +38,7 @@ def test_tool_responses_static_compliance_and_modes_are_those_of_the_closed_form
     assert np.isnan(stiff.matrix).all()  # two springs leave four directions rigid
 
 
-def test_standard_deviations_are_those_of_the_parameters():
+def test_standard_deviations_are_those_of_the_parameters() -> None:
     """Of the compliance of a robot without gravity: sum of (J_i^2 / k_i std)^2 along a direction."""
     own = result()
     still = replace(own, robot=replace(own.robot, gravity=(0.0, 0.0, 0.0)))
@@ -52,7 +52,7 @@ def test_standard_deviations_are_those_of_the_parameters():
 
 @pytest.mark.parametrize("motors", ["locked", "free", "controlled"])
 @pytest.mark.parametrize("name", ["scara", *(pytest.param(name, marks=pytest.mark.slow) for name in LINKAGES)])
-def test_a_response_is_that_of_its_state_space_to_rounding(name, motors):
+def test_a_response_is_that_of_its_state_space_to_rounding(name: str, motors: str) -> None:
     """Serial and with loops, a sliding joint, an integral in the controller."""
     fitted = fitted_model(name)
     spec = ModelSpec("minimal") if "minimal" in name else ModelSpec()
@@ -63,7 +63,7 @@ def test_a_response_is_that_of_its_state_space_to_rounding(name, motors):
     np.testing.assert_allclose(model.state_space().response(LINES), G, atol=1e-9 * np.abs(G).max())
 
 
-def test_what_samples_between_response_and_state_space_is_an_argument():
+def test_what_samples_between_response_and_state_space_is_an_argument() -> None:
     """A torque that is held and an angle that is sampled contain images; a fast rate has none of them."""
     model = result().at(ANGLES, ["motor 1"], ["motor 1"], motors="free", quantity="acceleration")
     plain = model.response(LINES).G
@@ -72,7 +72,7 @@ def test_what_samples_between_response_and_state_space_is_an_argument():
     assert np.abs(model.response(LINES, sampled_hz=1e6).G / plain - 1).max() < 1e-6
 
 
-def test_a_stiff_controller_holds_the_motors_and_a_soft_one_lets_them_go():
+def test_a_stiff_controller_holds_the_motors_and_a_soft_one_lets_them_go() -> None:
     """Servo stiffness adds to compliance as a spring in series, a thousandth of the gears' at most."""
     held = result().at(ANGLES).stiffness().compliance
     loop = JointLoop(np.full(2, 1e8), np.full(2, 1e4), np.zeros(2))
@@ -83,7 +83,7 @@ def test_a_stiff_controller_holds_the_motors_and_a_soft_one_lets_them_go():
     assert double[2, 2] > 1.5 * held[2, 2]
 
 
-def test_a_payload_lowers_the_frequencies_and_a_frame_may_be_anywhere():
+def test_a_payload_lowers_the_frequencies_and_a_frame_may_be_anywhere() -> None:
     """A mass of 20 kg at the tool; none again where it is left out; a frame that the file lacks."""
     empty = result().at(ANGLES).modes().freq_hz[0]
     loaded = result().at(ANGLES, payload=Payload(20.0)).modes().freq_hz[0]
@@ -94,7 +94,7 @@ def test_a_payload_lowers_the_frequencies_and_a_frame_may_be_anywhere():
     assert result().at(ANGLES, frame="fore").stiffness().frame == "fore"
 
 
-def test_postures_are_given_by_numbers_names_or_the_name_of_a_configuration():
+def test_postures_are_given_by_numbers_names_or_the_name_of_a_configuration() -> None:
     """All the same robot; what is no posture is refused with what is missing."""
     own = result()
     by_name, by_angle = own.at("home").modes().freq_hz, own.at([0.3, 0.5]).modes().freq_hz
@@ -107,7 +107,7 @@ def test_postures_are_given_by_numbers_names_or_the_name_of_a_configuration():
         own.at("nowhere")
 
 
-def test_what_cannot_be_asked_is_refused_with_the_reason():
+def test_what_cannot_be_asked_is_refused_with_the_reason() -> None:
     own = result()
     for keys, code in (
         ({"inputs": ["motor 1"]}, "fit/posture"),
@@ -123,7 +123,7 @@ def test_what_cannot_be_asked_is_refused_with_the_reason():
         replace(own, robot=None).at(ANGLES)
 
 
-def test_a_misfit_widens_what_is_predicted_by_the_numbers_that_would_explain_it():
+def test_a_misfit_widens_what_is_predicted_by_the_numbers_that_would_explain_it() -> None:
     """A mass that the fit held, 10 % off by its index, moves frequencies by about 5 % of their part of it."""
     own = result()
     index = ModificationIndex(
@@ -136,7 +136,7 @@ def test_a_misfit_widens_what_is_predicted_by_the_numbers_that_would_explain_it(
     assert after.freq_std[0] / after.freq_hz[0] > 0.02
 
 
-def test_an_accelerometer_sees_gravity_turn():
+def test_an_accelerometer_sees_gravity_turn() -> None:
     """Its reading by a slow force is the tilt times gravity, which a frame's acceleration lacks."""
     model = result().at([0.0, 0.0], ["force tool z"], ["accelerometer tool x", "frame tool x"])
     slow = model.response([0.01]).G[0, :, 0]

@@ -54,7 +54,7 @@ def fitted(is_exact: bool) -> tuple[Result, list[Response]]:
     return fit_parameters(responses, arm(None if is_exact else Tolerances()), SPEC), responses
 
 
-def test_a_rate_at_its_bound_is_a_start():
+def test_a_rate_at_its_bound_is_a_start() -> None:
     """Its time 1 / a is beyond the bound by rounding."""
     responses = measure(arm(), np.random.default_rng(4), 0.003)
     assembly = Assembly.of(responses, arm(), SPEC, choose(SPEC, arm()))
@@ -74,14 +74,16 @@ def test_a_rate_at_its_bound_is_a_start():
         (1e4, False, False, "information"),
     ],
 )
-def test_a_negative_spring_within_the_noise_is_no_warning(stiffness, exceeds_noise, has_moved, severity):
+def test_a_negative_spring_within_the_noise_is_no_warning(
+    stiffness: float, exceeds_noise: bool, has_moved: bool, severity: str
+) -> None:
     spring = Presliding("motor 1", "N*m/rad", stiffness, 3e3, 300.0, 70.0)
     assert presliding_note(spring, exceeds_noise, has_moved).severity == severity
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("is_exact", [True, False])
-def test_springs_of_motors_are_found_with_their_numbers(is_exact):
+def test_springs_of_motors_are_found_with_their_numbers(is_exact: bool) -> None:
     """Either sign, with an exact file and with tolerances: V is the noise's, and intervals hold k and d."""
     result, _ = fitted(is_exact)
     assert result.status == "converged"
@@ -99,7 +101,7 @@ def test_springs_of_motors_are_found_with_their_numbers(is_exact):
 
 
 @pytest.mark.slow
-def test_the_model_of_a_fitted_robot_has_the_friction_in_its_responses_and_not_in_its_equations():
+def test_the_model_of_a_fitted_robot_has_the_friction_in_its_responses_and_not_in_its_equations() -> None:
     """Residuals of the responses are as large as the noise; the linear models have the robot's coordinates alone."""
     result, responses = fitted(True)
     robot = FittedRobot.of(result, arm(), responses)
@@ -111,7 +113,7 @@ def test_the_model_of_a_fitted_robot_has_the_friction_in_its_responses_and_not_i
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_robot_without_presliding_has_none(seed):
+def test_a_robot_without_presliding_has_none(seed: int) -> None:
     """Nor is it looked for where V is that of the noise."""
     result = identify(measure(arm(), np.random.default_rng(seed)), arm(Tolerances()), SPEC)
     assert result.presliding == ()
@@ -121,7 +123,7 @@ def test_a_robot_without_presliding_has_none(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("law", "bending"), [("lugre", 0.04), ("maxwell slip", 0.02)])
-def test_bristles_leave_stiffness_and_damping_right(law, bending):
+def test_bristles_leave_stiffness_and_damping_right(law: str, bending: float) -> None:
     """Motors that move a fifth of the distance over which their bristles bend, friction of 0.16 of the torque.
 
     k within 0.3 % and d within 4 %, where a fit without springs has V at 5 to 10 times the noise and k_1 1 % off.

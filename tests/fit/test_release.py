@@ -1,6 +1,7 @@
 """Robots that are not as their file says: intervals hold both noise and the file's tolerances."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -13,6 +14,7 @@ from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
+from elastid.response import Response
 from elastid.robot import Tolerances
 
 STIFF = ("k_1", "k_2", "d_1", "d_2")
@@ -24,7 +26,7 @@ def fitted(seed: int, tolerances: Tolerances | None) -> Result:
     return fit_parameters(measure(off(arm(), rng), rng), arm(tolerances), SPEC)
 
 
-def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit():
+def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
     """Every stiffness within 3 standard deviations of its interval; noise and file make up the whole of it."""
     result, held = fitted(3, Tolerances()), fitted(3, None)
     assert (result.status, held.status) == ("converged", "misfit")
@@ -38,7 +40,7 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit():
     assert set(result.std_noise) == {"k_1", "k_2", "d_1", "d_2", "fm_1", "fm_2"}
 
 
-def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file():
+def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file() -> None:
     """With a torque constant known to 5 %, in one posture; much noise, little, which leaves the file, half of that."""
     robot, spec = arm(Tolerances(torque_constant=0.05)), replace(SPEC, starts=1, weights=WeightSpec(model_error=0.0))
     data = (measure(arm(), np.random.default_rng(5), noise)[:1] for noise in (1e-4, 1e-6, 5e-7))
@@ -49,7 +51,7 @@ def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file(
         assert few.std[name] == pytest.approx(few.std_prior[name], rel=0.01)
 
 
-def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number():
+def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None:
     """One posture, gears by 0.3 % and half of that: k is uncertain by twice as much, and the file has the part."""
     wide, half, exact = (Tolerances(ratio=std) for std in (0.003, 0.0015, "exact"))
     responses = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(arm(), np.random.default_rng(5))[:1]]
@@ -64,7 +66,7 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number():
 
 
 @pytest.mark.parametrize("error", [0.0, 0.01])
-def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(error):
+def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(error: float) -> None:
     """Transmission errors of 0 and 1 % of the ratio, named: k within 3 std, below 0.4 % and above 0.5 %."""
     rng, responses = np.random.default_rng(5), []
     for i, signs in enumerate(rng.choice([-1, 1], (len(POSTURES), 2))):
@@ -92,7 +94,9 @@ def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(er
         ("angle_2@c1", lambda G: replace(G, configuration=replace(c := G.configuration, angles=c.angles + 0.15))),
     ],
 )
-def test_one_wrong_record_is_a_misfit_of_its_own_cause_and_not_of_the_ratios(cause, fault, seed):
+def test_one_wrong_record_is_a_misfit_of_its_own_cause_and_not_of_the_ratios(
+    cause: str, fault: Callable[[Response], Response], seed: int
+) -> None:
     """Of three: 10 % too large, 1 ms late, at another posture; the cause, or one that is told apart by nothing."""
     rng = np.random.default_rng(seed)
     data = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(off(arm(), rng), rng)]
@@ -107,7 +111,7 @@ def test_one_wrong_record_is_a_misfit_of_its_own_cause_and_not_of_the_ratios(cau
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_of_robots_that_are_off_their_file():
+def test_intervals_hold_the_truth_of_robots_that_are_off_their_file() -> None:
     """Of 24 draws: 95 % of k and d within four standard deviations of that count, and none a misfit."""
     truth = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
     results = [fitted(seed, Tolerances()) for seed in range(100, 124)]
@@ -116,7 +120,7 @@ def test_intervals_hold_the_truth_of_robots_that_are_off_their_file():
     assert {r.status for r in results} == {"converged"}
 
 
-def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay():
+def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None:
     """One factor for the entries of an inertia, in x behind all that was asked for."""
     robot = arm(Tolerances())
     parameters = with_tolerances(choose(SPEC, robot), robot, SPEC)

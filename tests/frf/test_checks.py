@@ -7,6 +7,7 @@ import pytest
 from plants.refusals import refused
 from plants.two_mass import circular
 
+from elastid.base.arrays import ComplexArray
 from elastid.covariance import Covariance
 from elastid.frf import checks
 from elastid.frf.checks import hit_notes, inconsistency_notes, pulses, separable_lines
@@ -44,7 +45,7 @@ def test_a_record_that_the_other_realisations_contradict_is_named():
                     np.zeros((4, 2)), np.zeros((4, 2)))  # fmt: skip
     groups = [[replace(record, name=f"{m}-{e}", realisation=m, experiment=e) for e in range(2)] for m in range(M)]
 
-    def places(U, noise=0.0):
+    def places(U: ComplexArray, noise: float = 0.0) -> list[str]:
         blocks = tuple(Block(U[m], Y[m], None, np.full(2, 3.0), np.zeros((F, 2)), 4) for m in range(M))
         S = 12 * 3 * noise**2 * np.diag([1.0, 1.0, 0.0, 0.0])  # of 12 degrees of freedom, and means of 3 periods
         return [note.place for note in inconsistency_notes(MeanSpectra(blocks, np.tile(S + 0j, (F, 1, 1)), 12), groups)]

@@ -1,7 +1,7 @@
 """Coherence, notes on inputs, nonlinear levels and forms of covariances: against theory and Monte Carlo."""
 
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -45,8 +45,8 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path):
     """Two and six configurations of 1.5 MB of records each: the peak is that of one."""
     rng, lines = np.random.default_rng(0), np.arange(21, 61, 2)
 
-    def peak(Q):
-        def records():
+    def peak(Q: int) -> int:
+        def records() -> Iterator[Record]:
             for q in range(Q):
                 for m in range(4):
                     u = np.tile(synthesise(lines, np.exp(2j * np.pi * rng.random((20, 1))), N), (24, 1))
@@ -96,7 +96,7 @@ def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom():
     rng, lines = np.random.default_rng(0), np.arange(10, 70)
     records = experiments_of(rng.normal(size=(60, 2, 2)), lines, 9, rng, noise=(0.1, 0.1))
 
-    def forms(M):
+    def forms(M: int) -> tuple[str, float]:
         response = estimate([r for r in records if r.realisation < M], ALL_PERIODS, lines)
         eigenvalues = np.linalg.eigvalsh(response.total.full())
         assert np.all(eigenvalues[:, 0] > 1e-9 * eigenvalues[:, -1])

@@ -59,7 +59,7 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs, seconds, correl
 def test_a_search_ends_at_the_optimum_of_each_start_that_has_one():
     """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
 
-    def residual(x):
+    def residual(x: np.ndarray) -> np.ndarray:
         return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
 
     ends = minimise(residual, [np.array([-1.2, 1.0]), np.array([np.nan, 0.0])])

@@ -68,7 +68,7 @@ def test_sums_and_differences_of_lines_meet_the_motion_again():
     effect = posture_effect(model, linear, linear.theta_ref, motion(rms, lines, angle, OPEN), FREQ)
     (M,), (D,), (K,) = linear.M[0], linear.D[0], linear.K[0]
 
-    def L(omega):
+    def L(omega: np.ndarray) -> np.ndarray:
         return K + 1j * omega * D - omega**2 * M
 
     omega, curvature = 2 * np.pi * FREQ, -WEIGHT * np.sin(angle)

@@ -83,7 +83,7 @@ def test_derivatives_hold_where_the_geometry_moves_the_force(outputs):
     assert any(slope.B is not None for slope in kernel.model.slopes.values())
     G, dG = Columns(kernel).evaluate(theta)
 
-    def at(moved):
+    def at(moved: np.ndarray) -> np.ndarray:
         return frequency_response(linear_model(linearisation, response, moved), moved, LINES)
 
     for name, slope in zip(kernel.wanted, dG, strict=True):

@@ -1,6 +1,7 @@
 """Channels by name, unit, neighbours and the motion of their joint; and silence where evidence is weak."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,11 +30,11 @@ def moved(k: int = 0, J: float = 3.0, gravity: float = 0.0) -> tuple[np.ndarray,
     return q, v, a, u
 
 
-def test_a_unit_that_the_file_states_counts_more_than_the_name():
+def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
 
 
-def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mirrored_torque():
+def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mirrored_torque() -> None:
     """u = J a - k_d v with a motion from outside; alone, the same torque has the wrong sign."""
     (q, v, a, _), noise = moved(0), np.random.default_rng(9).standard_normal(len(T))
     u = 0.1 * a - 8 * v + 5.5 * np.std(v) * np.convolve(noise, np.ones(400) / 20, "same")
@@ -43,7 +44,7 @@ def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mi
     assert torque_relation(mirrored, q, 0, RATE, others=[(moved(1)[0], 0)]).is_against_motion
 
 
-def test_torques_and_motions_are_paired_with_unit_and_sign():
+def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
     """In any order; angles in deg beside speeds in rad/s, of which the second angle is mirrored."""
     joints = [moved(k) for k in range(2)]
     signals = [(f"{name}_{k + 1}", joints[k][i]) for k in range(2) for name, i in (("tau", 3), ("w", 1))]
@@ -57,7 +58,7 @@ def test_torques_and_motions_are_paired_with_unit_and_sign():
     assert guess_log([(guess_by_name("tau_1", None), joints[0][3])], RATE) is None  # one signal is no log
 
 
-def test_stamps_are_a_clock_and_a_motion_is_none():
+def test_stamps_are_a_clock_and_a_motion_is_none() -> None:
     rng = np.random.default_rng(0)
     assert is_clock(1000 + np.cumsum(rng.choice([0.01, 0.012], 3000)))
     assert is_clock(T)
@@ -84,7 +85,7 @@ input_force|ch#; Kraft N|Beschl#
 
 
 @pytest.mark.parametrize("heading", re.split(r"[;\n]", HEADINGS.strip()))
-def test_headings_of_drives_are_read(heading):
+def test_headings_of_drives_are_read(heading: str) -> None:
     """Torque and motion of three joints, beside commands and temperatures, or one force and three accelerations."""
     of_torque, of_motion = heading.strip().split("|")
     names = [
@@ -121,12 +122,14 @@ def position(name: str, k: int = 1, **keys: object) -> ChannelSpec:
         (tuple(position("", k, column=k, unit="deg" if k == 2 else "rad") for k in (1, 2, 3, 4)), []),
     ],
 )
-def test_contradictions_are_found_at_their_channel(channels, expected):
+def test_contradictions_are_found_at_their_channel(
+    channels: tuple[ChannelSpec, ...], expected: list[tuple[int, str]]
+) -> None:
     assert [(doubt.channel, doubt.key) for doubt in doubts_by_names(channels)] == expected
 
 
 @pytest.mark.parametrize("order", [-1, 0, 1, 2])
-def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order):
+def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order: int) -> None:
     """omega^k exp(-(s omega)^2 / 2), with a phase of k quarter turns."""
     omega, width = 2 * np.pi * 20 / RATE, 8.0
     t = np.arange(2000)
@@ -135,7 +138,7 @@ def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order):
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0), (0, 2), (1, 1)])
-def test_the_order_between_two_motions_and_their_gain_are_found(first, second):
+def test_the_order_between_two_motions_and_their_gain_are_found(first: int, second: int) -> None:
     """With an encoder of 4096 counts, and speed in rpm."""
     signals = [np.round(x * 650) / 650 for x in moved()[:3]]
     gain = 60 / (2 * np.pi)
@@ -149,7 +152,7 @@ def test_the_order_between_two_motions_and_their_gain_are_found(first, second):
 @pytest.mark.parametrize(
     ("order", "gravity", "unit"), [(0, 0.0, 1.0), (0, 40.0, 1.0), (1, 40.0, 1.0), (2, 0.0, 1.0), (1, 0.0, 1e-12)]
 )
-def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order, gravity, unit):
+def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int, gravity: float, unit: float) -> None:
     """In any unit; where the angle is known or follows from the velocity, beside gravity."""
     motion = moved(gravity=gravity)
     relation = torque_relation(motion[3], unit * motion[order], order, RATE, turns=gravity > 0)
@@ -158,7 +161,7 @@ def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order, gravit
     assert not relation.is_against_motion
 
 
-def test_inertia_is_in_si_of_prefixed_torques_and_wrapped_angles():
+def test_inertia_is_in_si_of_prefixed_torques_and_wrapped_angles() -> None:
     """3 kg*m^2 from mN*m and an angle that is read from -180 to 180 deg."""
     q, _, _, u = moved()
     angle = (np.rad2deg(20 * q) + 180) % 360 - 180
@@ -209,7 +212,9 @@ TEN_TURNS = (1, 20 * np.pi / np.ptp(RIGHT[:, 1]))
         (RIGHT, TEN_TURNS, {"gear": 1.0}, []),
     ],
 )
-def test_channels_are_doubted_where_the_others_contradict_them(values, factors, keys, expected):
+def test_channels_are_doubted_where_the_others_contradict_them(
+    values: np.ndarray, factors: tuple[float, ...], keys: dict[str, Any], expected: list[tuple[int, str]]
+) -> None:
     """The one that the other two contradict; signals before the gear have no contradiction but the inertia."""
     n = len(factors)
     doubts = channel_doubts((U, Q, LINK)[:n], values[:, :n] * factors, RATE, robot(**keys))
@@ -222,7 +227,9 @@ D = ChannelSpec("d", "motor 1", "sensor", sign=-1)
 @pytest.mark.parametrize("factor", [1, -1, 1e3, 1e2, 1e-3, 1 / RATIO])
 @pytest.mark.parametrize(("gravity", "efficiency"), [(30.0, 1.0), (30.0, 0.7), (0.0, 1.0)])
 @pytest.mark.parametrize("others", [0.0, 1.0])
-def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(factor, gravity, efficiency, others):
+def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(
+    factor: float, gravity: float, efficiency: float, others: float
+) -> None:
     """Also behind a gear with losses, and moved by other joints; an inertia alone shows no unit that is too small."""
     q, v, a, _ = moved(J=0)
     noise = np.random.default_rng(8).standard_normal((2, len(q)))
@@ -235,7 +242,7 @@ def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(factor, grav
 
 
 @pytest.mark.parametrize("factor", [1, -1])
-def test_joints_that_move_in_proportion_have_no_sign(factor):
+def test_joints_that_move_in_proportion_have_no_sign(factor: float) -> None:
     """A coupled torque that acts against the motion of its joint shows no sign, and none is written."""
     q, v, a, u = moved(0)
     signals = [("tau_1", u), ("q_1", q), ("tau_2", factor * (4 * a + 3 * v)), ("q_2", -0.8 * q)]
@@ -244,7 +251,7 @@ def test_joints_that_move_in_proportion_have_no_sign(factor):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed):
+def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed: int) -> None:
     """Friction carries the slow torque, modes the multisine; the torque is up to two samples late."""
     rng = np.random.default_rng(seed)
     rate, n, rotor, load, k = 250.0, 6000, 2.5, 9.0, rng.uniform(2e4, 2e5)

@@ -1,5 +1,7 @@
 """Logs of commands and positions: channels by name, gains in the log, and the channels of a study."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plants.refusals import refused
@@ -22,7 +24,7 @@ def signals() -> dict[str, np.ndarray]:
             "position": 0.9 * command + 0.01}  # fmt: skip
 
 
-def test_matrices_of_an_archive_are_read_with_gains(signals, tmp_path):
+def test_matrices_of_an_archive_are_read_with_gains(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
     """By column in the order of the joints; one kd for all; a joint that rests is read, too."""
     path = tmp_path / "log.npz"
     np.savez(path, **signals, velocity=signals["command_velocity"], kp=[20.0, 40.0], kd=1.0)
@@ -34,7 +36,7 @@ def test_matrices_of_an_archive_are_read_with_gains(signals, tmp_path):
     assert (log.kp.tolist(), log.kd.tolist()) == ([20.0, 40.0], [1.0, 1.0])
 
 
-def test_columns_of_a_text_are_assigned_by_joint_names(signals, tmp_path):
+def test_columns_of_a_text_are_assigned_by_joint_names(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
     """In any order, in degrees where the heading says so; the rate of the option counts."""
     path = tmp_path / "log.csv"
     columns = [np.rad2deg(signals[name][:, i]) for name in ("command", "position") for i in (1, 0)]
@@ -48,7 +50,7 @@ def test_columns_of_a_text_are_assigned_by_joint_names(signals, tmp_path):
     assert not log.velocity.any()
 
 
-def test_log_without_commands_or_time_is_refused(signals, tmp_path):
+def test_log_without_commands_or_time_is_refused(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, position=signals["position"])
     with refused("records/channels"):
@@ -58,7 +60,9 @@ def test_log_without_commands_or_time_is_refused(signals, tmp_path):
         read_command_log(path, JOINTS)
 
 
-def test_channels_of_a_study_have_units_and_its_controller_gains(signals, tmp_path):
+def test_channels_of_a_study_have_units_and_its_controller_gains(
+    signals: dict[str, np.ndarray], tmp_path: Path
+) -> None:
     """Degrees, sign and scale; kp is K_p K_v; commanded velocities are those that the controller feeds forward."""
     path = tmp_path / "log.npz"
     np.savez(path, a=np.rad2deg(signals["command"]), b=-signals["position"])

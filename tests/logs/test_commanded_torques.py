@@ -1,6 +1,7 @@
 """Logs of torques, positions and references: the torques show which gain of the stated controller is wrong."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +36,9 @@ ROBOT = Robot(
     (1.0, 1.0, ()), (1.04, 1.0, ()), (1.0, 1.25, ("velocity_gain = 0.8",)), (1.25, 1.0, ("position_gain = 0.8",)),
     (1.25, 1.25, ("velocity_gain = 0.8",)),
 ])  # fmt: skip
-def test_gains_that_the_torques_contradict_are_reported(of_kp, of_kd, wrong, tmp_path):
+def test_gains_that_the_torques_contradict_are_reported(
+    of_kp: float, of_kd: float, wrong: tuple[str, ...], tmp_path: Path
+) -> None:
     """Gains k_p and k_d of the study that are a factor off; references act 3.4 ms late, which is not stated."""
     torque, command = (JOINT.log(0, torque=is_torque) for is_torque in (True, False))
     rows = np.column_stack([torque, command[:, 0]])
@@ -50,7 +53,7 @@ def test_gains_that_the_torques_contradict_are_reported(of_kp, of_kd, wrong, tmp
     assert all(gain in text for text, gain in zip(texts, wrong, strict=True))
 
 
-def test_a_motor_at_rest_contradicts_no_gain():
+def test_a_motor_at_rest_contradicts_no_gain() -> None:
     """Motor 1 obeys the controller of the study, motor 2 has noise alone; of both 99.9 % of the power is explained."""
     f, rng = np.linspace(1.0, 40.0, 80), np.random.default_rng(0)
     axis = Body("next", "load", joints=(replace(ROBOT.driven[0], name="2"),), inertia=JOINT.load)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def records_of(folder: Path, q: np.ndarray, u: np.ndarray) -> tuple[FrictionReco
     return read(folder, FileSpec("log.csv"))
 
 
-def test_a_log_is_read_on_the_link_side(tmp_path):
+def test_a_log_is_read_on_the_link_side(tmp_path: Path) -> None:
     """Motor angle in deg over the ratio, motor current times constant and ratio."""
     write_log(tmp_path / "slow.csv", Q, U, np.full(len(Q), 104.0))
     channels = (*CHANNELS, replace(THERMOMETER, unit="degF"))
@@ -45,7 +46,7 @@ def test_a_log_is_read_on_the_link_side(tmp_path):
     assert record.mean_temperature == pytest.approx(40.0)
 
 
-def test_spikes_of_torque_and_position_are_masked(tmp_path):
+def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
     q, u = Q.copy(), U.copy()
     u[[700, 1500]] += 60.0
     q[[700, 1500]] = 0.0
@@ -56,7 +57,7 @@ def test_spikes_of_torque_and_position_are_masked(tmp_path):
     assert clean.notes == ()
 
 
-def test_rows_of_zeros_are_missing_and_interpolated(tmp_path):
+def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:
     """One row in seven, as of a second publisher of a topic."""
     q, u = Q + 1.0, U.copy()
     q[::7] = u[::7] = 0.0
@@ -67,7 +68,7 @@ def test_rows_of_zeros_are_missing_and_interpolated(tmp_path):
     assert np.median(np.abs(record.torque - U[inside][: len(record.torque)])) < 1e-3 * np.ptp(U)
 
 
-def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path):
+def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path: Path) -> None:
     """Parts on both sides begin at their times and hold the samples of the log."""
     q, u = Q.copy(), U.copy()
     middle = len(q) // 2
@@ -81,7 +82,7 @@ def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path):
     assert np.abs(first.position - Q[: len(first.position)]).max() < np.abs(np.diff(Q)).max()
 
 
-def test_a_log_in_which_nothing_moves_is_refused(tmp_path):
+def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     with refused("records/channels", place="log.csv"):
         records_of(tmp_path, 1e-4 * Q, U)
 
@@ -114,7 +115,7 @@ def warm_up(folder, log) -> WarmUp:
 
 
 @pytest.mark.slow
-def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up, log):
+def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up: WarmUp, log: WarmLog) -> None:
     """Work of friction to 1 % of it, inertia and gravity taking no part; 500 steps of 180 000 samples."""
     assert len(warm_up.log.power) == 500
     speed = np.gradient(log.position, 1 / log.rate_hz)
@@ -128,7 +129,7 @@ def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up, log):
     pause=st.sampled_from([0.0, 90.0]),
     hold=st.sampled_from(["zero-order", "band-limited"]),
 )
-def test_a_warm_up_in_two_logs_is_the_warm_up(cycles, pause, hold):
+def test_a_warm_up_in_two_logs_is_the_warm_up(cycles: int, pause: float, hold: Any) -> None:
     """Its work, its time, and the thermometer at its times; at rest in a pause between them."""
     rate_hz, n, first = 20.0, 300 * 120, 120 * cycles
     time_s = np.arange(n) / rate_hz
@@ -152,7 +153,9 @@ def test_a_warm_up_in_two_logs_is_the_warm_up(cycles, pause, hold):
 
 
 @pytest.mark.slow
-def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(warm_up, folder, log):
+def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
+    warm_up: WarmUp, folder: Path, log: WarmLog
+) -> None:
     """A reading every 10 s, some missing, in another file: the power is that of the log."""
     readings = log.thermometer[:: round(10 * log.rate_hz)].copy()
     readings[100:110] = np.nan
@@ -166,7 +169,7 @@ def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(warm
 
 
 @pytest.mark.slow
-def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path, log):
+def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmLog) -> None:
     """Whole degrees without noise: two readings for each of nine."""
     write_warm(tmp_path / "warm.csv", warm_log(2.0, thermometer_std=0.0, count=1.0))
     warm_up = read_warm_up(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))

@@ -19,28 +19,28 @@ WORDS = [unit for unit in SIZES if unit.isascii() and unit not in ("A", "kN", "d
 
 
 @pytest.mark.parametrize(("unit", "form"), list(itertools.product(SIZES, ("x[{}]", "x 1 ({})", "actualX [{}] "))))
-def test_a_unit_in_brackets_has_its_size(unit, form):
+def test_a_unit_in_brackets_has_its_size(unit: str, form: str) -> None:
     assert TABLE[unit_of_heading(form.format(unit)).unit][1] == pytest.approx(SIZES[unit])
 
 
 @pytest.mark.parametrize("unit", WORDS)
-def test_a_unit_as_a_word_has_its_size(unit):
+def test_a_unit_as_a_word_has_its_size(unit: str) -> None:
     word = unit.replace("/", "_")
     for name in (f"joint_{word}", f"signal_{word}_3"):
         assert TABLE[unit_of_heading(name).unit][1] == pytest.approx(SIZES[unit])
 
 
-def test_a_known_unit_in_brackets_is_preferred_to_another_statement():
+def test_a_known_unit_in_brackets_is_preferred_to_another_statement() -> None:
     assert [unit_of_heading("pos_1 [mm]", stated).unit for stated in ("deg", "xyz", "", "mm")] == ["mm"] * 4
     assert [unit_of_heading(f"pos_1 [{unit}]", "deg").unit for unit in ("xyz", "-")] == ["deg"] * 2
 
 
-def test_a_unit_in_a_name_is_no_joint():
+def test_a_unit_in_a_name_is_no_joint() -> None:
     assert {guess_by_name(name, None).parts[1] for name in ("position_base_inc", "cmd_base_inc")} == {"base"}
 
 
 @pytest.mark.parametrize("unit", ["inc", "counts", "ticks", "%", "0.1% rated torque", "Arms", "LSB", "xyz"])
-def test_another_text_in_brackets_is_an_unknown_unit_and_never_stated(unit):
+def test_another_text_in_brackets_is_an_unknown_unit_and_never_stated(unit: str) -> None:
     heading = unit_of_heading(f"Torque actual value [{unit}]")
     assert (heading.unit, heading.unknown) == ("", unit)
     guess = guess_by_name(f"Torque actual value [{unit}]", None)
@@ -48,13 +48,13 @@ def test_another_text_in_brackets_is_an_unknown_unit_and_never_stated(unit):
 
 
 @pytest.mark.parametrize("name", ["tau(1)", "q [2]", "pos (motor 1)", "torque", "omega"])
-def test_headings_without_a_unit_have_none(name):
+def test_headings_without_a_unit_have_none(name: str) -> None:
     assert unit_of_heading(name).unit == unit_of_heading(name).unknown == ""
 
 
 @pytest.mark.parametrize(
     ("column", "is_question"), [("rad", True), ("deg", False), ("°", False), ("xyz", False), ("", False)]
 )
-def test_a_unit_row_that_contradicts_the_heading_is_a_question(column, is_question):
+def test_a_unit_row_that_contradicts_the_heading_is_a_question(column: str, is_question: bool) -> None:
     guess = guess_by_name("position [deg]", None, column)
     assert (guess.unit, guess.why.startswith("?")) == ("deg", is_question)

@@ -27,7 +27,9 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 
 @pytest.mark.parametrize(("lost", "place"), [(2, 500), (3, 450), (-3, 310)])
-def test_samples_that_are_lost_in_three_periods_are_said(lost, place, tmp_path, log):
+def test_samples_that_are_lost_in_three_periods_are_said(
+    lost: int, place: int, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
     """Without time stamps, early and late; not said of a log that lost none and has another period than is stated."""
     rows = np.delete(np.arange(600), np.arange(place, place + lost)) if lost > 0 else np.r_[:place, place + lost : 600]
     save_csv(tmp_path / "log.csv", {name: x[rows] for name, x in log.items()})
@@ -45,7 +47,7 @@ AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-
 LINES = np.arange(3, 60)
 
 
-def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path):
+def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
     """200.3 and 200.31 samples, found in each; the same lines, and the response of the axis that moves alone."""
     channels = (CHANNELS[1], ChannelSpec("y", "motor 1", "phi", quantity="position"))
     for name, T in (("a", 200.3), ("b", 200.31)):
@@ -60,7 +62,7 @@ def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(
     np.testing.assert_allclose(G.G[:, 0, 0], 0.2, rtol=1e-3)
 
 
-def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path):
+def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path) -> None:
     """1.95 periods: two of them, the last 10 samples from the first."""
     whole = multisines(LINES, N, 400)
     record = record_of(tmp_path, {name: x[:390] for name, x in whole.items()})
@@ -70,7 +72,7 @@ def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path):
 
 
 @pytest.mark.parametrize("period", [None, "none"])
-def test_without_a_period_the_whole_record_is_one_piece(period, tmp_path):
+def test_without_a_period_the_whole_record_is_one_piece(period: str | None, tmp_path: Path) -> None:
     """Noise, all of its samples; nothing is mended from other periods."""
     rng = np.random.default_rng(0)
     log = {name: rng.normal(size=777) for name in ("i1", "i2", "phi", "w2")}
@@ -81,7 +83,7 @@ def test_without_a_period_the_whole_record_is_one_piece(period, tmp_path):
     assert said(record.notes) == ()
 
 
-def test_a_period_that_is_not_stated_is_advised_of(tmp_path):
+def test_a_period_that_is_not_stated_is_advised_of(tmp_path: Path) -> None:
     """Four periods of 200 samples; not where the study says none."""
     save_csv(tmp_path / "log.csv", multisines(LINES, N, 800))
     (note,) = said(measured(tmp_path, study_of("log.csv", period_samples=None)).notes)
@@ -89,7 +91,7 @@ def test_a_period_that_is_not_stated_is_advised_of(tmp_path):
     assert said(measured(tmp_path, study_of("log.csv", period_samples=None, period="none")).notes) == ()
 
 
-def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path):
+def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path: Path) -> None:
     """The second log starts 37 samples earlier and holds the injected torque too."""
     rng = np.random.default_rng(0)
     r, y = rng.normal(size=1000), rng.normal(size=1000)
@@ -114,7 +116,7 @@ def test_logs_without_a_period_are_aligned_by_their_noise(tmp_path):
     sign=st.sampled_from([1, -1]),
     seed=st.integers(0, 5),
 )
-def test_no_log_and_no_period_raises(kind, n, lag, sign, seed):
+def test_no_log_and_no_period_raises(kind: str, n: int, lag: int, sign: int, seed: int) -> None:
     """Correlations are numbers up to 1, a lag that is advised of lies in the log, and no motion is taken for noise."""
     rng, t = np.random.default_rng(seed), np.arange(n)
     x = rng.normal(size=n)
@@ -134,14 +136,14 @@ def test_no_log_and_no_period_raises(kind, n, lag, sign, seed):
 
 
 @pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010, 5000))])
-def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period):
+def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dict[str, object]) -> None:
     """Whatever the study states; and what the sentence proposes can be measured."""
     channels = (
         ChannelSpec("u", "motor 1", "rec.act_torque_abs_nm", column=1),
         ChannelSpec("y", "motor 1", "rec.act_pos_mot_deg", column=1, quantity="position", unit="deg"),
     )
 
-    def rig(**changes):
+    def rig(**changes: object) -> RecordedRig:
         recorded = RecordedSpec(250.0, channels, (FileSpec(str(record_file(KUKA)), "home"),), **changes)
         return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
 
@@ -163,7 +165,9 @@ def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period):
     noise=st.sampled_from([0.0, 0.02, 0.3]),
     scale=st.sampled_from([1e-9, 1e6]),
 )
-def test_a_period_is_found_however_often_it_is_logged(kind, T, periods, noise, scale):
+def test_a_period_is_found_however_often_it_is_logged(
+    kind: str, T: float, periods: float, noise: float, scale: float
+) -> None:
     """To a twentieth of a sample and the noise, in any unit; a stated one off by a hundredth is not confirmed."""
     assume(noise < 0.1 or periods > 6)
     t = np.arange(np.ceil(periods * T))
@@ -181,7 +185,7 @@ def test_a_period_is_found_however_often_it_is_logged(kind, T, periods, noise, s
 
 @settings(max_examples=30, deadline=None)
 @given(x=arrays(np.float64, st.integers(2, 40), elements=st.integers(-9, 9).map(float) | st.just(np.nan)))
-def test_the_autocorrelation_is_its_sum(x):
+def test_the_autocorrelation_is_its_sum(x: np.ndarray) -> None:
     """Over pairs of samples that are both known."""
     found = autocorrelation(x)
     assert len(found) == len(x) - len(x) // 8

@@ -28,7 +28,7 @@ NAMES = {"i1": "drive", "i2": "drive", "phi": "phi", "w2": "w2"}
 
 
 @pytest.fixture
-def large(monkeypatch):
+def large(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything is large from 8000 values on, and worked on 6400 at a time."""
     for module in (arrays, frf_spectra):
         monkeypatch.setattr(module, "MIN_LARGE_VALUES", 8000)
@@ -57,7 +57,7 @@ def _same(a: Record, b: Record) -> None:
 
 @given(n=st.integers(8 * N, 80 * N), is_periodic=st.booleans())
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_pieces_are_whole_periods_and_cover_the_log(large, n, is_periodic):
+def test_pieces_are_whole_periods_and_cover_the_log(large: None, n: int, is_periodic: bool) -> None:
     """The first of eight periods, all of so many values that they fit; none where the log fits or has few periods."""
     parts = pieces(n, N if is_periodic else None, 4)
     if not parts:
@@ -72,7 +72,9 @@ def test_pieces_are_whole_periods_and_cover_the_log(large, n, is_periodic):
     assert not is_periodic or np.all(sizes % N == 0)
 
 
-def test_a_log_in_pieces_is_the_same_record(tmp_path, log, request):
+def test_a_log_in_pieces_is_the_same_record(
+    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
+) -> None:
     """Sample by sample, with the note on the end that is no period; read from the file again it stays there."""
     spec = _write(tmp_path, log, extra=7)
     whole = measured(tmp_path, spec)
@@ -89,7 +91,7 @@ def test_a_log_in_pieces_is_the_same_record(tmp_path, log, request):
         assert {file[f"records/{read.name}/{role}"].dtype for role in ("u", "y")} == {np.dtype(np.float32)}
 
 
-def test_each_piece_is_repaired(tmp_path, log, large):
+def test_each_piece_is_repaired(tmp_path: Path, log: dict[str, np.ndarray], large: None) -> None:
     """A spike and a missing sample are filled from their own piece, and nothing else changes."""
     spec = _write(tmp_path, log)
     clean = measured(tmp_path, spec)
@@ -103,7 +105,9 @@ def test_each_piece_is_repaired(tmp_path, log, large):
 
 
 @pytest.mark.parametrize("turns", [False, True])
-def test_a_log_without_a_period_in_pieces_is_the_same_record(turns, tmp_path, log, request):
+def test_a_log_without_a_period_in_pieces_is_the_same_record(
+    turns: bool, tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
+) -> None:
     """To its last sample, with a missing one; as a whole where an angle starts again after a turn."""
     spec = _write(tmp_path, log, extra=7)
     recorded = replace(spec.as_recorded(), period_samples=None, period="none")
@@ -120,7 +124,9 @@ def test_a_log_without_a_period_in_pieces_is_the_same_record(turns, tmp_path, lo
     _same(parts, whole)
 
 
-def test_a_large_record_has_the_same_response(tmp_path, log, request, monkeypatch):
+def test_a_large_record_has_the_same_response(
+    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Lines are found, bad periods are left out by a few lines, and spectra are added up in groups of periods."""
     record = measured(tmp_path, _write(tmp_path, log))
     y = record.y.copy()
@@ -141,7 +147,9 @@ def test_a_large_record_has_the_same_response(tmp_path, log, request, monkeypatc
     np.testing.assert_allclose(found.noise.variance, expected.noise.variance, rtol=1e-6)
 
 
-def test_pieces_that_are_not_in_step_are_refused_as_the_whole_log_is(tmp_path, log, large):
+def test_pieces_that_are_not_in_step_are_refused_as_the_whole_log_is(
+    tmp_path: Path, log: dict[str, np.ndarray], large: None
+) -> None:
     """Samples lost between two pieces are found where the whole log is looked at."""
     spec = _write(tmp_path, log)
     with h5py.File(tmp_path / "log.h5", "r+") as file:

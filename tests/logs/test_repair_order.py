@@ -111,7 +111,9 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("signals", "repairs", "worse"), [f[1:] for f in FAULTS], ids=[f[0] for f in FAULTS])
-def test_the_response_of_a_mended_log_is_as_exact_as_that_of_a_clean_one(signals, repairs, worse, tmp_path):
+def test_the_response_of_a_mended_log_is_as_exact_as_that_of_a_clean_one(
+    signals: dict[str, FloatArray], repairs: dict[str, int], worse: float, tmp_path: Path
+) -> None:
     """At most half as wrong again as with the noise alone (1e-4 of each signal); every repair counted and said."""
     clean, mended = record_of(tmp_path, CLEAN), record_of(tmp_path, signals)
     assert error_of(clean) < 0.02
@@ -125,7 +127,7 @@ AT_ONCE = np.random.default_rng(7)
 
 
 @pytest.mark.parametrize("ppm", [40.0, -120.0])
-def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm, tmp_path):
+def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: Path) -> None:
     """y and r by a second logger without stamps: 40 ppm turn a line at 100 Hz by 9 degrees in six seconds."""
     other = log(np.arange(P * N) * (1 + 1e-6 * ppm) - 12.3, noise=1e-4)
     write_log(tmp_path / "log.h5", {"t": np.arange(P * N) / RATE, "r": CLEAN["r"], "u": CLEAN["u"]})
@@ -138,7 +140,7 @@ def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm, tmp_path):
     assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
 
 
-def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path):
+def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
     """The generator's file: r is repeated, in step with u, and the response is that of the log itself."""
     signals = log(np.arange(P * N) + 211, noise=1e-4)
     write_log(tmp_path / "log.h5", {"u": signals["u"], "y": signals["y"]})
@@ -150,7 +152,7 @@ def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_
     assert "sent.h5 lags log.h5 by 211.000 samples" in said(record.notes)[0]
 
 
-def test_logs_without_a_signal_in_common_are_refused(tmp_path):
+def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
     """Of no motor in the second file, or with another r."""
     write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
     write_log(tmp_path / "encoder.h5", {"r": AT_ONCE.normal(size=P * N), "y": CLEAN["y"]})
@@ -162,7 +164,7 @@ def test_logs_without_a_signal_in_common_are_refused(tmp_path):
         measure(tmp_path, spec_of(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
 
 
-def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path):
+def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     """The encoder at four times the rate of the torques; a rate without a whole number of samples is refused."""
     fast = log(np.arange(4 * P * N) / 4)["y"]
     write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})

@@ -1,6 +1,9 @@
 """The recorded rig: any file format, faults of a log in one message, held torques and known disturbances."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +27,7 @@ from elastid.logs.units_and_sides import UNWRAPPED, link_side, report_drives
 
 @settings(max_examples=25, deadline=None)
 @given(bits=st.sampled_from([0, 8, 12, 16]), speed=st.floats(0.01, 0.04), seed=st.integers(0, 99))
-def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits, speed, seed):
+def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits: int, speed: float, seed: int) -> None:
     """Angle modulo 360 deg, or a counter modulo 2^bits, on the motor side: the same motion, with a note."""
     turn = 2.0**bits if bits else 360.0
     steps = speed * turn * (1 + np.random.default_rng(seed).uniform(-0.9, 0.9, 400))
@@ -42,13 +45,15 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits, speed, see
     np.testing.assert_allclose(left, jumping * unit / at_rest, rtol=1e-12)
 
 
-def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(tmp_path, log):
+def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
+    tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
     (note,) = record_of(tmp_path, log | {"i2": np.full(800, 0.5)}).notes
     assert noted(note) == ("records/input-not-excited", "record home-r0-e0", [2, 2, 0.5])
 
 
-def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path, log):
+def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """780 samples are 3 periods of 200 and 180 more; also when a window of the file is asked for."""
     save_csv(tmp_path / "log.csv", {k: v[:780] for k, v in log.items()})
     record = measured(tmp_path, study_of("log.csv"))
@@ -70,19 +75,21 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path, log):
         ("i1", lambda x: np.where(np.arange(len(x)) % 7, np.nan, x), "missing-samples", "85.6%"),
     ],
 )
-def test_a_log_of_one_row_a_dead_sensor_and_an_empty_torque_are_refused(channel, change, code, holds, tmp_path, log):
+def test_a_log_of_one_row_a_dead_sensor_and_an_empty_torque_are_refused(
+    channel: str, change: Callable[..., Any], code: str, holds: str, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
     """A torque that is mostly missing is not said to be without a period."""
     with refused(f"records/{code}", place="log.csv", holds=holds):
         record_of(tmp_path, {name: change(x) if channel in ("", name) else x for name, x in log.items()})
 
 
-def test_a_motor_side_without_a_gear_is_refused(tmp_path, log):
+def test_a_motor_side_without_a_gear_is_refused(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     write_csv(tmp_path, log)
     with refused("study/recorded", holds=("side: motor", "body arm z")):
         measured(tmp_path, study_of("log.csv", channels=(U, replace(Y, at="body arm z"))))
 
 
-def test_logs_of_two_amplitudes_are_configurations_of_one_posture(tmp_path, log):
+def test_logs_of_two_amplitudes_are_configurations_of_one_posture(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """The level of a file makes a response of its own, at the same angles."""
     write_csv(tmp_path, log)
     rig = RecordedRig(
@@ -106,7 +113,9 @@ FIRST, SECOND, *MOTIONS = CHANNELS
         ("band-limited", None, "zero-order", (0.0, 1.0)),
     ],
 )
-def test_a_torque_is_held_as_its_channel_says_or_else_as_the_section_does(tmp_path, log, section, first, second, held):
+def test_a_torque_is_held_as_its_channel_says_or_else_as_the_section_does(
+    tmp_path: Path, log: dict[str, np.ndarray], section: Any, first: Any, second: Any, held: tuple[float, ...]
+) -> None:
     """Y = G H U with H = 1 for a measured current, and the half sample and sinc of the rate for a command."""
     save_csv(tmp_path / "log.csv", log)
     channels = (replace(FIRST, hold=first), replace(SECOND, hold=second), *MOTIONS)
@@ -125,7 +134,7 @@ def _notes(r: np.ndarray, u: np.ndarray, N: int | None = N) -> list[str]:
 
 @pytest.mark.parametrize("step", [1, 2, 3])
 @pytest.mark.parametrize("periodic", [True, False])
-def test_a_mirrored_motor_is_named_whatever_the_lines(step, periodic):
+def test_a_mirrored_motor_is_named_whatever_the_lines(step: int, periodic: bool) -> None:
     """Odd lines too, where minus the signal is half a period of delay."""
     lines = np.arange(step, 60, 2 * step)
     phases = np.exp(2j * np.pi * np.random.default_rng(3).random((len(lines), 1)))
@@ -136,7 +145,7 @@ def test_a_mirrored_motor_is_named_whatever_the_lines(step, periodic):
 
 @pytest.mark.parametrize("step", [1, 2, 4])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_feedback_that_turns_the_phase_mirrors_nothing(step, sign):
+def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> None:
     """U = s^2 / (s^2 + 2 zeta w s + w^2) R of a stiff loop leads, as lines 3, 7, 11 do a quarter of a period late."""
     lines = np.arange(3, 80, step)
     ratio = 1j * lines / 15.0
@@ -155,14 +164,16 @@ def test_feedback_that_turns_the_phase_mirrors_nothing(step, sign):
         (lambda one, two: np.full_like(one, 3.0), []),  # a dead current
     ],
 )
-def test_a_signal_that_was_logged_twice_is_named(second, places, tmp_path, log):
+def test_a_signal_that_was_logged_twice_is_named(
+    second: Callable[..., np.ndarray], places: list[str], tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
     notes = record_of(tmp_path, log | {"i2": second(log["i1"], log["i2"])}).notes
     named = [note.place for note in notes if note.code == "records/same-signal" and {"i1", "i2"} < {*note.text.split()}]
     assert named == places
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_pulses_that_are_known_act_with_the_torque(sign, tmp_path):
+def test_pulses_that_are_known_act_with_the_torque(sign: Any, tmp_path: Path) -> None:
     """Of one to five samples, none taken for a spike: in records of a response, and of friction."""
     rng, n, periods = np.random.default_rng(5), 250, 8
     lines = np.arange(4, 80, 5)
@@ -188,7 +199,7 @@ def test_pulses_that_are_known_act_with_the_torque(sign, tmp_path):
     np.testing.assert_allclose(of_friction.disturbance, sign * d, atol=1e-9)
 
 
-def test_a_reference_without_a_controller_is_a_note(tmp_path):
+def test_a_reference_without_a_controller_is_a_note(tmp_path: Path) -> None:
     q = trapezoids([0.2, 0.5])
     rows = "\n".join(f"{a:.9g},{b:.9g}" for a, b in zip(sliding_torque(q), q, strict=True))
     (tmp_path / "log.csv").write_text(f"u,q\n{rows}\n")
@@ -201,7 +212,7 @@ def test_a_reference_without_a_controller_is_a_note(tmp_path):
     assert record.rate_hz == friction_logs.RATE
 
 
-def test_stated_delay_and_low_pass_of_a_torque_are_corrected(tmp_path, log):
+def test_stated_delay_and_low_pass_of_a_torque_are_corrected(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """A current that is three samples late has the spectrum of the current itself; role r has no such keys."""
     late = {"i2": np.roll(log["i2"], 3)}
     save_csv(tmp_path / "log.csv", log)

@@ -1,6 +1,6 @@
 """One excitation in several files: the estimate of one long log. A stranger's HDF5 file reads no other file."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -77,7 +77,7 @@ def errors(response: Response) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("periods", [1, 2, 4])
-def test_a_log_that_was_split_is_the_log(periods, tmp_path):
+def test_a_log_that_was_split_is_the_log(periods: int, tmp_path: Path) -> None:
     """Twelve periods in files of one, two or four: the same response, the same variance, to rounding."""
     whole = run(12 * N, seed=1)
     (tmp_path / "whole").mkdir()
@@ -89,7 +89,7 @@ def test_a_log_that_was_split_is_the_log(periods, tmp_path):
     np.testing.assert_allclose(parts.noise.variance, long.noise.variance, rtol=1e-6)
 
 
-def test_channels_at_two_rates_need_them_stated(tmp_path):
+def test_channels_at_two_rates_need_them_stated(tmp_path: Path) -> None:
     """As topics of a bag, or arrays of one file: brought to the lower rate once a channel states its own."""
     signals, files = run(8 * N, 1), (FileSpec("log.npz", "bench"),)
     np.savez(tmp_path / "log.npz", force=signals[:, 0], acceleration=signals[::2, 1])
@@ -101,7 +101,7 @@ def test_channels_at_two_rates_need_them_stated(tmp_path):
     np.testing.assert_allclose(*spectra, rtol=1e-3)
 
 
-def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path):
+def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path: Path) -> None:
     """Each loses the part before its first whole period; a lone period is turned."""
     logs = [run(3 * N, 1), run(3 * N + 50, 2, first=77), run(N, 3, first=191)]
     joined = record_of(tmp_path, logs)
@@ -110,7 +110,7 @@ def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path):
     assert "3 logs: 3 of log_0.csv, 2 of log_1.csv, 1 of log_2.csv" in str(joined.notes)
 
 
-def test_every_start_has_a_transient_of_its_own(tmp_path):
+def test_every_start_has_a_transient_of_its_own(tmp_path: Path) -> None:
     """Four logs of ten periods from rest, 5 draws: errors are as large as stated."""
     ratio = []
     for seed in range(5):
@@ -121,7 +121,7 @@ def test_every_start_has_a_transient_of_its_own(tmp_path):
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.3)
 
 
-def test_a_local_method_takes_each_log_as_a_repeat(tmp_path):
+def test_a_local_method_takes_each_log_as_a_repeat(tmp_path: Path) -> None:
     """The same as four experiments with the same phases."""
     logs = [run(5 * N, i, at_rest=True) for i in range(4)]
     files = tuple(FileSpec(f"log_{i}.csv", "bench", experiment=i) for i in range(4))
@@ -134,7 +134,7 @@ def test_a_local_method_takes_each_log_as_a_repeat(tmp_path):
     np.testing.assert_allclose(responses[0].G, responses[1].G, rtol=1e-9)
 
 
-def test_another_excitation_is_refused_with_both_files(tmp_path):
+def test_another_excitation_is_refused_with_both_files(tmp_path: Path) -> None:
     """Of other phases, in a third of its power where two periods show the noise, or of another period."""
     third = np.tile(0.82 * multisine() + 0.57 * multisine(7), 2)
     found = {"period_samples": None, "period": "find"}
@@ -147,7 +147,7 @@ def test_another_excitation_is_refused_with_both_files(tmp_path):
             record_of(tmp_path, [run(first, 1), torque[:, None] * [1.0, 0.3]], **keys)
 
 
-def test_a_clean_pair_of_logs_is_never_refused(tmp_path):
+def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:
     """300 pairs of torques with noise of up to 0.6 of the excitation, of one to four periods."""
     (tmp_path / "a").mkdir()
     template = record_of(tmp_path / "a", [run(4 * N, 1)])
@@ -163,7 +163,7 @@ def test_a_clean_pair_of_logs_is_never_refused(tmp_path):
 
 @pytest.mark.parametrize("gain", [0.5, 0.88, 0.92, 1.08, 1.12, 2.0])
 @pytest.mark.parametrize("unit", [1e-4, 1e4])
-def test_an_excitation_of_another_size_is_refused_from_a_tenth_on(gain, unit, tmp_path):
+def test_an_excitation_of_another_size_is_refused_from_a_tenth_on(gain: float, unit: float, tmp_path: Path) -> None:
     """In any unit: friction that warms up changes torques by a few per cent."""
     template = record_of(tmp_path, [run(4 * N, 1)])
     first, second = (replace(template, u=size * unit * template.u) for size in (1.0, gain))
@@ -171,7 +171,7 @@ def test_an_excitation_of_another_size_is_refused_from_a_tenth_on(gain, unit, tm
         join_periods([first, second], ["a.csv", "b.csv"])
 
 
-def test_periods_that_a_log_lacks_are_left_out_of_all(tmp_path):
+def test_periods_that_a_log_lacks_are_left_out_of_all(tmp_path: Path) -> None:
     """The first and the third of one log; two of another, since its fourth begins within a period of the first log."""
     logs = [run(4 * N, 1), run(5 * N + 50, 2, first=77)]
     for log, start in ((logs[0], 10), (logs[0], 2 * N + 10), (logs[1], 3 * N)):
@@ -235,7 +235,7 @@ def bomb(file: Any, secret: Path) -> None:
         (bomb, r"/a claims 8e\+03 GB, and 0 bytes of it are in the file"),
     ],
 )
-def test_a_file_that_reaches_out_is_refused(tmp_path, harm, message):
+def test_a_file_that_reaches_out_is_refused(tmp_path: Path, harm: Callable[[Any, Path], None], message: str) -> None:
     """As a log, and as something that says it is a result of elastid."""
     secret, path = tmp_path / "secret", tmp_path / "log.h5"
     secret.write_bytes(SECRET)
@@ -248,7 +248,7 @@ def test_a_file_that_reaches_out_is_refused(tmp_path, harm, message):
         described(path)
 
 
-def test_links_inside_a_file_are_followed(tmp_path):
+def test_links_inside_a_file_are_followed(tmp_path: Path) -> None:
     """A second name of a signal is one; a link that leads nowhere is none."""
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file["axis/torque"] = np.arange(5.0)

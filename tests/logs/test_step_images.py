@@ -63,7 +63,7 @@ def logs(tmp_path_factory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("is_logged", "suffix"), [(True, ""), (False, ""), (True, "-late")])
-def test_images_of_reference_steps_are_subtracted(is_logged, suffix, logs):
+def test_images_of_reference_steps_are_subtracted(is_logged: bool, suffix: str, logs: Path) -> None:
     """Torques at the cycle without a filter, delay free: k within 0.2 % and 3 std, logged references or not, late."""
     records, recorded = measured(logs, CONTROLLER, (*U, *Y, *(R if is_logged else ())), suffix)
     notes = {(note.code, note.severity) for record in records for note in record.notes}
@@ -72,7 +72,7 @@ def test_images_of_reference_steps_are_subtracted(is_logged, suffix, logs):
 
 
 @pytest.mark.slow
-def test_images_by_inaccurate_gains_are_systematic_errors(logs):
+def test_images_by_inaccurate_gains_are_systematic_errors(logs: Path) -> None:
     """Gains 10 to 15 % off, references not logged: k within 0.2 %, delay within 0.02 ms, both within 3 std."""
     gains = GAINS | {"position_gain": 22.0, "velocity_gain": (2550.0, 1725.0)}
     records, recorded = measured(logs, replace(CONTROLLER, **gains), (*U, *Y))
@@ -108,7 +108,7 @@ def fitted(records: list[Record], recorded: RecordedSpec) -> Result:
 
 
 @pytest.mark.slow
-def test_images_are_the_same_with_a_slow_motion(logs):
+def test_images_are_the_same_with_a_slow_motion(logs: Path) -> None:
     """Logs that end 0.2 rad from their start have the images of logs that end where they start, within 1 % rms."""
     torques = []
     for suffix in ("", "-slow"):

@@ -93,7 +93,7 @@ def check_stiffness(records: list[Record], tolerance: float, *free: str) -> None
 
 
 @pytest.mark.parametrize("common", [(), slow(Y), R], ids=["none", "positions", "references"])
-def test_two_recorders_with_unknown_offset_give_the_stiffness(common, tmp_path):
+def test_two_recorders_with_unknown_offset_give_the_stiffness(common: tuple[ChannelSpec, ...], tmp_path: Path) -> None:
     """Offsets to 0.1 ms by a signal in both files; else to 0.15 ms by torques and accelerations, but for a delay that
     all files share and the fit identifies.
     """
@@ -106,7 +106,7 @@ def test_two_recorders_with_unknown_offset_give_the_stiffness(common, tmp_path):
 
 
 @pytest.mark.parametrize("ratio", [slow(0.1), slow(1.0), 10.0])
-def test_reference_as_instrument_gives_stiffness_without_bias(ratio, tmp_path):
+def test_reference_as_instrument_gives_stiffness_without_bias(ratio: float, tmp_path: Path) -> None:
     """`auto` selects joint, k is right to 3 std; 96 periods do not bring a tenth of the disturbance above the noise."""
     with refused("frf/inputs-not-separable") if ratio < 1 else nullcontext():
         size = (8, 6 if ratio <= 1 else 3)
@@ -114,7 +114,7 @@ def test_reference_as_instrument_gives_stiffness_without_bias(ratio, tmp_path):
 
 
 @pytest.mark.parametrize(("seed", "code"), [(1, 0), (2, 2)])
-def test_check_compares_the_start_of_two_recorders(seed, code, tmp_path):
+def test_check_compares_the_start_of_two_recorders(seed: int, code: int, tmp_path: Path) -> None:
     """The second log has the reference of the first, a quarter of a period later, or another one."""
     references = [np.random.default_rng(i).normal(size=500) for i in (1, seed)]
     for name, r, start in zip("ab", references, (0, 125), strict=True):

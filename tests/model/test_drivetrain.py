@@ -1,6 +1,7 @@
 """Rotors that ride on bodies and gears that couple axes: an independent implementation, energy, either side, a fit."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -120,7 +121,7 @@ def test_a_rotor_that_no_robot_can_have_is_refused(on, axis, says):
         )
 
 
-def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path):
+def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path: Path) -> None:
     """An armature neither rides on a body nor is coupled: named, with the targets that hold it."""
     for robot in (random_arm(0, coupled=False), wrist()):
         with refused("export/not-representable", place=f"robot {robot.name}"):
@@ -191,7 +192,7 @@ def test_logs_of_coupled_motors_come_to_the_link_side_together():
         to_joints([*channels[:2], *channels[3:]], robot)
 
 
-def test_springs_on_both_ends_of_coupled_gears_are_told_apart():
+def test_springs_on_both_ends_of_coupled_gears_are_told_apart() -> None:
     """Three axes coupled all around: six stiffnesses in series are found from starts a factor 1.5 off."""
     robot = wrist(shafts=True, links=True)
     responses = []

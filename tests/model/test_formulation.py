@@ -49,13 +49,15 @@ def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
         ("constant_stiffness", 2, {"k_2", "k_3", "k_b2", "k_rod"}),
     ],
 )
-def test_an_elastic_rod_is_cut_or_closes_its_loop_with_the_joints_in_it_held(variant, rows, springs):
+def test_an_elastic_rod_is_cut_or_closes_its_loop_with_the_joints_in_it_held(
+    variant: Variant, rows: int, springs: set[str]
+) -> None:
     """A loop and an elastic joint in it: two rows where nothing gives in the loop, none where its rod is cut."""
     model = formulate(linkage(bends=True), ModelSpec("minimal", variant))
     assert (model.n_c, set(model.springs)) == (rows, springs)
 
 
-def test_a_tree_is_serial_and_a_linkage_constrained_unless_another_formulation_is_asked_for():
+def test_a_tree_is_serial_and_a_linkage_constrained_unless_another_formulation_is_asked_for() -> None:
     """An elastic rod has a coordinate of its own in the constrained one; a rigid one is a row in both."""
     assert (formulate(template_arm()).n_c, formulate(template_arm()).independent) == (0, None)
     elastic, rigid = linkage(), linkage(Rod(LOWER, 6.2))
@@ -85,7 +87,9 @@ def of_lever(model: ElasticModel, angles: tuple[float, float]) -> tuple[float, f
 
 
 @pytest.mark.parametrize("angles", POSTURES)
-def test_gear_and_rod_are_springs_in_series_by_the_sine_of_the_angle_between_lever_and_rod(angles):
+def test_gear_and_rod_are_springs_in_series_by_the_sine_of_the_angle_between_lever_and_rod(
+    angles: tuple[float, float],
+) -> None:
     """In a parallelogram y = l cos(q_3 - q_2); a constant one has that of the start; a rigid loop the gear alone."""
     k, d, k_r, d_r = 5e5, 250.0, 1e7, 4000.0
     stiff, own_damping = of_lever(of_variant("rigid_loop"), angles)
@@ -99,7 +103,7 @@ def test_gear_and_rod_are_springs_in_series_by_the_sine_of_the_angle_between_lev
         assert pytest.approx(d_eff, rel=1e-6) == D - own_damping + d
 
 
-def test_a_rod_whose_mass_is_at_its_ends_is_that_of_lumped_rod():
+def test_a_rod_whose_mass_is_at_its_ends_is_that_of_lumped_rod() -> None:
     """I = a (1 - a) m L^2; any other inertia is moved to the ends."""
     m, a = 6.2, 0.52
     at_ends, evenly = (Rod(LOWER, m, a, inertia) for inertia in (a * (1 - a) * m * LOWER**2, 0.3))
@@ -114,7 +118,7 @@ def test_a_rod_whose_mass_is_at_its_ends_is_that_of_lumped_rod():
     assert np.abs(M_even - M).max() > 1e-3
 
 
-def test_parameters_without_an_effect_are_those_of_what_a_variant_leaves_out():
+def test_parameters_without_an_effect_are_those_of_what_a_variant_leaves_out() -> None:
     """Rods and elastic joints in stiff loops; of a stiffness that is the gear's the rod's; inertia of lumped rods."""
     robot = linkage(bends=True)
     assert unseen(robot, "exact") == unseen(robot, "bending_outside") == ()
@@ -126,7 +130,7 @@ def test_parameters_without_an_effect_are_those_of_what_a_variant_leaves_out():
     assert unseen(rigid, "constant_stiffness") == bending
 
 
-def test_a_rod_that_no_elastic_gear_drives_cannot_be_condensed():
+def test_a_rod_that_no_elastic_gear_drives_cannot_be_condensed() -> None:
     """The lever's gear is rigid: the message names the rod, and the way out."""
     robot = linkage()
     rigid = Joint("3", "y", motor=Motor(2e-3, 100))
@@ -154,7 +158,7 @@ def arm() -> Robot:
     return Robot("arm", bodies, (0.0, 0.0, -9.81), frames=(Frame("tip", "c", Placement((0, 0, 0.5))),))
 
 
-def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts():
+def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> None:
     """Upright: the tip moves by 1.5, 0.9 and 0.5 m along x per rad; tilted it sees g of gravity along -x per rad."""
     model = serial(arm())
     q, places = np.zeros(4), ("motor 1", "joint 3", "body c y", "frame tip x", "frame tip ry", "accelerometer tip x")
@@ -166,7 +170,7 @@ def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts():
     np.testing.assert_allclose(model.output_jacobian(q, places), C)
 
 
-def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held():
+def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held() -> None:
     """At two postures; the whole model with every coordinate struck out but those of motor 1 and joint 1."""
     robot = two_axes((0.0, 0.0))
     model = formulate(robot)
@@ -186,14 +190,14 @@ def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held():
 
 
 @pytest.mark.parametrize("formulation", [None, "serial", "constrained"])
-def test_variants_and_independent_coordinates_are_choices_of_the_minimal_formulation(formulation):
+def test_variants_and_independent_coordinates_are_choices_of_the_minimal_formulation(formulation: str | None) -> None:
     for choice in ({"variant": "rigid_loop"}, {"independent": ("joint 2",)}):
         with pytest.raises(ValueError, match=f"{next(iter(choice))} is a choice of the minimal formulation"):
             ModelSpec(formulation, **choice)
         ModelSpec("minimal", **choice)
 
 
-def test_keys_that_do_not_suit_a_robot_are_named_with_their_place():
+def test_keys_that_do_not_suit_a_robot_are_named_with_their_place() -> None:
     """Loops that a serial formulation leaves open; names that are no coordinates; others have their places."""
     robot = linkage()
     assert list(ModelSpec().refusals(robot)) == []

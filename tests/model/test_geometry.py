@@ -103,7 +103,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.slow
-def test_derivatives_to_every_coordinate_follow_the_operating_point(case):
+def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -> None:
     """dG/dtheta of all parameters at once, geometry and what it deflects, against differences of fourth order."""
     robot, spec, angles, body = CASES[case]
     model = formulate(robot, spec, robot.geometry)
@@ -116,7 +116,7 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case):
     scale = np.abs(G).max(axis=0)
     found = replace(linearisation, point=None)  # responses alone
 
-    def moved_by(place, by):
+    def moved_by(place: int, by: float) -> np.ndarray:
         theta = model.theta.copy()
         theta[place] += by
         there = found.at(at, theta, outputs, "acceleration")
@@ -135,7 +135,7 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case):
 
 
 @pytest.mark.oracle("mujoco")
-def test_mujoco_sees_the_joints_where_they_are():
+def test_mujoco_sees_the_joints_where_they_are() -> None:
     """Mass matrix and weight of the exported tree, joints at points of their own included, in MuJoCo's arithmetic."""
     import mujoco
 
@@ -155,7 +155,7 @@ def test_mujoco_sees_the_joints_where_they_are():
 
 
 @pytest.mark.parametrize("pin", [None, Pin("y")])
-def test_a_number_that_would_open_a_planar_loop_is_refused(pin):
+def test_a_number_that_would_open_a_planar_loop_is_refused(pin: Pin | None) -> None:
     model = formulate(jointed(pin), ModelSpec("minimal"), ("p1_l_y",))
     with refused("robot/loops", place="p1_l_y"):
         linearise(model, Configuration("c", (0.2, 0.1)), model.theta, model.inputs, "acceleration")

@@ -127,7 +127,7 @@ def test_stiffness_is_the_derivative_of_the_forces():
 
 
 @pytest.mark.parametrize("spec", [CONSTRAINED, MINIMAL, ModelSpec("minimal", "series_stiffness")])
-def test_derivatives_of_the_response_equal_differences(spec):
+def test_derivatives_of_the_response_equal_differences(spec: ModelSpec):
     """To 1e-6 for springs, dampers, rods and motors at a held operating point."""
     model, at = formulate(SPATIAL, spec), Configuration("c", (0.6, 0.6, 0.1))
     wanted = ("k_3", "d_3", "k_rod", "d_rod", "Jm_2", "k_2")
@@ -186,7 +186,7 @@ def test_any_choice_of_independent_coordinates_gives_the_same_response():
         response(robot, ModelSpec("minimal", independent=("joint 9",)), at)
 
 
-def test_the_start_decides_how_a_loop_is_put_together_and_it_stays_so():
+def test_the_start_decides_how_a_loop_is_put_together_and_it_stays_so() -> None:
     """The other branch of a four-bar is another mechanism, followed to the same configuration."""
     robot, at = FOUR_BAR, Configuration("c", (0.5, 0.3))
     *others, upper = robot.bodies
@@ -207,7 +207,7 @@ def wrong(robot: Robot, angles: tuple[float, ...] = (0.0, 0.0)) -> str:
     return str(caught.value)
 
 
-def test_what_is_wrong_with_a_loop_is_said():
+def test_what_is_wrong_with_a_loop_is_said() -> None:
     """How much stays open and where; what is locked, left free, folded up."""
     said = wrong(linkage(Rod(2.0)))
     assert "pose: loop rod does not close at the start posture" in said
@@ -281,7 +281,7 @@ QUICK = {"compensator across the loop", "coupled gears, springs after", "a harde
 
 
 @pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in ROBOTS_WITH])
-def test_both_formulations_agree_with_all_that_drives_a_robot(name):
+def test_both_formulations_agree_with_all_that_drives_a_robot(name: str) -> None:
     """Responses to 1e-10, and the response is another one than without it."""
     robot = ROBOTS_WITH[name]()
     constrained = response(robot, CONSTRAINED, AT)

@@ -39,7 +39,7 @@ ANGLES = np.linspace(-3.1, 3.1, 63)
 
 
 @pytest.mark.parametrize(("a", "b"), [(0.5, 0.4), (0.4, 0.4)])
-def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a, b):
+def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a: float, b: float) -> None:
     """L0 = 0 and k a b = m g l: nothing is left to hold, nor to stiffen, even where the two ends meet."""
     robot = arm(balancer(0.0, a, b))
     assert np.abs(holding(arm(), ANGLES)).max() == pytest.approx(WEIGHT, rel=2e-3)
@@ -50,7 +50,7 @@ def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a, b):
         assert abs(float(model.stiffness([angle], [], model.theta))) < 1e-6 * WEIGHT
 
 
-def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy():
+def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy() -> None:
     """dV/dq written out against CasADi's gradient of V, and K against differences, for all kinds in a tree."""
     gas = {"force": 800.0, "length": 0.5, "column": 0.8}
     robots = [
@@ -73,7 +73,7 @@ def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy():
             assert float(model.stiffness([angle], [], model.theta)) == pytest.approx((up - down) / (2 * h), rel=1e-6)
 
 
-def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula():
+def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula() -> None:
     """Isothermal nitrogen in a cylinder that axis 2 draws (Weigand et al. 2021), at -140 to -20 degrees."""
     D, k = 0.8, 0.2
     area = math.pi * (0.055**2 - 0.030**2) / 4
@@ -93,7 +93,7 @@ def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula():
     np.testing.assert_allclose(p[2:11] / 1e5, measured_bar, rtol=0.05)
 
 
-def test_wrong_compensators_are_refused():
+def test_wrong_compensators_are_refused() -> None:
     ends = Anchor("base"), Anchor("arm", (0, 0, 0.3))
     coil, gas = CoilSpring(1e4), GasSpring(1e3, 0.5, 0.4)
     with pytest.raises(ValueError, match="compensator c: give one of coil and gas"):
@@ -108,7 +108,7 @@ def test_wrong_compensators_are_refused():
         arm(Compensator("c", ends, coil), Compensator("c", ends, gas=gas))
 
 
-def test_a_gas_spring_beyond_its_end_is_refused():
+def test_a_gas_spring_beyond_its_end_is_refused() -> None:
     """Drawn further than its gas column is long, the pressure is not a number: the message says what to look at."""
     gas = GasSpring(1e3, 0.2, 0.1, 1.2, "draw")
     robot = arm(Compensator("c", (Anchor("base", (0, 0, 0.5)), Anchor("arm", (0, 0, 0.4))), gas=gas))

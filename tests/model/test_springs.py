@@ -69,7 +69,7 @@ def at_rest(model: ElasticModel, angle: float) -> tuple[float, float]:
 X = np.linspace(-3e-3, 3e-3, 61)
 
 
-def test_backlash_is_the_smooth_dead_zone():
+def test_backlash_is_the_smooth_dead_zone() -> None:
     """tau = k/2 [2 D + sqrt((D-b)^2 + e^2) - sqrt((D+b)^2 + e^2)]; e -> 0 gives the dead zone, at the rate of e."""
     k, b = 1e6, 1e-3
     dead_zone = k * np.sign(X) * np.maximum(np.abs(X) - b, 0)
@@ -87,7 +87,7 @@ def test_backlash_is_the_smooth_dead_zone():
 @pytest.mark.slow
 @given(st.lists(st.floats(-2e-3, 2e-3), min_size=7, max_size=7))
 @settings(deadline=None, max_examples=25)
-def test_torques_and_stiffness_are_derivatives_of_one_potential(numbers):
+def test_torques_and_stiffness_are_derivatives_of_one_potential(numbers: list[float]) -> None:
     """f at rest is dV/dq, K its Jacobian, by central differences about any deflection, in gaps and at their edges."""
     model = serial(arm())
     q = np.array(numbers)
@@ -104,7 +104,7 @@ def test_torques_and_stiffness_are_derivatives_of_one_potential(numbers):
 
 
 @pytest.mark.parametrize(("weight", "factor"), [(1000.0, 1.62), (3000.0, 3.45)])
-def test_the_response_sees_the_tangent_at_the_gravity_preload(weight, factor):
+def test_the_response_sees_the_tangent_at_the_gravity_preload(weight: float, factor: float) -> None:
     """a0 = 1e6, a2 = 3e11: the tangent is 1.62 times a0 under 1 kNm and 3.45 times under 3 kNm."""
     model = serial(beam(Spring(1e6, cubic=3e11), weight))
     deflection, tangent = at_rest(model, 0.0)
@@ -114,7 +114,7 @@ def test_the_response_sees_the_tangent_at_the_gravity_preload(weight, factor):
     assert linear.K[1, 1] == pytest.approx(tangent, rel=1e-12)
 
 
-def test_gravity_hides_the_backlash():
+def test_gravity_hides_the_backlash() -> None:
     """Under a preload beyond b the tangent is that without gap, but for (e / D)^2; inside the gap nearly nothing."""
     k, b = 1e6, 2e-4
     model = serial(beam(Spring(k, backlash=b, rounding=0.01), 1000.0))
@@ -132,7 +132,7 @@ def test_gravity_hides_the_backlash():
     angle=st.floats(-3.1, 3.1),
 )
 @settings(deadline=None, max_examples=40)
-def test_statics_converge_across_any_gap(rounding, b, angle):
+def test_statics_converge_across_any_gap(rounding: float, b: float, angle: float) -> None:
     """From the middle of a gap without stiffness to a flank, whatever the width, the edge and the direction."""
     model = serial(beam(Spring(1e6, backlash=b, rounding=rounding), 500.0))
     point = resting(model, angle)
@@ -142,13 +142,13 @@ def test_statics_converge_across_any_gap(rounding, b, angle):
     assert point.u[0] == pytest.approx(-500 * math.cos(point.q[0]), abs=1e-3)
 
 
-def test_slopes_follow_the_operating_point():
+def test_slopes_follow_the_operating_point() -> None:
     """dG / dtheta of every parameter equals differences through the whole statics and linearisation, to 1e-6."""
     model = serial(arm())
     linearisation, outputs = Linearisation.of(model), ("motor 1", "motor 2", "joint 2x", "motor 3")
     configuration, freq_hz = Configuration("c", (0.3, -0.7, 0.4)), np.linspace(1, 60, 30)
 
-    def response(theta):
+    def response(theta: np.ndarray) -> np.ndarray:
         linear = linearisation.at(configuration, theta, outputs, "acceleration")
         return frequency_response(linear, linear.theta_ref, freq_hz)
 
@@ -179,6 +179,6 @@ def test_slopes_follow_the_operating_point():
         ({"backlash": 1e-4, "rounding": 0.0}, "^rounding: "),
     ],
 )
-def test_springs_that_pull_are_refused(fields, message):
+def test_springs_that_pull_are_refused(fields: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Spring(1e6, **fields)

@@ -1,6 +1,7 @@
 """Motion between samples and spectra of shapes are those of the motor's motion; coefficients and curves of a result."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -32,14 +33,14 @@ def amplitudes_of(record: Record, shape: BasisFunction, lines: list[int]) -> np.
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
 @pytest.mark.parametrize("line", [1, 7, 33])
-def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity, line):
+def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity: Motion, line: int) -> None:
     """4 / (pi k) at its odd harmonics, against a sine, as exact at 33 lines of 200 as at one."""
     harmonics = [k for k in (1, 3, 5) if k * line < N / 2]
     found = amplitudes_of(swinging(line, 0.1, quantity), SIGN, [k * line for k in harmonics])
     np.testing.assert_allclose(found, [4j / (np.pi * k) for k in harmonics], atol=1e-3)
 
 
-def test_the_spectrum_of_jumps_is_that_of_jumps():
+def test_the_spectrum_of_jumps_is_that_of_jumps() -> None:
     """Of 2 and -2 in turn at cells' edges, below half the rate to 1e-2 of the largest line."""
     samples, cells = 40, CELLS
     times, t = np.array([3.25, 11.5, 17.75, 30.25]), (np.arange(samples * cells) + 0.5) / cells
@@ -51,7 +52,7 @@ def test_the_spectrum_of_jumps_is_that_of_jumps():
     )
 
 
-def test_a_stribeck_shape_has_its_first_harmonic_whatever_the_sampling():
+def test_a_stribeck_shape_has_its_first_harmonic_whatever_the_sampling() -> None:
     """By quadrature over one turn: a fall over a twentieth of the peak speed, which few samples see."""
     peak = 0.2 * 2 * np.pi * 33 * RATE / N
     angle = 2 * np.pi * (np.arange(200_000) + 0.5) / 200_000
@@ -61,7 +62,7 @@ def test_a_stribeck_shape_has_its_first_harmonic_whatever_the_sampling():
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-def test_a_stribeck_shape_is_no_part_of_fast_sliding():
+def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:
     """All of it near standstill, nothing at six times its velocity, and none of F_c."""
     shape = BasisFunction("motor 1", "stribeck", 0.01)
     np.testing.assert_allclose(shape.sliding(np.array([1e-6, -1e-6, 0.06])), [1, -1, 0], atol=1e-7)
@@ -69,7 +70,7 @@ def test_a_stribeck_shape_is_no_part_of_fast_sliding():
     np.testing.assert_array_equal(sliding_means(np.zeros((1, 4)), [(shape, 1.0)]), 0)
 
 
-def test_half_periods_are_repetitions_with_the_other_sign():
+def test_half_periods_are_repetitions_with_the_other_sign() -> None:
     """A half-wave record has the amplitudes of the same record in whole periods."""
     record = swinging(3, 0.2)
     for shape in (SIGN, BasisFunction("motor 1", "stop", 0.05)):
@@ -78,7 +79,7 @@ def test_half_periods_are_repetitions_with_the_other_sign():
         )
 
 
-def test_a_reversal_goes_from_one_direction_to_the_other():
+def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
     """Over twice the threshold of a stop operator."""
     curve = BasisFunction("motor 1", "stop", 0.1).reversal(np.array([0.0, 0.1, 0.2, 0.5]))
     np.testing.assert_allclose(curve, [-1, 0, 1, 1])
@@ -87,13 +88,13 @@ def test_a_reversal_goes_from_one_direction_to_the_other():
 
 
 @pytest.mark.parametrize(("kind", "threshold"), [("sign", 1e-3), ("sign", 0.5), ("stribeck", 0.2)])
-def test_the_mean_over_a_cell_is_that_of_a_straight_velocity(kind, threshold):
+def test_the_mean_over_a_cell_is_that_of_a_straight_velocity(kind: str, threshold: float) -> None:
     """It turns within a cell, is one-sided or constant, against ten thousand points of each cell."""
     shape = BasisFunction("motor 1", kind, threshold)
     x = np.linspace(0, 1, 17)
     between = (np.arange(160_000) + 0.5) / 160_000
 
-    def velocity(x):
+    def velocity(x: np.ndarray) -> np.ndarray:
         return np.array([0.3 - x, 0.2 * x, 0.4 + 0.0 * x])
 
     expected = shape.sliding(velocity(between)).reshape(3, 16, -1).mean(axis=2)
@@ -119,14 +120,14 @@ FRICTION = CompensatedFriction(
 )
 
 
-def test_the_level_in_sliding_is_the_sum_of_signs_and_bristles_without_stribeck():
+def test_the_level_in_sliding_is_the_sum_of_signs_and_bristles_without_stribeck() -> None:
     """With the correlation of the coefficients; 0 of a motor that nothing was taken out of."""
     assert FRICTION.coulomb_friction("motor 1") == pytest.approx((5.0, np.sqrt(0.15)))
     assert FRICTION.coulomb_friction("motor 2") == (0.0, 0.0)
     assert FRICTION.compensated_motors() == ("motor 1",)
 
 
-def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide():
+def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide() -> None:
     """A stop of 3 Nm is half-way to sliding after a motion of its threshold; a spring of 10 Nm/rad has no bound."""
     short = replace(FRICTION, swings=(0.1, 0.1))
     assert short.coulomb_friction("motor 1") == pytest.approx((5.0, np.hypot(np.sqrt(0.15), 1.5)))
@@ -136,7 +137,7 @@ def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide():
 
 
 @pytest.mark.parametrize("element", ["stop", "bristle"])
-def test_damping_acts_on_the_rate_of_its_element(element):
+def test_damping_acts_on_the_rate_of_its_element(element: Literal["stop", "bristle"]) -> None:
     """Its lines are those of the element times j omega over the sampling rate."""
     record, lines = swinging(7, 0.2), [7, 21]
     of_element, of_damping = (
@@ -145,7 +146,7 @@ def test_damping_acts_on_the_rate_of_its_element(element):
     np.testing.assert_allclose(of_damping, 2j * np.pi * np.array(lines) / N * of_element, rtol=2e-2)
 
 
-def test_a_reversal_runs_from_minus_to_plus_the_level_in_sliding():
+def test_a_reversal_runs_from_minus_to_plus_the_level_in_sliding() -> None:
     """The bristle bends over twice its threshold."""
     torque, std = FRICTION.reversal("motor 1", np.array([0.0, 0.1, 1.0]))
     np.testing.assert_allclose(torque, [-5.0, 2.0, 5.0])
@@ -164,7 +165,7 @@ def record_of(y: np.ndarray) -> Record:
     )
 
 
-def test_a_periodic_motion_is_exact_between_its_samples():
+def test_a_periodic_motion_is_exact_between_its_samples() -> None:
     """Angle about a mean far from zero, and velocity."""
     omega = 2 * np.pi * 37 * RATE / N
     motion = motion_of(record_of(1.2 + 0.1 * np.sin(omega * TIME)), "motor 1")
@@ -173,14 +174,14 @@ def test_a_periodic_motion_is_exact_between_its_samples():
     np.testing.assert_allclose(motion.swings, 0.2, rtol=0.01)
 
 
-def test_a_logged_velocity_keeps_its_value_at_the_start():
+def test_a_logged_velocity_keeps_its_value_at_the_start() -> None:
     omega = 2 * np.pi * 37 * RATE / N
     logged = replace(record_of(0.1 * omega * np.cos(omega * TIME)), quantities=("velocity",))
     motion = motion_of(logged, "motor 1")
     np.testing.assert_allclose(motion.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
 
 
-def test_a_transient_and_a_drift_keep_their_velocity():
+def test_a_transient_and_a_drift_keep_their_velocity() -> None:
     """To 2 % of its largest, away from the ends, where a record that does not repeat is cut; of one period a ramp."""
     ramp = replace(record_of(0.02 * TIME), period_samples=len(TIME))
     np.testing.assert_allclose(motion_of(ramp, "motor 1").velocity, 0.02, rtol=1e-6)
@@ -197,7 +198,7 @@ def noisy(std: float) -> tuple[KnownMotion, float]:
     return motion, float(np.std(motion.velocity - 0.1 * omega * np.cos(omega * FINE)))
 
 
-def test_the_noise_of_the_velocity_is_known():
+def test_the_noise_of_the_velocity_is_known() -> None:
     """To a tenth, where it is small: only lines between those of the period are left out."""
     motion, error = noisy(1e-5)
     assert abs(motion.velocity_noise - error) < 0.1 * error

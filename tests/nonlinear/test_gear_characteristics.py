@@ -39,7 +39,7 @@ def sheet(
     return sheet_of(gear, plain_fit(x + np.array([np.log(1.1), 0.0])), groups)
 
 
-def test_stiffness_by_range_is_the_secant_of_the_spring():
+def test_stiffness_by_range_is_the_secant_of_the_spring() -> None:
     """Of k x + k_3 x^3, by the roots of the cubic; at zero torque k, beside that of the linear fit."""
     k_3 = 4e9
     ends = [0.0, *(np.roots([k_3, 0.0, K, -PEAK * i / 3])[-1].real for i in (1, 2, 3))]
@@ -54,7 +54,7 @@ def test_stiffness_by_range_is_the_secant_of_the_spring():
     assert stiffening.std == pytest.approx(np.hypot(0.01, 1e-3) * stiffening.value, rel=1e-2)
 
 
-def test_hysteresis_is_the_loop_of_a_maker_s_test():
+def test_hysteresis_is_the_loop_of_a_maker_s_test() -> None:
     """An element of 5 Nm that slides all the way: 5 Nm to either side, 2 x 5 Nm / k wide where the torque is 0."""
     found = sheet({GearEffect("stop", "1", 1e-4): 5.0})
     torque, width = found.number("H_1"), found.number("Hw_1")
@@ -71,7 +71,7 @@ def test_hysteresis_is_the_loop_of_a_maker_s_test():
     assert found.torsion_std[middle] == pytest.approx(0.05 / K, rel=0.05)
 
 
-def test_a_transmission_error_has_amplitude_and_phase():
+def test_a_transmission_error_has_amplitude_and_phase() -> None:
     """3 sin + 4 cos is 5 sin with a phase of atan2(4, 3); std 1 % of each, across and along."""
     found = sheet({GearEffect("error sine", "1", 2.0): 3e-5, GearEffect("error cosine", "1", 2.0): 4e-5})
     number = found.number("e2_1")
@@ -82,7 +82,7 @@ def test_a_transmission_error_has_amplitude_and_phase():
     assert "twice a motor turn" in number.meaning
 
 
-def test_what_was_not_seen_has_the_largest_bound_of_its_shapes():
+def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
     """And no value; of a hysteresis that the records bend only in part, as much as they would have shown."""
     bounds = {GearEffect("friction", "1"): 0.4, GearEffect("friction", "1", 1e-3): 0.6}
     bounds |= {GearEffect("stop", "1", 1e-4): 0.3, GearEffect("bristle", "1", 6e-3): 1.0}
@@ -100,7 +100,7 @@ def opened(after: float) -> GearResult:
     return GearResult(PARAMETERS.x, np.eye(3), effect, magnitude, before=0.2, after=after)
 
 
-def test_a_misfit_is_explained_by_effects_that_leave_little_of_it():
+def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
     """V beyond the noise falls with the square of what is left; else the fit stays a misfit and says so."""
     misfit = replace(plain_fit(PARAMETERS.x), status="misfit", cost=101.0, cost_dof=50.0, verdicts=("bad",))
     good = with_gears(misfit, opened(0.02))
@@ -113,7 +113,7 @@ def test_a_misfit_is_explained_by_effects_that_leave_little_of_it():
     assert with_gears(misfit, refused).message.endswith(NOT_OPENED)
 
 
-def test_effects_of_gears_explain_no_contradiction_by_load_tests():
+def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
     """Static tests do not go into the search: what they contradict stays contradicted."""
     static = StaticAgreement(cause="the base tilts")
     misfit = replace(plain_fit(PARAMETERS.x), status="misfit", cost_dof=50.0, static=static)
@@ -128,7 +128,7 @@ def laid_open(gear: Gear) -> tuple[Result, GearResult]:
 
 
 @pytest.mark.slow
-def test_a_clean_gear_has_bounds_alone():
+def test_a_clean_gear_has_bounds_alone() -> None:
     """Below a hundredth of the torque of 200 Nm rms, and 2 arcsec; its k is that of the linear fit."""
     linear, found = laid_open(Gear())
     (gear,) = found.sheets
@@ -140,7 +140,7 @@ def test_a_clean_gear_has_bounds_alone():
     assert abs(with_gears(linear, found).values["k_1"] / linear.values["k_1"] - 1) < 1e-3
 
 
-def test_lost_motion_is_the_way_between_the_flanks():
+def test_lost_motion_is_the_way_between_the_flanks() -> None:
     """Twice the half width of a free gap; of one that is only softer its missing part. Unseen, a bound."""
     free, soft = (sheet({GearEffect("gap", "1", 2e-4): f}).number("lost_1") for f in (K, 0.5 * K))
     assert (free.value, soft.value) == (pytest.approx(4e-4), pytest.approx(2e-4))
@@ -151,7 +151,7 @@ def test_lost_motion_is_the_way_between_the_flanks():
     assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"
 
 
-def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit():
+def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit() -> None:
     rigid = stiffened(robot(Gear()), ["1"])
     found = identify_gears([], [], plain_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
     assert found.refused

@@ -10,7 +10,7 @@ from nonlinear.test_gear_characteristics import PARAMETERS
 
 from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear import gear_model_selection as selection
-from elastid.nonlinear.basis_functions import GearEffect
+from elastid.nonlinear.basis_functions import GearEffect, Kind
 from elastid.nonlinear.gear_estimation import GearEstimate
 from elastid.nonlinear.variable_projection import SIGN_ERROR, SLIGHT
 
@@ -40,7 +40,9 @@ def estimate_of(magnitudes: Mapping[GearEffect, float], std: float = 1.0, cost: 
         ({CUBIC: 300.0, FRICTION: 6.1}, {CUBIC, FRICTION}),
     ],
 )
-def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(monkeypatch, magnitudes, expected):
+def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(
+    monkeypatch: pytest.MonkeyPatch, magnitudes: dict[GearEffect, float], expected: set[GearEffect]
+) -> None:
     """Three std; friction backwards; a sine with its cosine; 2 % of the torque of another effect of the joint."""
     monkeypatch.setattr(
         selection, "estimate_gear_parameters",
@@ -62,7 +64,9 @@ def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(monkeypatch,
         ("gap", 1.1 * K, "gap", K),
     ],
 )
-def test_a_range_far_stiffer_beyond_its_end_is_a_gap(monkeypatch, kind, magnitude, expected, stiffness):
+def test_a_range_far_stiffer_beyond_its_end_is_a_gap(
+    monkeypatch: pytest.MonkeyPatch, kind: Kind, magnitude: float, expected: Kind, stiffness: float
+) -> None:
     """By 2.25 times; k is then that of the flanks. A gap without a stiffness within stays one."""
     monkeypatch.setattr(selection, "estimate_gear_parameters", lambda data, before, effects, **_: before)
     spring = GearEffect(kind, "1", 0.0 if kind == "cubic" else 1e-4)
@@ -86,10 +90,12 @@ def test_a_range_far_stiffer_beyond_its_end_is_a_gap(monkeypatch, kind, magnitud
         ("cubic", {"cubic": 100.0, "range": 109.0, "range range": 65.0}, ["cubic"]),
     ],
 )
-def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(monkeypatch, start, costs, expected):
+def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(
+    monkeypatch: pytest.MonkeyPatch, start: Kind, costs: dict[str, float], expected: list[str]
+) -> None:
     """12 for a number; two ranges, 1.5 times as far, where one explains nearly as much; no gap beside a range."""
 
-    def of(effects):
+    def of(effects: tuple[GearEffect, ...]) -> GearEstimate:
         names = " ".join(effect.kind for effect in effects if effect.kind != "friction")
         return estimate_of(dict.fromkeys(effects, 1.0), cost=costs.get(names, 1e3))
 
@@ -121,7 +127,9 @@ def sums_of(gains: list[float], c: float = 100.0) -> tuple[np.ndarray, np.ndarra
         ({FRICTION: 13.0, GearEffect("load", "1", 1e-3): 40.0}, [GearEffect("load", "1", 1e-3), FRICTION]),
     ],
 )
-def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(gains, expected):
+def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(
+    gains: dict[GearEffect, float], expected: list[GearEffect]
+) -> None:
     """12 for each effect of a group, 60 for the law of a spring; the best one first."""
     groups = [(effect, COSINE) if effect == SINE else (effect,) for effect in gains]
     every = [0.0, 0.0, *(x for group in groups for x in (gains[group[0]], 0.0)[: len(group)])]
@@ -130,7 +138,7 @@ def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(gains, expe
     assert selection._select_effects(data, estimate_of({}), groups) == expected
 
 
-def test_friction_is_a_systematic_error_of_the_transmission_at_its_joint():
+def test_friction_is_a_systematic_error_of_the_transmission_at_its_joint() -> None:
     """A part of each magnitude; of an error the deflection by 2 % of the friction on either side of its gear."""
     std = selection._systematic_std(estimate_of({FRICTION: 32.0, SINE: 2e-5, BEHIND: 10.0, COSINE: 0.0, CUBIC: 1e9}))
     bends = SLIGHT / QUANTILE_95 * 32.0 / K

@@ -42,7 +42,7 @@ def with_effects(*effects: GearEffect) -> GearEstimate:
     return estimate_gear_parameters(data, initial_estimate(data, linear.parameters, linear.x), effects)
 
 
-def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off():
+def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> None:
     """k at zero torque within 0.02 %, k_3 within 0.1 %, d within 0.2 %."""
     gear, linear = Gear(k_3=4e9), hardening()[2]
     assert linear.values["k_1"] > 1.05 * gear.k
@@ -55,7 +55,7 @@ def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off():
     assert np.all(found.std > 0)
 
 
-def test_priors_pull_each_parameter_to_its_mean():
+def test_priors_pull_each_parameter_to_its_mean() -> None:
     """Half the gradient and half the curvature of the sum of ((x - mean) / std)^2; magnitudes have none."""
     spec = FitSpec(parameters={"k_1": ParameterSpec(prior=PriorSpec(0.1, 1.8e5)), "d_1": ParameterSpec()})
     parameters = choose(spec, robot(Gear()))
@@ -65,7 +65,7 @@ def test_priors_pull_each_parameter_to_its_mean():
     np.testing.assert_allclose(b, [np.log(1.8e5 / Gear().k) / std**2, 0, 0])
 
 
-def test_the_scale_of_a_level_that_is_not_seen_stays():
+def test_the_scale_of_a_level_that_is_not_seen_stays() -> None:
     """A gear without hysteresis: next to no magnitude may have any scale, and k must not pay for the search."""
     found = with_effects(GearEffect("cubic", "1"), GearEffect("stop", "1", 3e-4))
     assert abs(found.magnitudes[1]) < 3 * found.std[1]
@@ -74,7 +74,7 @@ def test_the_scale_of_a_level_that_is_not_seen_stays():
     assert hardening()[2].parameters.as_dict(found.x)["k_1"] == pytest.approx(2e5, rel=2e-4)
 
 
-def test_friction_by_load_turns_over_the_velocity_of_the_rest_of_its_motor():
+def test_friction_by_load_turns_over_the_velocity_of_the_rest_of_its_motor() -> None:
     """One logarithm of a scale for both, which either magnitude that is seen moves; that of a hysteresis is its own."""
     effects = [GearEffect("friction", "1", 1e-3), GearEffect("stop", "1", 1e-4), GearEffect("load", "1", 2e-3)]
     scales = scales_of([*effects, GearEffect("load", "2", 2e-3)])

@@ -1,5 +1,6 @@
 """Records and sections from which effects of gears cannot be found: each with the reason."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -57,7 +58,7 @@ def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     return Case(replace(data, lines=[lines]), drives, result)
 
 
-def test_good_records_are_not_refused():
+def test_good_records_are_not_refused() -> None:
     """And the linear model leaves nothing of what it has made itself; a force at the motor is left."""
     good = case()
     assert refusal(*good) == ""
@@ -107,14 +108,14 @@ def counts(good: Case, part: float) -> Case:
         (lambda good: counts(good, 0.01), ""),
     ],
 )
-def test_what_hides_the_effects_of_gears_is_refused(changed, words):
+def test_what_hides_the_effects_of_gears_is_refused(changed: Callable[[Case], Case], words: str) -> None:
     """One realisation to be fitted to; modes above the lines; a late torque beside a misfit; unsettled; coarse."""
     found = refusal(*changed(case()))
     assert words in found
     assert bool(words) == bool(found)
 
 
-def test_noise_of_an_encoder_is_no_difference_of_periods_and_named_where_it_hides_the_deflection():
+def test_noise_of_an_encoder_is_no_difference_of_periods_and_named_where_it_hides_the_deflection() -> None:
     """At all lines alike; a fifth of the torsion of the gear."""
     good = case()
     (lines,), noise = good.data.lines, power(good).mean()

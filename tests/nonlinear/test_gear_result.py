@@ -22,7 +22,7 @@ def with_magnitudes(*effects: tuple[Kind, float, float], joint: str = "1") -> Ro
     return with_effects(robot(Gear()), GearResult(PARAMETERS.x, np.eye(2 + len(every)), every, magnitudes))
 
 
-def test_every_effect_has_its_place_in_the_robot():
+def test_every_effect_has_its_place_in_the_robot() -> None:
     """Friction before the gear on the motor's side, all others on the link side; sine and cosine as one wave."""
     (joint,) = with_magnitudes(
         ("friction", 1e-3, 0.5), ("behind", 0.0, 0.8), ("load", 1e-3, 0.1), ("stop", 1e-4, 3.0), ("bristle", 2e-4, 0.4),
@@ -40,7 +40,7 @@ def test_every_effect_has_its_place_in_the_robot():
     assert (ripple.amplitude, ripple.order, ripple.phase) == pytest.approx((0.7, 1.0, np.pi / 2))
 
 
-def test_magnitudes_that_drive_and_effects_of_another_joint_are_no_part_of_the_robot():
+def test_magnitudes_that_drive_and_effects_of_another_joint_are_no_part_of_the_robot() -> None:
     """Negative friction and hysteresis, waves of size 0, and any effect at a joint that the robot lacks."""
     driving = [("friction", 1e-3, -1.0), ("behind", 0.0, -1.0), ("load", 1e-3, -0.1), ("stop", 1e-4, -3.0)]
     (joint,) = with_magnitudes(*driving, ("error sine", 1.0, 0.0)).driven
@@ -60,12 +60,12 @@ def test_magnitudes_that_drive_and_effects_of_another_joint_are_no_part_of_the_r
         ([("progressive", 0.0, -3e9), ("cubic", 0.0, 1.0)], Spring(K, D)),
     ],
 )
-def test_springs_have_the_ends_that_a_file_can_state(effects, spring):
+def test_springs_have_the_ends_that_a_file_can_state(effects: list[tuple[Kind, float, float]], spring: Spring) -> None:
     """Softer within a gap and stiffer beyond a range; straight with two ranges, or where it would pull."""
     assert with_magnitudes(*effects).driven[0].spring == spring
 
 
-def test_a_fit_has_the_stiffness_beyond_the_ends_and_the_terms_of_its_robot():
+def test_a_fit_has_the_stiffness_beyond_the_ends_and_the_terms_of_its_robot() -> None:
     """Of a range 1.5 k; a cubic term that the robot lacks is gone, and numbers that were not fitted are fixed."""
     cubic = Parameter("k3_1", 1e9, "N*m/rad^3", free=False)
     ranged = with_magnitudes(("range", 2e-4, 1e5))

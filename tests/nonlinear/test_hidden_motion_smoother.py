@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 
+from elastid.base.arrays import FloatArray
 from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
@@ -19,7 +20,7 @@ from elastid.response import Response
 
 
 @pytest.mark.parametrize("h", [1.0, 50.0])
-def test_a_hardening_spring_at_rest_is_cardanos(h):
+def test_a_hardening_spring_at_rest_is_cardanos(h: float) -> None:
     """x + h x^3 = x_0, point by point, where forces move the deflection by themselves alone."""
     x_0 = np.linspace(-1, 1, 101)[None]
     x = newton(lambda x: (h * x**3, 3 * h * x**2), lambda force: force, x_0, np.zeros_like(x_0))[0]
@@ -28,11 +29,11 @@ def test_a_hardening_spring_at_rest_is_cardanos(h):
     assert x == pytest.approx(exact, abs=1e-4)
 
 
-def test_coulomb_friction_that_turns_gradually_sticks_and_slides():
+def test_coulomb_friction_that_turns_gradually_sticks_and_slides() -> None:
     """w + F tanh(w / w_s) = w_0: nearly at rest within F, slower by F beyond it."""
     w_0 = np.linspace(-3, 3, 61)[None]
 
-    def law(w):
+    def law(w: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.tanh(w / 0.2), (1 - np.tanh(w / 0.2) ** 2) / 0.2
 
     w = newton(law, lambda force: force, w_0, w_0.copy())[0]
@@ -41,7 +42,7 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides():
     assert w[fast] == pytest.approx((w_0 - np.sign(w_0))[fast], abs=2e-3)
 
 
-def test_a_start_worse_than_none_is_left_for_the_motion_without_forces():
+def test_a_start_worse_than_none_is_left_for_the_motion_without_forces() -> None:
     """x + 50 x^3 = x_0 from 100 times the motion, which eight steps of Newton's method would not leave."""
     x_0 = np.linspace(-1, 1, 101)[None]
     x = newton(lambda x: (50 * x**3, 150 * x**2), lambda force: force, x_0, 100 * x_0)[0]
@@ -56,7 +57,7 @@ def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLi
     return PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, rest[:, 0], np.ones(1, bool))
 
 
-def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window():
+def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:
     """Noise of torque through a mode of three lines' width, and of angles: within 20 % at the peak and beside it."""
     lines, rng = quiet_lines(100, experiments=400, noise=1e-16), np.random.default_rng(1)
     omega = lines.s.imag / lines.s.imag[29]
@@ -72,10 +73,10 @@ PHASE = 2 * np.pi * np.arange(800) / 800
 
 
 @pytest.mark.parametrize("scale", [0.0, 1e-3])
-def test_reversals_between_points_turn_where_the_motion_is_bent(scale):
+def test_reversals_between_points_turn_where_the_motion_is_bent(scale: float) -> None:
     """A velocity of 0.4 of its slope on one side of 0, against the law on 200 times as many points."""
 
-    def bent(phase):
+    def bent(phase: FloatArray) -> FloatArray:
         return 0.1 * np.where(np.sin(phase) > 0, 1.0, 0.4) * np.sin(phase)
 
     dense = (np.arange(160_000) + 0.5) * np.pi / 80_000
@@ -86,7 +87,7 @@ def test_reversals_between_points_turn_where_the_motion_is_bent(scale):
         assert np.all(slope >= 0)
 
 
-def test_a_motion_that_stands_still_has_numbers():
+def test_a_motion_that_stands_still_has_numbers() -> None:
     """Nothing moves, or it turns and then stands: no division by a step that is none."""
     still = np.zeros(100)
     stands = np.concatenate([np.full(30, -1.0), [-0.5, 0.5], np.zeros(68)])
@@ -100,7 +101,7 @@ def test_a_motion_that_stands_still_has_numbers():
 GEAR = Gear()
 
 
-def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must():
+def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must() -> None:
     start = robot(GEAR)
     linearisation = Linearisation.of_robot(start)
     parameters = choose(FitSpec(parameters={"k_*": ParameterSpec()}), start, ["rest"])
@@ -132,13 +133,13 @@ MOTION = GearMotion(
 
 
 @pytest.mark.parametrize("kind", ["cubic", "progressive", "range", "gap"])
-def test_slopes_are_those_of_the_law(kind):
+def test_slopes_are_those_of_the_law(kind: str) -> None:
     effect, x, h = GearEffect(kind, "1", 0.02), 0.03 * np.sin(PHASE), 1e-7
     difference = (implicit_law(effect, x + h)[0] - implicit_law(effect, x - h)[0]) / (2 * h)
     assert implicit_law(effect, x)[1] == pytest.approx(difference, rel=1e-6, abs=1e-6)
 
 
-def test_an_edge_is_the_change_of_an_effect_with_its_scale():
+def test_an_edge_is_the_change_of_an_effect_with_its_scale() -> None:
     for kind, scale in (("behind", 0.02), ("load", 0.02), ("stop", 3e-4), ("gap", 3e-4)):
         effect = GearEffect(kind, "1", scale)
         assert effect.edge is not None
@@ -149,7 +150,7 @@ def test_an_edge_is_the_change_of_an_effect_with_its_scale():
     assert GearEffect("error sine", "1", 1.0).edge is None
 
 
-def test_a_stop_loses_four_levels_times_what_it_slides_in_a_loop():
+def test_a_stop_loses_four_levels_times_what_it_slides_in_a_loop() -> None:
     """Work of a loop of amplitude A about a stop of range D: 4 (A - D) at magnitude 1; its slope is that of the way."""
     x = 1e-3 * np.sin(PHASE)
     phi, slope = implicit_law(GearEffect("stop", "1", 2e-4), x)
@@ -161,7 +162,7 @@ def test_a_stop_loses_four_levels_times_what_it_slides_in_a_loop():
     assert np.abs(phi).max() == 1.0
 
 
-def test_a_bristle_follows_dahls_equation():
+def test_a_bristle_follows_dahls_equation() -> None:
     x, D = 1e-3 * np.sin(PHASE), 3e-4
     phi, slope = implicit_law(GearEffect("bristle", "1", D), x)
     dx = np.gradient(x)
@@ -170,7 +171,7 @@ def test_a_bristle_follows_dahls_equation():
     assert np.all(slope >= 0)
 
 
-def test_a_transmission_error_bends_the_gear_and_pushes_the_motor_by_its_slope():
+def test_a_transmission_error_bends_the_gear_and_pushes_the_motor_by_its_slope() -> None:
     """No energy is lost: tau (q' (1 + e') - l') is what the spring stores."""
     effect = GearEffect("error cosine", "1", 2.0)
     (gear, across), (motor, at_motor) = forces(effect, MOTION)
@@ -183,7 +184,7 @@ def test_a_transmission_error_bends_the_gear_and_pushes_the_motor_by_its_slope()
     assert np.diff(e) == pytest.approx((slope[1:] + slope[:-1]) / 2 * step, abs=1e-3)
 
 
-def test_friction_brakes_and_grows_with_load():
+def test_friction_brakes_and_grows_with_load() -> None:
     (_, constant), (_, load) = (forces(GearEffect(kind, "1"), MOTION)[0] for kind in ("friction", "load"))
     assert np.mean(constant * MOTION.velocity) == pytest.approx(np.mean(np.abs(MOTION.velocity)), rel=1e-4)
     assert load == pytest.approx(constant * np.abs(MOTION.torque))

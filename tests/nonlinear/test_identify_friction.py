@@ -32,7 +32,7 @@ def measured_with(spec: EstimatorSpec) -> tuple[tuple[tuple[Record, ...], ...], 
 
 
 @pytest.mark.parametrize("friction", ["coulomb", "curve", "auto"])
-def test_the_level_of_coulomb_friction_is_found_without_a_model(friction, found):
+def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str, found: CompensatedFriction) -> None:
     """Within 2 % of the truth at both motors, whatever shapes are allowed; torques in time have no delay."""
     spec = replace(AUTO, friction=friction)
     result = found if friction == "auto" else identify_motor_friction(*measured_with(spec))
@@ -45,7 +45,7 @@ def test_the_level_of_coulomb_friction_is_found_without_a_model(friction, found)
 
 
 @pytest.mark.parametrize("samples", [slow(-2), 0.3, 3])
-def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples):
+def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples: float) -> None:
     """Torques logged some samples off: the delay to a tenth of a sample, with its note; coefficients within 2 %."""
     configurations, lines = measured()
     n = len(configurations[0][0].u)
@@ -60,7 +60,7 @@ def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples)
 
 
 @pytest.mark.parametrize("signal", ["u", "y"])
-def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(signal):
+def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(signal: str) -> None:
     """Torques that do not separate the inputs, or angles that do not separate the motors, leave nothing to invert."""
     configurations, lines = measured()
     records = configurations[0]
@@ -76,7 +76,7 @@ def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(sign
     assert note.code == "nonlinear/friction-not-compensated"
 
 
-def test_friction_torque_has_no_zero_order_hold(found):
+def test_friction_torque_has_no_zero_order_hold(found: CompensatedFriction) -> None:
     """At the lines the net torque is H U - sum f Phi, H being the hold of the torque alone."""
     configurations, lines = measured()
     record = configurations[0][0]
@@ -91,7 +91,7 @@ def test_friction_torque_has_no_zero_order_hold(found):
         np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)
 
 
-def test_one_realisation_shows_friction_where_lines_are_not_excited():
+def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
     """On the odd-random grid, within 2 %; where all lines are excited a sentence asks for another realisation."""
     configurations, lines = measured()
     single = [[record for record in records if record.realisation == 0] for records in configurations]
@@ -103,7 +103,7 @@ def test_one_realisation_shows_friction_where_lines_are_not_excited():
     assert re.findall(r"\d+", every.notes[0].text) == ["2"]  # experiments
 
 
-def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity():
+def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
     """Noise and speed are named."""
     configurations, lines = measured()
     count = 2 * np.pi / 1000 / 6
@@ -115,7 +115,9 @@ def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("coulomb", [COULOMB, (0.0, 0.0)])
-def test_shapes_may_be_chosen_in_the_first_configuration_alone(coulomb, monkeypatch):
+def test_shapes_may_be_chosen_in_the_first_configuration_alone(
+    coulomb: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where records are many; coefficients are those of all configurations, and none where there is no friction."""
     configurations, lines = measured(coulomb)
     monkeypatch.setattr(identify_friction, "_CHOICE_RECORDS", 1)
@@ -126,7 +128,7 @@ def test_shapes_may_be_chosen_in_the_first_configuration_alone(coulomb, monkeypa
 
 
 @pytest.mark.slow
-def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval():
+def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval() -> None:
     """Half as much friction in the second: the coefficient is between both, and each is within its 95 % interval."""
     (one, _), lines = measured()
     (_, other), _ = measured((COULOMB[0] / 2, COULOMB[1]))
@@ -141,7 +143,7 @@ def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval()
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["coulomb", slow("lugre"), "maxwell slip"])
-def test_friction_is_found_the_same_in_other_units_and_with_motors_in_another_order(law):
+def test_friction_is_found_the_same_in_other_units_and_with_motors_in_another_order(law: str) -> None:
     """The coefficient of sliding within 5 %, with its std; the distortion falls to less than a fifth; bristles bend."""
     configurations, lines = measured() if law == "coulomb" else measured_bristles(law)
     here = identify_motor_friction(configurations, AUTO, lines)

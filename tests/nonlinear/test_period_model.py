@@ -43,7 +43,7 @@ def signals(motion: np.ndarray, s: np.ndarray, n: int) -> list[np.ndarray]:
     return [((motion[:, :, 0] * s[:, None] ** i).T @ wave).real for i in range(3)]
 
 
-def test_torques_are_those_of_two_links_beyond_first_order():
+def test_torques_are_those_of_two_links_beyond_first_order() -> None:
     """Of three lines, about a posture that gravity bends; their sums and differences are lines as well."""
     robot, at, s = arm(), Configuration("c", np.array([0.3, -0.9])), 2j * np.pi * 0.5 * np.arange(1, 25)
     model, motion = serial(robot), moved(24, 0.02)
@@ -58,7 +58,7 @@ def test_torques_are_those_of_two_links_beyond_first_order():
 
 
 @pytest.mark.parametrize("rod_stiffness", [None, 1e9])
-def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness):
+def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness: float | None) -> None:
     """The elbow follows the loop; a rod that gives stays as long as at rest."""
     linkage, links = parallel_linkage()
     loop = linkage.loops[0]
@@ -68,7 +68,7 @@ def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness
     model = formulate(robot)
     q0 = equilibrium(model, model.theta, at).q[:2, None]
 
-    def torques(q, v, a):
+    def torques(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(2, n), by the accelerations that the plant has under unit torques."""
         free = links(q, v, 0 * q)
         inverse = np.stack([links(q, v, 0 * q + unit[:, None]) - free for unit in np.eye(2)], axis=1)
@@ -83,7 +83,7 @@ def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness
     assert np.abs(expected).max() > 10
 
 
-def test_a_loop_that_cannot_close_along_the_motion_is_said():
+def test_a_loop_that_cannot_close_along_the_motion_is_said() -> None:
     """A crank that runs away from the lower arm by half a turn takes the rod where it does not reach."""
     robot, at = parallel_linkage()[0], Configuration("a", np.array([0.2, 0.1]))
     short = replace(robot.loops[0], rod=replace(robot.loops[0].rod, length=0.9))

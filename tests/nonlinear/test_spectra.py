@@ -26,7 +26,7 @@ def record(noise: float = 0.0, **changes: object) -> Record:
     return replace(made, **changes)
 
 
-def test_amplitudes_and_mean_are_those_of_the_signals():
+def test_amplitudes_and_mean_are_those_of_the_signals() -> None:
     lines = gather_lines([record()], SPEC, np.array([5, 9]))
     assert lines.freq_hz[:3] == pytest.approx([1.0, 2.0, 3.0])
     assert lines.U[[4, 8], 0, 0] == pytest.approx([2 * np.exp(0.4j), 1.0])
@@ -35,7 +35,7 @@ def test_amplitudes_and_mean_are_those_of_the_signals():
     assert np.flatnonzero(lines.excited).tolist() == [4, 8]
 
 
-def test_the_fine_grid_is_the_signal_between_its_samples():
+def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
     lines = gather_lines([record()], SPEC, np.array([5, 9]))
     t = np.arange(lines.points) / (RATE_HZ * lines.points / N)
     fine = lines.fine(lines.Y[:, :, 0].T)[0]
@@ -43,7 +43,7 @@ def test_the_fine_grid_is_the_signal_between_its_samples():
     assert lines.amplitudes(fine[None])[0] == pytest.approx(lines.Y[:, 0, 0], abs=1e-12)
 
 
-def test_motion_beyond_half_the_rate_is_folded_into_samples():
+def test_motion_beyond_half_the_rate_is_folded_into_samples() -> None:
     """A force at line N - 3, of an inertia that moves by 1 at the last line F, is seen at line 3."""
     lines = gather_lines([record()], SPEC, np.array([5, 9]))
     F, force = N // 2 - 1, np.cos(2 * np.pi * (N - 3) * np.arange(lines.points) / lines.points)
@@ -52,7 +52,7 @@ def test_motion_beyond_half_the_rate_is_folded_into_samples():
     assert lines.folded(force[None])[1][0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_noise_is_the_variance_of_the_mean_over_the_periods():
+def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
     """White noise of std s has amplitudes of variance 4 s^2 / (N P)."""
     lines = gather_lines([record(1e-5)], SPEC, np.array([5, 100]))
     assert lines.noise[0] == pytest.approx(4 * 1e-5**2 / (N * P), rel=0.5)
@@ -77,6 +77,6 @@ def test_the_sign_of_a_gaussian_velocity_is_nonlinear_by_one_less_two_over_pi(co
 
 
 @pytest.mark.parametrize("changes", [{"outputs": ("joint 1",)}, {"period_samples": P * N, "is_periodic": False}])
-def test_an_angle_that_was_not_logged_and_records_without_a_period_are_refused(changes):
+def test_an_angle_that_was_not_logged_and_records_without_a_period_are_refused(changes: dict[str, object]) -> None:
     with refused("gears/records", place="configuration a"):
         gather_lines([record(**changes)], SPEC, np.array([5, 9]))

@@ -40,7 +40,7 @@ def visit(browser) -> Iterator[Callable[..., Any]]:
     complaints = []
     contexts = []
 
-    def opened(path, **options):
+    def opened(path: Path, **options: Any) -> Any:
         contexts.append(browser.new_context(viewport={"width": 1200, "height": 900}, **options))
         page = contexts[-1].new_page()
         page.on("console", lambda message: complaints.append(message.text))
@@ -68,7 +68,7 @@ def report_folder(tmp_path_factory) -> Path:
 def written(tmp_path) -> Callable[[ReportContent], Path]:
     """Writes the page of a content without its figures."""
 
-    def write(content):
+    def write(content: ReportContent) -> Path:
         path = tmp_path / "report.html"
         path.write_text(html(content, []), "utf-8")
         return path

@@ -58,7 +58,7 @@ def sheets() -> GearResult:
     return GearResult(np.zeros(0), np.zeros((0, 0)), sheets=(sheet,), before=0.1, after=0.01)
 
 
-def test_numbers_are_in_makers_units_with_intervals_or_bounds():
+def test_numbers_are_in_makers_units_with_intervals_or_bounds() -> None:
     """Nm/arcmin, arcsec with the phase in degrees, and < before what was not seen; no torque below 0."""
     _, stiffness, error, unseen, friction = gear_table(sheets())
     assert stiffness[2] == "N*m/arcmin"
@@ -72,7 +72,7 @@ def test_numbers_are_in_makers_units_with_intervals_or_bounds():
     assert float(friction[5].split(" to ")[0]) == 0.0
 
 
-def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch):
+def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Coulomb friction to 5 % is; to 28 %, as where logs of several temperatures are taken for one, it is named."""
     content = friction_content()
     number = next(each for each in content.result.numbers if each.symbol == "F_c")
@@ -85,7 +85,7 @@ def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch):
 
 
 @pytest.mark.parametrize("error", [0.02, 0.15])
-def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error):
+def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error: float) -> None:
     """One whose torque is 15 % off, or that is lost, is said in the first sentence."""
     t = np.arange(500) / 100
     torque = np.sin(2 * np.pi * t)

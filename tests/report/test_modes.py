@@ -20,7 +20,7 @@ from elastid.response import Response
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
 
 
-def test_springs_are_called_what_they_are():
+def test_springs_are_called_what_they_are() -> None:
     """Gears, shafts, what bends or twists amid a link, other joints, rods, and the weight."""
     names = spring_names(ARM)
     assert (names["k_2"], names["km_2"], names["k_b"], names["k_t"]) == (
@@ -40,7 +40,7 @@ def test_springs_are_called_what_they_are():
     assert shares_in_words(["a", "b"], np.array([np.nan, np.nan])) == ""
 
 
-def test_measured_shapes_move_the_points_of_their_outputs():
+def test_measured_shapes_move_the_points_of_their_outputs() -> None:
     """Along the direction of each output; the furthest by 0.15 of the size; an output without a point moves none."""
     measured, _ = pair(2, 3)
     measured = replace(measured, outputs=("tip x", "tip -z", "nowhere"))
@@ -61,7 +61,7 @@ def test_measured_shapes_move_the_points_of_their_outputs():
 SHAPES = np.array([[1.0, 0.5j], [-0.5, 1.0], [0.3, 0.2]])
 
 
-def test_energies_follow_the_numbers_of_a_configuration():
+def test_energies_follow_the_numbers_of_a_configuration() -> None:
     """A gear that is softer when warm holds more of the energy there; the pendulum of 0.12 Hz is no mode of springs."""
     parameters = Parameters(
         (

@@ -74,7 +74,7 @@ def test_the_answer_says_how_exact_what_was_held_must_be():
     assert numbers_answer(replace(result, notes=()), rows) == "Yes."
 
 
-def test_an_uncompensated_motor_is_excepted_from_good_numbers():
+def test_an_uncompensated_motor_is_excepted_from_good_numbers() -> None:
     """Coulomb friction in a viscous coefficient: neither "good" nor an accuracy holds for it."""
     result = replace(fit_result(), status="converged", cost_dof=200.0, notes=(), indices=())
     rows = rows_of(result)
@@ -83,7 +83,7 @@ def test_an_uncompensated_motor_is_excepted_from_good_numbers():
     assert numbers_answer(result, rows).count(rows[-1].name) == 0
 
 
-def test_parameters_of_the_prior_are_not_counted_as_identified_by_data():
+def test_parameters_of_the_prior_are_not_counted_as_identified_by_data() -> None:
     weak = Note("fit/weakly-identifiable", "", "d_1")
     result = settled(verdicts=(BY_PRIOR, UNCERTAIN, GOOD, BY_PRIOR), notes=(weak,))
     assert numbers_of(result.meaning.partition(";")[0]) == [1, 4, 2, 1]
@@ -115,14 +115,14 @@ NOTHING = Note("fit/likely-cause", f"{NO_CAUSE}. {OTHER_JOINTS}")
         ("converged", None, [""]), ("model_error", None, ["", SEARCH]), ("model_error", index("mass"), [PRIOR, ""]),
     ],
 )  # fmt: skip
-def test_advice_follows_the_status_and_the_first_cause(status, found, texts):
+def test_advice_follows_the_status_and_the_first_cause(status, found, texts) -> None:
     """A number is freed by a command where no other is tied to it."""
     notes = () if status == "converged" and found is None else (FREED if found else NOTHING,)
     result = settled(status=status, cost=3000.0, indices=() if found is None else (found,), notes=notes)
     assert [action.text for action in next_steps(result, rows_of(result))] == texts
 
 
-def test_a_cause_is_the_same_in_answers_actions_and_meaning():
+def test_a_cause_is_the_same_in_answers_actions_and_meaning() -> None:
     """The first note with the code of a cause is their only source; one without a cause comes last."""
     notes = (Note("fit/likely-cause", f"{NO_CAUSE}. {OTHER_JOINTS}"), Note("fit/loads", "13 mm. Check 7."))
     for result in (settled(notes=notes), settled(notes=notes, cost=3000.0)):
@@ -133,7 +133,7 @@ def test_a_cause_is_the_same_in_answers_actions_and_meaning():
     assert 13 in numbers_of(numbers_answer(settled(notes=notes), rows))
 
 
-def test_residuals_are_told_over_the_noise_and_a_misfit_without_widths():
+def test_residuals_are_told_over_the_noise_and_a_misfit_without_widths() -> None:
     """Of 40 times the expected cost 6.32; which a fit that converged includes in its intervals."""
     wrong = settled(status="misfit", message="off", cost=4000.0, cost_expected=100.0)
     assert numbers_of(residual_sentence(wrong, ()))[0] == 6.32
@@ -146,7 +146,7 @@ def numbers_of(text: str) -> list[float]:
 
 
 @pytest.mark.parametrize(("repeated", "of_data"), [((), 1.0), ((1.0, 1.0, 0.5, 1.0), 0.5)])
-def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(repeated, of_data):
+def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(repeated, of_data: float) -> None:
     """sigma' = sigma / sqrt(1 + s), of what the file does not leave."""
     result = settled(averaging_fraction=np.array(repeated))
     rows = rows_of(result)
@@ -156,7 +156,7 @@ def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(rep
     assert numbers_of(action.gain) == pytest.approx((half, half / np.sqrt(1 + 0.75 * of_data)), abs=0.5)
 
 
-def test_a_base_is_named_where_it_lowers_a_stiffness_by_more_than_its_interval():
+def test_a_base_is_named_where_it_lowers_a_stiffness_by_more_than_its_interval() -> None:
     """Of 3 % of k_1 with a std of 1 %, and 6 % of k_2 with 2 %, both; a base that stiffens is no base."""
     for k_1, k_2, names in ((0.03, 0.06, ["k_1", "k_2"]), (0.03, 0.01, ["k_1"]), (-0.03, 0.01, [])):
         part = RigidPart("base", 1e7, np.array([-k_1, -k_2, 0.0, 0.0]), 1e8)

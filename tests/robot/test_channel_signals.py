@@ -10,7 +10,7 @@ LINES = np.arange(2, 100, 7)
 
 
 @pytest.mark.parametrize("late", [Channel("u", delay=5.75e-3), Channel("y", "", 2.0, -0.26e-3, 0.8e-3)])
-def test_logged_multisine_has_phase_and_gain_of_its_channel(late):
+def test_logged_multisine_has_phase_and_gain_of_its_channel(late: Channel) -> None:
     """g cos(omega (t - T) - atan(omega T_l)) / sqrt(1 + (omega T_l)^2) on a ramp, and back to the true signal."""
     t, omega = np.arange(PERIODS * N) / RATE, 2 * np.pi * LINES * RATE / N
     phases = np.random.default_rng(0).uniform(0, 2 * np.pi, len(LINES))

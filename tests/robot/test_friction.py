@@ -25,7 +25,7 @@ from elastid.robot import Friction, Joint, LuGre, MaxwellSlip, Motor
         ),
     ],
 )
-def test_friction_that_no_contact_has_is_refused(wrong, word):
+def test_friction_that_no_contact_has_is_refused(wrong: object, word: str) -> None:
     """The message says which number, what it is and what it must be."""
     with pytest.raises((ValueError, StudyError), match=word):
         wrong()

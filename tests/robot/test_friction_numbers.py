@@ -22,7 +22,7 @@ def robot(law: Friction) -> Robot:
     return Robot("axis", (Body("arm", joints=(Joint("1", spring=Spring(1e4), motor=motor),), mass=3.0, inertia=1.0),))
 
 
-def test_a_law_on_the_link_side_gives_the_same_curve_as_on_the_motor():
+def test_a_law_on_the_link_side_gives_the_same_curve_as_on_the_motor() -> None:
     """The curve of the equations of motion is one, from either."""
     link = through_gear(LAW, -100.0, to_motor=False)
     joint = Joint("1", spring=Spring(1e4), motor=Motor(1e-3, -100.0), viscous=20.0, friction=link)
@@ -40,7 +40,7 @@ def test_a_law_on_the_link_side_gives_the_same_curve_as_on_the_motor():
         Friction(0.5, maxwell_slip=MaxwellSlip((100.0, 20.0), (0.4, 0.6), 50.0, (0.1, 0.2))),
     ],
 )
-def test_there_and_back_through_the_gear_is_the_same_law(law):
+def test_there_and_back_through_the_gear_is_the_same_law(law: Friction) -> None:
     back = through_gear(through_gear(law, -80.0, to_motor=False), -80.0, to_motor=True)
     for name, value in vars(law).items():
         if isinstance(value, float):
@@ -49,7 +49,7 @@ def test_there_and_back_through_the_gear_is_the_same_law(law):
     assert frictions(robot(back))[0].at_rest() == pytest.approx(frictions(robot(law))[0].at_rest())
 
 
-def test_numbers_are_replaced_by_name():
+def test_numbers_are_replaced_by_name() -> None:
     """All others stay; a name that no number has is refused."""
     values = {"Fc_m1": 40.0, "f_m1": 30.0, "dFc_m1": 2.0}
     changed = {name: value for name, (value, _) in friction_numbers(with_numbers(robot(LAW), values)).items()}

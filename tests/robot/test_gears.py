@@ -28,7 +28,7 @@ def wrist(coupling: GearCoupling | None, rigid: str = "", shaft: str = "") -> Ro
     return Robot("wrist", bodies, gears=() if coupling is None else (coupling,))
 
 
-def test_a_coupling_behind_the_springs_joins_two_of_them():
+def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
     """Before the coupling E: the joints turn by E^-1 where a spring deflects by 1; eta_ij = the ratio given."""
     robot = wrist(GearCoupling("5", "6", 40.0, "before"))
     first, second = robot.gearboxes
@@ -43,7 +43,7 @@ def test_a_coupling_behind_the_springs_joins_two_of_them():
     assert not second.is_in_series
 
 
-def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling():
+def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> None:
     """X has one column: the range is its direction, and the row of `rigid` is across it."""
     robot = wrist(GearCoupling("6", "5", 40.0, "before"), rigid="6", shaft="")
     box = robot.gearboxes[1]

@@ -33,7 +33,7 @@ def one_joint(**body: object) -> Robot:
 
 
 @pytest.mark.parametrize("inertia", [(1.0, 1.0, 2.1), (1.0, 1.0, -0.1), (1.0, 1.0, 1.0, 0.0, 0.0, 1.5)])
-def test_an_inertia_that_no_body_can_have_is_refused(inertia):
+def test_an_inertia_that_no_body_can_have_is_refused(inertia: tuple[float, ...]) -> None:
     """The triangle inequality of the principal moments, and their signs."""
     one_joint(inertia=(1.0, 1.0, 2.0))  # the limit: a flat body
     with pytest.raises(ValueError, match="inertia of body arm: "):
@@ -41,7 +41,7 @@ def test_an_inertia_that_no_body_can_have_is_refused(inertia):
 
 
 @given(points=st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=5))
-def test_the_inertia_of_any_cloud_of_points_is_accepted(points):
+def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float, float, float]]) -> None:
     """Whatever has mass somewhere has a physical inertia, flat and thin bodies included."""
     p = np.array(points) - np.mean(points, axis=0)
     tensor = np.sum(p**2) * np.eye(3) - p.T @ p
@@ -67,14 +67,14 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points):
         (lambda: Robot("r", (Body("arm", joints=(replace(JOINT, motor=None),)),)), "nothing to excite"),
     ],
 )
-def test_what_no_mechanism_can_be_is_refused(make, says):
+def test_what_no_mechanism_can_be_is_refused(make: object, says: str) -> None:
     """Each message names the number at fault."""
     with pytest.raises(ValueError, match=says):
         make()
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])
-def test_a_placement_is_found_from_its_rotation(pitch):
+def test_a_placement_is_found_from_its_rotation(pitch: float) -> None:
     """Roll and yaw turn about one axis at a pitch of +-90 deg; the rotation is the same."""
     placement = Placement((1.0, 2.0, 3.0), (0.7, pitch, -0.4))
     found = Placement.of(placement.rotation, np.array(placement.xyz))
@@ -90,7 +90,7 @@ def test_a_placement_is_found_from_its_rotation(pitch):
         (Loop("l", (Anchor("base"), Anchor("tipp"))), "loop l: no body is called tipp; did you mean 'tip'"),
     ],
 )
-def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop, says):
+def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) -> None:
     """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))
@@ -99,14 +99,14 @@ def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop, says):
 ENDS = (Anchor("lever"), Anchor("arm"))
 
 
-def test_a_loop_is_closed_in_one_way_between_two_bodies():
+def test_a_loop_is_closed_in_one_way_between_two_bodies() -> None:
     with pytest.raises(ValueError, match="not both"):
         Loop("pull", ENDS, Pin(), Rod(0.5))
     with pytest.raises(ValueError, match="both ends are on arm"):
         Loop("pull", (Anchor("arm"), Anchor("arm")))
 
 
-def test_only_an_elastic_rod_has_stiffness_and_damping_as_parameters():
+def test_only_an_elastic_rod_has_stiffness_and_damping_as_parameters() -> None:
     assert set(Loop("pull", ENDS, rod=Rod(0.5)).numbers) == {"m_pull", "a_pull", "I_pull"}
     assert {"k_pull", "d_pull"} < set(Loop("pull", ENDS, rod=Rod(0.5, stiffness=1e6)).numbers)
     with pytest.raises(ValueError, match="a rigid rod does not stretch"):

@@ -42,7 +42,7 @@ def response(robot: Robot, spec: ModelSpec, angles: tuple[float, ...]) -> np.nda
 @pytest.mark.parametrize(
     "plant", [pytest.param(plant, marks=pytest.mark.slow) if "spatial" in plant else plant for plant in PLANTS]
 )
-def test_ever_stiffer_springs_tend_to_a_rigid_coordinate_at_the_rate_of_their_compliance(plant):
+def test_ever_stiffer_springs_tend_to_a_rigid_coordinate_at_the_rate_of_their_compliance(plant: str) -> None:
     """Every coordinate in turn: ten times the stiffness, a tenth of the difference; motors stay inputs and outputs."""
     robot, angles, specs = PLANTS[plant]
     for spec in specs:
@@ -58,7 +58,7 @@ def test_ever_stiffer_springs_tend_to_a_rigid_coordinate_at_the_rate_of_their_co
             assert off[0] / off[1] == pytest.approx(10, rel=0.05), coordinate.label
 
 
-def test_a_rigid_gear_is_the_rotor_on_the_joint():
+def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
     """G = 1 / (I + n^2 J + (f + n^2 f_m) / s), and a deflection that is none under gravity."""
     motor = Motor(2e-3, 50, 3e-3)
     body = Body("arm", joints=(Joint("1", "y", Spring(1e4, 5.0), motor, 2.0),), mass=10, center_of_mass=(0.2, 0, 0))
@@ -74,7 +74,7 @@ def test_a_rigid_gear_is_the_rotor_on_the_joint():
 
 
 @pytest.mark.parametrize("name", ["9", "elbow"])
-def test_what_has_no_spring_cannot_be_made_rigid(name):
+def test_what_has_no_spring_cannot_be_made_rigid(name: str) -> None:
     """The message lists what can; a rod that is rigid already is a loop without a spring."""
     with refused("robot/no-spring", holds=(f"joint {name}", "2, 3, rod")):
         stiffened(linkage(), [name])

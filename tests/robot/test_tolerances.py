@@ -9,7 +9,7 @@ from plants.elastic_arm import arm
 from elastid.robot import BodyTolerances, Tolerances
 
 
-def test_each_number_has_the_tolerance_of_its_kind_and_body():
+def test_each_number_has_the_tolerance_of_its_kind_and_body() -> None:
     """Of a body's own where it is listed, else those of all; springs and friction have none."""
     robot = arm()
     weighed = Tolerances(
@@ -27,7 +27,7 @@ def test_each_number_has_the_tolerance_of_its_kind_and_body():
     assert {std[name] for name in ("k_1", "d_1", "f_1", "fm_1")} == {0.0}
 
 
-def test_tolerances_are_positive_and_of_bodies_that_exist():
+def test_tolerances_are_positive_and_of_bodies_that_exist() -> None:
     """Zero is written `exact`; a Gaussian prior of a positive number is narrower than the number."""
     with pytest.raises(ValueError, match=r"^mass: "):
         Tolerances(mass=5.0)

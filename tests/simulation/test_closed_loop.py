@@ -23,6 +23,7 @@ from elastid.simulation.closed_loop import (
     CHUNK_SAMPLES,
     MIN_CALLS,
     Commands,
+    Trajectory,
     closed_loop,
     compiled,
     simulate,
@@ -125,7 +126,7 @@ def test_a_motion_has_the_same_bytes_with_and_without_a_compiler():
     commands = quiet(model, point.q, n, random.normal(0, 50, (n, 2)))
     drives, gains = Drives(np.full(2, 2e-6), np.full(2, np.inf)), tune(model, point.q, 1.5, 0.8)
 
-    def moved(samples):
+    def moved(samples: int) -> Trajectory:
         loop = closed_loop(model, rough(model, 4.0), FREE[:2], 1000.0, 2, drives, samples=samples)
         return simulate(loop, gains, commands, point.q)
 

@@ -35,7 +35,7 @@ def test_steps_are_as_few_as_let_no_mode_grow(angle, rate, duration):
         z = 0.2 * pole / rate
         assert np.abs(method.amplification(z) - np.exp(z)) < 0.2 ** (order + 1) / math.factorial(order)
 
-    def grows(n):
+    def grows(n: int) -> bool:
         z = pole * duration / n
         return bool(np.abs(FIFTH_ORDER.amplification(z)) > 1 + 1e-9 or np.abs(z) > MAX_STEP_RATE)
 

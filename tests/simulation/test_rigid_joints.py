@@ -39,7 +39,7 @@ def test_linear_commands_agree_with_integration_by_scipy():
     object.__setattr__(commanded, "load", load[:, None])
     moved = commanded.simulate(np.array([[[J, f, 0, 0.05, 0.4, 0.7]]]), np.array([0.004]))[:, 0, 0]
 
-    def rate(time, x):
+    def rate(time: float, x: FloatArray) -> list[float]:
         r = float(np.interp(time - 0.004, t, reference))
         torque = kp * (r - x[0]) - kd * x[1] - 0.2 * time - 0.05 - 0.4 * math.cos(x[0]) - 0.7 * math.sin(x[0])
         return [x[1], (torque - f * x[1]) / J]

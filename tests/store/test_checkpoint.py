@@ -19,7 +19,7 @@ def kept(tmp_path) -> Checkpoint:
     return there
 
 
-def test_parts_come_back_to_the_last_bit(kept):
+def test_parts_come_back_to_the_last_bit(kept: Checkpoint) -> None:
     """Numbers without end, infinite and undefined ones, names with a slash."""
     assert set(kept) == {"start-0", "start-a/b", "refit-0"}
     again = Checkpoint(kept.folder, "one")
@@ -31,14 +31,14 @@ def test_parts_come_back_to_the_last_bit(kept):
     assert kept.description == "4 finished parts"
 
 
-def test_a_part_of_an_unknown_type_is_refused(kept):
+def test_a_part_of_an_unknown_type_is_refused(kept: Checkpoint) -> None:
     """Nothing is written that could not be read."""
     with pytest.raises(KeyError):
         kept["start-1"] = "text"
     assert not (kept.folder / "start-1.json").exists()
 
 
-def test_parts_under_another_key_or_damaged_are_not_there(kept):
+def test_parts_under_another_key_or_damaged_are_not_there(kept: Checkpoint) -> None:
     """Nor is what holds something else; they can be written again."""
     assert not Checkpoint(kept.folder, "another")
     wrong = [f'{{"key": "one", "kind": "{kind}", "value": {{"x": 1}}}}' for kind in ("local optimum", "another")]
@@ -50,7 +50,7 @@ def test_parts_under_another_key_or_damaged_are_not_there(kept):
     assert sorted(Checkpoint(kept.folder, "one")) == ["refit-0", "start-0", "start-a/b"]
 
 
-def test_a_part_with_a_flipped_bit_is_the_same_or_not_there(kept):
+def test_a_part_with_a_flipped_bit_is_the_same_or_not_there(kept: Checkpoint) -> None:
     """Most flips of a digit leave valid JSON and another number, with which a resumed fit would end elsewhere."""
     path = kept.folder / "start-0.json"
     content = path.read_bytes()

@@ -31,7 +31,7 @@ from elastid.store.results import read_fit, write_fit
 FLIPS = 60
 
 
-def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path):
+def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path: Path) -> None:
     """Behind the user block every bit counts; in it a bit spoils the checksum, or the mark that one is there."""
     path, spoilt = tmp_path / "fit.h5", tmp_path / "spoilt.h5"
     write_fit(path, some_fit(), STAMP)
@@ -54,7 +54,7 @@ def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path):
             assert read_fit(spoilt).values == values
 
 
-def test_other_programs_read_the_file_behind_its_checksum(tmp_path):
+def test_other_programs_read_the_file_behind_its_checksum(tmp_path: Path) -> None:
     """The user block is HDF5's own place for a text of the owner; a file without one is read, too."""
     path = tmp_path / "fit.h5"
     write_fit(path, some_fit(), STAMP)
@@ -65,7 +65,7 @@ def test_other_programs_read_the_file_behind_its_checksum(tmp_path):
     assert read_fit(tmp_path / "bare.h5").values == read_fit(path).values
 
 
-def test_a_file_that_was_written_again_is_looked_at_again(tmp_path):
+def test_a_file_that_was_written_again_is_looked_at_again(tmp_path: Path) -> None:
     """What was found of a file holds for that version alone."""
     path = tmp_path / "fit.h5"
     write_fit(path, some_fit(), STAMP)
@@ -92,7 +92,7 @@ def folder(tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["summary.json", "figures/a.png", "references/a.csv"])
-def test_every_flipped_bit_of_a_text_is_noticed(folder, name):
+def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None:
     """In a figure and in a reference, too, and `inspect` refuses it."""
     content = (folder / name).read_bytes()
     assert changed_texts(folder, NAMES) == ()
@@ -105,7 +105,7 @@ def test_every_flipped_bit_of_a_text_is_noticed(folder, name):
         described(folder / name)
 
 
-def test_a_damaged_list_never_vouches_for_a_damaged_text(folder):
+def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:
     """It says at worst that an intact file has changed, and is written again."""
     path = folder / CHECKSUMS
     content = path.read_bytes()
@@ -135,7 +135,7 @@ def holding(folder: Path) -> subprocess.Popen[str]:
     return other
 
 
-def test_the_second_writer_is_told_who_the_first_is(tmp_path):
+def test_the_second_writer_is_told_who_the_first_is(tmp_path: Path) -> None:
     """By its process and host, and since when; the first goes on undisturbed."""
     other = holding(tmp_path / "run")
     try:
@@ -149,7 +149,7 @@ def test_the_second_writer_is_told_who_the_first_is(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
-def test_a_killed_writer_leaves_the_folder_free(tmp_path):
+def test_a_killed_writer_leaves_the_folder_free(tmp_path: Path) -> None:
     """Its file is still there, and no obstacle; the next one leaves none."""
     other = holding(tmp_path)
     other.send_signal(signal.SIGKILL)
@@ -160,7 +160,7 @@ def test_a_killed_writer_leaves_the_folder_free(tmp_path):
     assert not (tmp_path / LOCK).exists()
 
 
-def test_many_that_come_at_once_take_turns(tmp_path):
+def test_many_that_come_at_once_take_turns(tmp_path: Path) -> None:
     """Of programs that try until they may, never two are inside at the same time."""
     script = """
 import sys, time
@@ -182,7 +182,7 @@ while turns < 15:
     assert [other.wait(60) for other in others] == [0, 0, 0]
 
 
-def test_a_file_is_no_folder_of_results(tmp_path):
+def test_a_file_is_no_folder_of_results(tmp_path: Path) -> None:
     (tmp_path / "run").write_text("kept")
     with refused("files/folder"), lock_folder(tmp_path / "run"):
         pass
@@ -230,7 +230,7 @@ for name, work in (("a.h5", write), ("a.csv", write_text)):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the limit of a file's size is one of POSIX")
-def test_a_file_that_does_not_fit_is_named_and_absent(tmp_path):
+def test_a_file_that_does_not_fit_is_named_and_absent(tmp_path: Path) -> None:
     """At every size of the disk; at the size of the file it is written, the same bytes."""
     done = subprocess.run([sys.executable, "-c", PROGRAM, str(tmp_path)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -1,5 +1,7 @@
 """Artefacts of a friction study hold every part of a result, to the last bit; foreign files are refused."""
 
+from pathlib import Path
+
 import numpy as np
 from plants.friction_study import friction_result
 
@@ -14,7 +16,7 @@ from elastid.store.friction_study import (
 from elastid.store.reading import described
 
 
-def test_every_part_of_a_result_comes_back(tmp_path):
+def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:
     """FrictionCurve, law, loops, elements, bristles, warm-up, motion, notes; names that are no names of files."""
     result = friction_result()
     write_friction_result(tmp_path / "friction.h5", result)
@@ -22,7 +24,7 @@ def test_every_part_of_a_result_comes_back(tmp_path):
     assert "Fc_melbow" in described(tmp_path / "friction.h5")
 
 
-def test_records_keep_temperatures_windows_and_warm_ups(tmp_path):
+def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
     """Signals have axes and units for other readers; what is absent stays absent."""
     t = np.arange(100) / 50.0
     one = FrictionRecord("a/b", "1", "constant_velocity", 50.0, np.sin(t), np.cos(t), temperature=np.full(100, np.nan),
@@ -40,7 +42,7 @@ def test_records_keep_temperatures_windows_and_warm_ups(tmp_path):
     assert "velocity (sample 100): velocity of the joint [m/s]" in text
 
 
-def test_a_pass_is_a_table_for_a_controller(tmp_path):
+def test_a_pass_is_a_table_for_a_controller(tmp_path: Path) -> None:
     """Time, position, velocity and acceleration, a line each sample."""
     from elastid.store.plan import write_signals
 

@@ -97,7 +97,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path):
+def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path) -> None:
     """Units of the signals are those of their places."""
     signals = [np.ones((4, 2))] * 2
     places, motions = ("motor 1", "slide"), ("position", "position")

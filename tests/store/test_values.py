@@ -154,7 +154,7 @@ TREE = st.builds(
 
 @given(tree=TREE)
 @QUICK
-def test_any_value_comes_back_to_the_last_bit(tmp_path_factory, tree):
+def test_any_value_comes_back_to_the_last_bit(tmp_path_factory, tree) -> None:
     """Tables and groups, arrays of equal and of different shapes, None, unions, mappings, empty ones of all."""
     path = tmp_path_factory.mktemp("store") / "tree.h5"
     write_artefact(path, "tree", STAMP, {"tree": (tree, Tree)})
@@ -163,18 +163,18 @@ def test_any_value_comes_back_to_the_last_bit(tmp_path_factory, tree):
 
 @given(branch=BRANCH)
 @QUICK
-def test_any_value_without_arrays_comes_back_from_json(branch):
+def test_any_value_without_arrays_comes_back_from_json(branch) -> None:
     """Infinite and undefined numbers included."""
     assert same(from_json(json.loads(json.dumps(json_value(branch, or_text), allow_nan=False)), Branch), branch)
 
 
-def test_summaries_have_null_in_place_of_numbers_that_are_not_finite():
+def test_summaries_have_null_in_place_of_numbers_that_are_not_finite() -> None:
     """NumPy's numbers and arrays are plain ones."""
     value = {"a": np.float64(0.5), "b": (math.nan, math.inf), "c": np.array([1, 2]), "d": np.bool_(True)}
     assert json.dumps(json_value(value)) == '{"a": 0.5, "b": [null, null], "c": [1, 2], "d": true}'
 
 
-def test_a_value_without_a_place_in_a_file_is_refused():
+def test_a_value_without_a_place_in_a_file_is_refused() -> None:
     """A type that could not be read again."""
     with pytest.raises(TypeError, match="'set'> has no place in a file"):
         write_value(None, "x", {1})
@@ -200,7 +200,7 @@ def some_tree() -> Tree:
     )
 
 
-def test_entries_are_named_and_axes_are_those_around_them(tmp_path):
+def test_entries_are_named_and_axes_are_those_around_them(tmp_path) -> None:
     """A program that knows no elastid finds its way: names, units, meanings and scales."""
 
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -215,7 +215,7 @@ def test_entries_are_named_and_axes_are_those_around_them(tmp_path):
 
 
 @pytest.mark.slow
-def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp_path):
+def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp_path) -> None:
     """Members and attributes that are missing, of other types, lengths and shapes, and counts beyond their data."""
     path = tmp_path / "tree.h5"
     write_artefact(path, "tree", STAMP, {"tree": (some_tree(), Tree)})

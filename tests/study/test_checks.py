@@ -167,7 +167,9 @@ def refusals(study: Path, *overrides: str) -> list[str]:
         ("structure", ("fit.starts=3",), "fit"),
     ],
 )
-def test_a_contradiction_is_reported_once_at_its_key(study, kind, overrides, keys):
+def test_a_contradiction_is_reported_once_at_its_key(
+    study: Path, kind: str, overrides: tuple[str, ...], keys: str
+) -> None:
     """And no other key is; what does not contradict is no problem."""
     found = refusals(study, *KINDS[kind], *overrides)
     assert len(found) == len(keys.split()), found
@@ -175,7 +177,7 @@ def test_a_contradiction_is_reported_once_at_its_key(study, kind, overrides, key
         assert sum(f": {key}: " in line for line in found) == 1, found
 
 
-def test_load_tests_of_a_table_are_those_of_the_study(study):
+def test_load_tests_of_a_table_are_those_of_the_study(study: Path) -> None:
     """Columns of numbers with their unit, of joints by their name; an empty cell is not given."""
     (study.parent / "loads.csv").write_text(
         "1,2 [deg],frame,fx,tz [kN*m],mass,y [mm],std [um],measured_at\n"
@@ -207,7 +209,7 @@ def test_load_tests_of_a_table_are_those_of_the_study(study):
         ("excitation=null", "study/stage"),
     ],
 )
-def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study, override, code):
+def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Path, override: str, code: str) -> None:
     run = Run(load(study, [override]), study.parent / "run", 1)
     with refused(code):
         carry_out(run, "design")

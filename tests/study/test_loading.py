@@ -8,6 +8,7 @@ from typing import Literal
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.strategies import DataObject
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
@@ -31,7 +32,7 @@ def edited(study: Path, old: str, new: str, file: str = "study.yml") -> Path:
     return study
 
 
-def test_a_good_study_is_read_in_si(tiny):
+def test_a_good_study_is_read_in_si(tiny: Path) -> None:
     study = load(edited(tiny, "k_1: 60 N*m/rad", "k_1: 0.06 kN*m/rad")).study
     assert study.experiment.simulated.truth == {"k_1": 60.0}
     assert study.experiment.configurations["b"] == (pytest.approx(math.radians(30)),)
@@ -39,7 +40,7 @@ def test_a_good_study_is_read_in_si(tiny):
     assert study.validation.configurations == ()
 
 
-def test_true_inertias_are_possible_together_or_not_at_all():
+def test_true_inertias_are_possible_together_or_not_at_all() -> None:
     """Of a slender body none of two equal ones may grow alone; the message then names it."""
     key, study = "experiment.simulated.truth.I_fore_arm", TEMPLATES / "serial" / "study.yml"
     assert load(study, [f"{key}_yy=13", f"{key}_zz=13"])
@@ -106,7 +107,7 @@ WRONG_ROBOT = [
     [(*row, "study.yml") for row in WRONG] + [(*row, "robot.yml") for row in WRONG_ROBOT],
     ids=[f"{row[2]}-{row[1][:20]}" for row in WRONG + WRONG_ROBOT],
 )
-def test_each_mistake_has_one_sentence_at_its_place(tiny, old, new, keys, file):
+def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: str, keys: str, file: str) -> None:
     """file:line:col: key.path: message; the line is the one that was edited, the path starts in its file."""
     of_file = (line for line in errors(edited(tiny, old, new, file)) if line.startswith(f"{file}:"))
     (found,) = (line for line in of_file if f": {keys}" in line)
@@ -120,7 +121,7 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny, old, new, keys, file):
     assert "Input should" not in rest
 
 
-def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(tiny):
+def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(tiny: Path) -> None:
     """At the parameter's line; beside the two others of the robot's file it is the one at fault."""
     edited(tiny, "inertia: 1e-3\n", "inertia: [1e-3, 1e-3, 1e-3]\n", "robot.yml")
     (error,) = errors(edited(tiny, "d_1: {}", "I_load_zz: {start: 5}"))
@@ -146,7 +147,7 @@ def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(ti
         (b"? [1, 2]\n: 3\n", "study.yml:1:3: a key must be a name"),
     ],
 )
-def test_what_is_no_study_is_refused_by_place(tiny, content, message):
+def test_what_is_no_study_is_refused_by_place(tiny: Path, content: bytes, message: str) -> None:
     """Empty, binary, broken, doubled, tagged: the same form."""
     tiny.write_bytes(content)
     (error,) = errors(tiny)
@@ -176,7 +177,7 @@ def test_what_is_no_study_is_refused_by_place(tiny, content, message):
         ("experiment.ramp=-1", "experiment.ramp: "),
     ],
 )
-def test_errors_of_an_override_name_it(tiny, override, message):
+def test_errors_of_an_override_name_it(tiny: Path, override: str, message: str) -> None:
     """Not a line of a file that the user did not write it in."""
     (error,) = errors(tiny, override)
     assert error.startswith(f"--set {override}: ")
@@ -184,7 +185,7 @@ def test_errors_of_an_override_name_it(tiny, override, message):
 
 
 @pytest.mark.parametrize("name", ["motor_bench", "go2"])
-def test_missing_logs_of_measured_robots_state_their_origin_once(name, tmp_path):
+def test_missing_logs_of_measured_robots_state_their_origin_once(name: str, tmp_path: Path) -> None:
     """A clone has the studies of measured robots, not their records."""
     (tmp_path / "real").mkdir()
     text = (TEMPLATES.parents[2] / "configs" / "real" / f"{name}.yml").read_text()
@@ -195,7 +196,9 @@ def test_missing_logs_of_measured_robots_state_their_origin_once(name, tmp_path)
 
 @given(data=st.data())
 @settings(deadline=None, max_examples=60)
-def test_no_text_breaks_the_reader(tmp_path_factory, tiny_texts, data):
+def test_no_text_breaks_the_reader(
+    tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str], data: DataObject
+) -> None:
     """Whatever replaces a part of a good study: it loads or is refused, in the form of all refusals."""
     text, robot = tiny_texts
     folder = tmp_path_factory.mktemp("study")
@@ -212,7 +215,7 @@ def test_no_text_breaks_the_reader(tmp_path_factory, tiny_texts, data):
             assert line.startswith(f"{folder}/")
 
 
-def test_the_schema_is_json_with_units_and_closed_sections():
+def test_the_schema_is_json_with_units_and_closed_sections() -> None:
     """For editors: 2020-12, no unknown keys, a description of every quantity's unit, names that may be numbers."""
     document = json.loads(json.dumps(make_schema(), allow_nan=False))
     assert document["$schema"] == "https://json-schema.org/draft/2020-12/schema"
@@ -225,7 +228,9 @@ def test_the_schema_is_json_with_units_and_closed_sections():
 
 
 @pytest.mark.parametrize(("motion", "given"), [("rotation", "28.6"), ("translation", "150")])
-def test_a_joint_without_limits_far_beyond_what_robots_do_was_given_in_another_unit(tiny, motion, given):
+def test_a_joint_without_limits_far_beyond_what_robots_do_was_given_in_another_unit(
+    tiny: Path, motion: str, given: str
+) -> None:
     """Degrees taken for rad, millimetres for m; a joint that really goes there says so by its limits."""
     overrides = [f"experiment.configurations.a=[{given}]", "experiment.simulated.truth={}"]
     edited(tiny, "        limits: {angle: [-90 deg, 90 deg]}\n", f"        motion: {motion}\n", "robot.yml")
@@ -234,12 +239,12 @@ def test_a_joint_without_limits_far_beyond_what_robots_do_was_given_in_another_u
     load(tiny, [*overrides, "robot.bodies.0.joints.0.limits={angle: [-200, 200]}"])
 
 
-def test_a_folder_in_place_of_a_study_is_told_apart(tiny):
+def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
     with refused("study/yaml", place="tiny"):
         load(tiny.parent)
 
 
-def test_a_file_that_is_no_robot_is_named_at_the_study(tiny):
+def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:
     """Its own place is given after that."""
     (tiny.parent / "words.txt").write_text("root:x:0:0\n")
     first, second = errors(edited(tiny, "robot: robot.yml", "robot: words.txt"))
@@ -252,7 +257,7 @@ def tolerances_of(study: Path, *overrides: str) -> Tolerances | Literal["exact"]
     return load(study, overrides).study.as_robot().tolerances
 
 
-def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_fit_holds(tiny):
+def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_fit_holds(tiny: Path) -> None:
     """A stiffness is no such number, nor is an inertia that is identified."""
     assert tolerances_of(tiny) is None
     wrong = "experiment.simulated.truth={k_1: 60, I_load: 1.1e-3}"
@@ -261,7 +266,7 @@ def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_
     assert tolerances_of(tiny, wrong, "robot.tolerances=exact") == "exact"
 
 
-def test_a_posture_is_left_out_at_all_its_amplitudes(tiny):
+def test_a_posture_is_left_out_at_all_its_amplitudes(tiny: Path) -> None:
     """`left_out` names postures; wrong amplitudes are refused where they stand."""
     two = ("excitation.torque_rms=[[0.1], [0.05]]", "validation.configurations=[b]")
     assert load(tiny, two).study.validation.configurations == ("b", "b amplitude 2")

@@ -21,7 +21,7 @@ PLACES = [*list_keys(), *keys_below(FleetSpec, "fleet.")]
 KEYS = {(key.section.__name__, key.name): key for key in PLACES}
 
 
-def test_a_field_without_a_text_is_refused():
+def test_a_field_without_a_text_is_refused() -> None:
     """A section whose key lacks its text has no reference."""
     with pytest.raises(AttributeError):
         list(keys_of(make_dataclass("Section", [("width", float)])))
@@ -34,14 +34,14 @@ Spring.damping -1; Rod.length 0; Chain.torque_damping 0; Body.mass -1; GasSpring
 CoilSpring.rest_length -1; ModalSpec.max_order 1; ModalSpec.exponential 0; ModalSpec.poles_hz -5; LawSpec.elements 0
 ConstantVelocitySpec.count 4; PreslidingLoopsSpec.loops 2; GearsSpec.orders 0
 """.strip().replace("\n", "; ").split("; "))  # fmt: skip
-def test_a_number_below_the_bound_of_its_key_is_refused(bound):
+def test_a_number_below_the_bound_of_its_key_is_refused(bound: str) -> None:
     path, _, value = bound.partition(" ")
     key = next(mark for mark in KEYS[*path.split(".")].annotation.__metadata__ if isinstance(mark, Key))
     with pytest.raises(ValueError, match=r"^it must be "):
         key.checked(float(value))
 
 
-def test_the_schema_shows_the_texts():
+def test_the_schema_shows_the_texts() -> None:
     """Each key of each section has its text, its unit where it has one, and its advice."""
     schema = make_schema()
     for (section, name), key in KEYS.items():
@@ -55,7 +55,7 @@ def test_the_schema_shows_the_texts():
     assert f"{KEYS['MultisineSpec', 'period'].text} in s, or a text with a unit: s, ms, us, min, h." in period
 
 
-def test_a_key_is_explained_by_its_path_or_by_its_end():
+def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
     """Text, type with unit, default and the keys below, with names and numbers as a study has them."""
     for path in ("excitation.band_hz", "fit.starts", "fit.parameters.<name>.start", "fit.parameters.<name>.tie"):
         key = next(key for key in PLACES if key.path == path)
@@ -88,13 +88,13 @@ def test_a_key_is_explained_by_its_path_or_by_its_end():
         ("bnad_hz", "excitation.band_hz"),
     ],
 )
-def test_a_misspelt_key_has_a_nearest_one(asked, nearest):
+def test_a_misspelt_key_has_a_nearest_one(asked: str, nearest: str) -> None:
     """By its path, or of a single word that of any section."""
     with refused("study/unknown-key", holds=(asked, nearest)):
         explain(asked)
 
 
-def test_without_a_key_the_sections_are_listed_in_the_order_of_a_study():
+def test_without_a_key_the_sections_are_listed_in_the_order_of_a_study() -> None:
     """Each with its text; every shipped study keeps that order."""
     order = [line.split()[0] for line in overview().splitlines() if re.match(r"  \w", line)]
     assert sorted(order) == sorted(names_in(Study))
@@ -112,14 +112,14 @@ FILLER = re.compile(
 
 
 @pytest.mark.parametrize("section", SECTIONS.values(), ids=lambda section: section.__name__)
-def test_every_key_says_when_to_change_it(section):
+def test_every_key_says_when_to_change_it(section: type) -> None:
     """Advice of whole words on this key, not its text once more."""
     keys = list(keys_of(section))
     assert [k.name for k in keys if len(k.advice.split()) < 6 or FILLER.search(k.advice)] == [], "none, or filler"
     assert [k.name for k in keys if SequenceMatcher(None, k.text, k.advice).ratio() > 0.8] == [], "an echo"
 
 
-def test_advice_names_keys_that_exist():
+def test_advice_names_keys_that_exist() -> None:
     """`experiment.realisations` in an advice is a path of the study, or the end of one."""
     roots = set(names_in(Study)) - {"name", "seed", "filter", "report"}
     dotted = re.compile(rf"(?<![\w./])((?:{'|'.join(roots)})(?:\.[a-z_]+)+)\b")
@@ -130,7 +130,7 @@ def test_advice_names_keys_that_exist():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("template", ["friction", "recorded", "responses", "serial"])
-def test_keys_that_a_template_proposes_can_be_set(template, tmp_path):
+def test_keys_that_a_template_proposes_can_be_set(template: str, tmp_path: Path) -> None:
     """Every line behind `Keys for further questions`, of the study and of its robot's file."""
     study = tmp_path / "new" / "study.yml"
     assert cli.run_command(["new", str(study.parent), "--template", template]) == 0

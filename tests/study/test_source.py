@@ -3,7 +3,7 @@
 from elastid.study.source import parse
 
 
-def test_every_key_and_value_has_its_place():
+def test_every_key_and_value_has_its_place() -> None:
     """Line and column from 1; a key that is not given has the place of the nearest above it."""
     source = parse("name: a\nfit:\n  starts: [1, 2.5]\n", "s.yml")
     assert source.data == {"name": "a", "fit": {"starts": [1, 2.5]}}

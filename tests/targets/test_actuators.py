@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from ruamel.yaml import YAML
 
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.commanded import DELAY
 from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
 from elastid.robot import Body, Friction, Joint, Limits, Motor, Robot, Spring
@@ -48,7 +49,7 @@ def comments(path: Path) -> list[str]:
 
 
 @pytest.mark.oracle("mujoco")
-def test_mujoco_has_the_numbers_of_included_classes(files, tmp_path):
+def test_mujoco_has_the_numbers_of_included_classes(files: dict[str, Path], tmp_path: Path) -> None:
     """Armature n^2 J_m, damping, frictionloss, stiffness of the gear, kp and kv of the servo."""
     import mujoco
 
@@ -67,7 +68,9 @@ def test_mujoco_has_the_numbers_of_included_classes(files, tmp_path):
     assert engine.actuator_biasprm[:, 2] == pytest.approx([-8.0, -50.0])
 
 
-def test_isaac_lab_module_has_one_configuration_for_each_joint(files, monkeypatch):
+def test_isaac_lab_module_has_one_configuration_for_each_joint(
+    files: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its names match a joint alone; a delay of 12 ms is 2 to 3 steps of 5 ms."""
     source = files["isaac_lab.py"].read_text(encoding="utf-8")
     ast.parse(source)
@@ -84,7 +87,7 @@ def test_isaac_lab_module_has_one_configuration_for_each_joint(files, monkeypatc
     assert not re.fullmatch(expression, KNEE.name.replace(".", "x"))
 
 
-def test_xml_snippets_have_damping_friction_and_rotors(files):
+def test_xml_snippets_have_damping_friction_and_rotors(files: dict[str, Path]) -> None:
     """URDF and SDF link side; Drake the rotor on the motor side with its ratio, which has its sign."""
     urdf, sdf, drake = (ET.parse(files[name]).getroot() for name in ("urdf.xml", "sdf.xml", "drake.xml"))
     dynamics = [element.attrib for element in urdf.iter("dynamics")]
@@ -99,14 +102,14 @@ def test_xml_snippets_have_damping_friction_and_rotors(files):
         assert any("3.5 to 4.5" in comment for comment in comments(files[name]))
 
 
-def test_ros_parameters_have_gains_and_limits(files):
+def test_ros_parameters_have_gains_and_limits(files: dict[str, Path]) -> None:
     content = YAML(typ="safe").load(files["ros2_control.yaml"])
     gains = content["joint_trajectory_controller"]["ros__parameters"]["gains"]
     assert gains == {"rail": {"p": 100.0, "i": 0.0, "d": 8.0}, KNEE.name: {"p": 2000.0, "i": 0.0, "d": 50.0}}
     assert content["joint_limits"][KNEE.name]["max_effort"] == 90.0
 
 
-def test_readme_has_intervals_and_the_lost_parts(files):
+def test_readme_has_intervals_and_the_lost_parts(files: dict[str, Path]) -> None:
     """Of the joint with a Stribeck law by direction and a gap."""
     text = files["README.md"].read_text(encoding="utf-8")
     assert "| rail | viscous | 4 | N*s/m | 3.5 to 4.5 |" in text
@@ -115,7 +118,7 @@ def test_readme_has_intervals_and_the_lost_parts(files):
     assert "direction" in lost
 
 
-def test_intervals_of_a_fit_are_on_the_link_side(serial_model):
+def test_intervals_of_a_fit_are_on_the_link_side(serial_model: FittedRobot) -> None:
     """Stiffness as in the fit; viscous friction of the motor times ratio^2, about the number of the snippet."""
     intervals = fit_intervals(serial_model, None)
     rows = {row.joint: row for row in actuators_of("arm", serial_model.robot, intervals).rows}
@@ -127,10 +130,10 @@ def test_intervals_of_a_fit_are_on_the_link_side(serial_model):
             assert (low, high) == pytest.approx(serial_model.result.interval(known[f"k_{joint}"]))
 
 
-def test_intervals_of_a_friction_study_are_assigned_by_name():
+def test_intervals_of_a_friction_study_are_assigned_by_name() -> None:
     """Coulomb and viscous friction; no interval of a number for each direction. The delay is of all joints."""
 
-    def number(path, mark=""):
+    def number(path: str, mark: str = "") -> FrictionNumber:
         term = (TERMS | RIGID_TERMS)[path]
         return FrictionNumber(f"{term.name('rail')}{mark}", term.symbol, term.meaning, "N", 4.0, 0.1, 3.8, 4.2, "log")
 
@@ -142,7 +145,7 @@ def test_intervals_of_a_friction_study_are_assigned_by_name():
     }  # fmt: skip
 
 
-def test_total_inertia_of_a_joint_is_listed_as_lost(tmp_path):
+def test_total_inertia_of_a_joint_is_listed_as_lost(tmp_path: Path) -> None:
     """It contains the links, so it is no armature; a joint of the result without it has no such line."""
     term = RIGID_TERMS["inertia"]
     number = FrictionNumber(term.name("rail"), term.symbol, term.meaning, "kg", 12.5, 0.1, 12.3, 12.7, "log")

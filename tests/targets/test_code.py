@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -34,7 +35,7 @@ def read_back(model: FittedRobot, function: Any, B: FloatArray) -> ComplexArray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["casadi", "c"])
-def test_exported_functions_have_the_response(model, kind, tmp_path):
+def test_exported_functions_have_the_response(model: FittedRobot, kind: str, tmp_path: Path) -> None:
     """Loaded again; in C compiled without dependencies."""
     if kind == "c" and shutil.which("cc") is None:
         pytest.skip("no C compiler on this machine")
@@ -44,7 +45,7 @@ def test_exported_functions_have_the_response(model, kind, tmp_path):
     if kind == "c":
         subprocess.run(["cc", "-O1", "-shared", "-fPIC", tmp_path / "robot.c", "-o", library, "-lm"], check=True)
 
-    def loaded(name):
+    def loaded(name: str) -> Any:
         return ca.external(f"robot_{name}", library) if kind == "c" else ca.Function.load(f"{tmp_path}/{name}.casadi")
 
     G = read_back(model, lambda name, *at: loaded(name)(*at).full(), loaded("input_matrix")()["B"].full())
@@ -52,7 +53,7 @@ def test_exported_functions_have_the_response(model, kind, tmp_path):
     assert (tmp_path / "constraint.casadi").exists() == (model.model.n_c > 0)
 
 
-def test_equilibria_are_at_rest(model, tmp_path):
+def test_equilibria_are_at_rest(model: FittedRobot, tmp_path: Path) -> None:
     """Loaded again, f(q, 0) + Phi^T lambda = B u in each posture of the study, whose columns the text names."""
     text = write_casadi(tmp_path, model)[-1].read_text()
     loaded = {path.stem: ca.Function.load(str(path)) for path in tmp_path.glob("*.casadi")}
@@ -68,7 +69,7 @@ def test_equilibria_are_at_rest(model, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
-def test_a_program_in_c_reads_the_equilibria(tmp_path):
+def test_a_program_in_c_reads_the_equilibria(tmp_path: Path) -> None:
     """A caller in C without CasADi: q of the second posture and the weight that its motors hold."""
     model = fitted_model("arm")
     write_c(tmp_path, model)

@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.io import loadmat
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import ResponseFileSpec, ResponsesSpec
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
 from elastid.logs.responses.reading import link_side_response, read_table
 from elastid.targets.control import write_control
@@ -19,7 +21,7 @@ from elastid.targets.csv import write_csv
 from elastid.targets.matlab import write_matlab
 
 
-def test_csv_responses_are_what_a_study_reads(model, tmp_path):
+def test_csv_responses_are_what_a_study_reads(model: FittedRobot, tmp_path: Path) -> None:
     write_csv(tmp_path, model)
     channels = [ChannelSpec("u", place, channel=place) for place in model.linear[0].inputs]
     channels += [ChannelSpec("y", place, channel=place, quantity="acceleration") for place in model.linear[0].outputs]
@@ -31,7 +33,7 @@ def test_csv_responses_are_what_a_study_reads(model, tmp_path):
         assert close(G.G, expected, 1e-12)
 
 
-def test_csv_modes_are_those_of_every_configuration(serial_model, tmp_path):
+def test_csv_modes_are_those_of_every_configuration(serial_model: FittedRobot, tmp_path: Path) -> None:
     """Frequency and damping ratio, numbered from 1."""
     write_csv(tmp_path, serial_model)
     table = list(csv.DictReader((tmp_path / "modes.csv").read_text().splitlines()))
@@ -43,7 +45,7 @@ def test_csv_modes_are_those_of_every_configuration(serial_model, tmp_path):
         assert [float(row["damping_ratio"]) for row in its] == pytest.approx(np.asarray(found.zeta).tolist())
 
 
-def test_python_control_reads_the_response_back(model, tmp_path):
+def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Path) -> None:
     """State space by the loader, times the delay; within 1e-7 without loops, 1e-6 with them."""
     _, script = write_control(tmp_path, model)
     specification = importlib.util.spec_from_file_location("load_model", script)
@@ -67,7 +69,7 @@ def test_python_control_reads_the_response_back(model, tmp_path):
     assert std == pytest.approx(dict(model.result.std), nan_ok=True)
 
 
-def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model, tmp_path):
+def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedRobot, tmp_path: Path) -> None:
     """ss within 1e-9 without loops, 1e-8 with them; the fields of an idfrd to the last digits."""
     data, script = write_matlab(tmp_path, model)
     content = loadmat(data, squeeze_me=False, struct_as_record=True)
@@ -85,7 +87,7 @@ def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
-def test_the_script_runs_in_octave(model, tmp_path):
+def test_the_script_runs_in_octave(model: FittedRobot, tmp_path: Path) -> None:
     """And its response is the linear model's."""
     _, script = write_matlab(tmp_path, model)
     f = float(model.measured[0].freq_hz[7])

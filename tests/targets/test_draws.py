@@ -1,6 +1,7 @@
 """Files of drawn robots: a table, robot files that load, MJCF, and a reason where there is none."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from elastid.targets.draws import write_draws
 from elastid.use.draws import draw_robots
 
 
-def test_table_and_robot_files_hold_the_same_numbers(tmp_path):
+def test_table_and_robot_files_hold_the_same_numbers(tmp_path: Path) -> None:
     """Each row is the robot of its number, read back in full; MJCF beside it has its stiffnesses."""
     draws = draw_robots(result(), 12, seed=3)
     warnings = []
@@ -35,7 +36,7 @@ def test_table_and_robot_files_hold_the_same_numbers(tmp_path):
 
 @pytest.mark.oracle("mujoco")
 @pytest.mark.parametrize("name", ["arm", "linkage_arm minimal"])
-def test_an_engine_loads_each_draw_with_its_own_stiffness(name, tmp_path):
+def test_an_engine_loads_each_draw_with_its_own_stiffness(name: str, tmp_path: Path) -> None:
     """MuJoCo: joints' stiffness differs from draw to draw as the table says."""
     import mujoco
 

@@ -93,7 +93,7 @@ def shaken(model: FittedRobot, n: int) -> FloatArray:
 
 @needs_compiler
 @pytest.mark.parametrize("version", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_a_unit_moves_as_our_simulation(unit, version):
+def test_a_unit_moves_as_our_simulation(unit: tuple[FittedRobot, Path], version: int) -> None:
     """To 1e-6 of the motion over a second, under feedback and driven torque, friction included."""
     model, folder = unit
     torque = shaken(model, 1001)
@@ -104,7 +104,7 @@ def test_a_unit_moves_as_our_simulation(unit, version):
     assert np.abs(found - expected[: len(found)]).max() < 1e-6 * moved
 
 
-def test_a_validator_has_no_complaint(unit):
+def test_a_validator_has_no_complaint(unit: tuple[FittedRobot, Path]) -> None:
     """About description and archive of both versions, each of which has the sources that it names and no others."""
     from fmpy import validation
 
@@ -119,7 +119,7 @@ def test_a_validator_has_no_complaint(unit):
 
 
 @needs_compiler
-def test_a_number_is_tunable_by_its_name(unit):
+def test_a_number_is_tunable_by_its_name(unit: tuple[FittedRobot, Path]) -> None:
     """A softer first spring moves the motors otherwise."""
     model, folder = unit
     spring = next(name for name in model.model.parameters if name.startswith("k_"))
@@ -132,7 +132,7 @@ def test_a_number_is_tunable_by_its_name(unit):
 
 @pytest.mark.slow
 @needs_compiler
-def test_a_force_at_a_frame_moves_it_as_the_linear_model(tmp_path):
+def test_a_force_at_a_frame_moves_it_as_the_linear_model(tmp_path: Path) -> None:
     """A step of 3 N on the tool of a robot without dry friction: its path over 80 ms, by the matrix exponential."""
     model = fitted_model("scara")
     write_fmu(tmp_path, model)

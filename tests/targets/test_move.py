@@ -60,7 +60,7 @@ def interpolated(tuned: TunedMove, t: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 @C
-def test_c_interpolates_as_python_does(tmp_path):
+def test_c_interpolates_as_python_does(tmp_path: Path) -> None:
     """Before, within, on the samples, and after the move, to rounding; it says when it is over."""
     move = tuned()
     source, _ = write_move_c(tmp_path, move)
@@ -80,7 +80,7 @@ def test_c_interpolates_as_python_does(tmp_path):
     np.testing.assert_allclose(u, move.torque)
 
 
-def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path):
+def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path: Path) -> None:
     """Times from the first sample, rising; names as they are."""
     move = tuned()
     write_move(tmp_path, move)
@@ -98,7 +98,7 @@ def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path):
 
 
 @C
-def test_friction_compensation_in_c_is_the_law_of_the_robot(tmp_path):
+def test_friction_compensation_in_c_is_the_law_of_the_robot(tmp_path: Path) -> None:
     """Coulomb, viscous and quadratic friction of each motor, link side, opposite for opposite velocities."""
     law = Friction(0.2, quadratic=1e-6)
     robot = with_joints(
@@ -124,7 +124,7 @@ OBSERVED = SimpleNamespace(filtered=FOLLOWED, noise=NOISE, rate_hz=RATE_HZ)
 
 @pytest.mark.slow
 @C
-def test_c_compiles_whatever_the_joints_are_called(tmp_path):
+def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
     """CasADi refuses two underscores in a row in the name of a function, C much else."""
     names = (*HOSTILE[:: 1 + len(HOSTILE) // 10], "axis - 1", "axis 1", "x*/ #error pwn")
     source, _ = write_observers(tmp_path, dict.fromkeys(names, OBSERVED))
@@ -135,7 +135,7 @@ def test_c_compiles_whatever_the_joints_are_called(tmp_path):
 
 @pytest.mark.slow
 @C
-def test_c_follows_friction_as_the_filter_does(tmp_path):
+def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     """States and covariance of a second, to rounding."""
     source, header = write_observers(tmp_path, {"2": OBSERVED})
     assert "x[5] Fc, x[6] f, x[7] offset" in header.read_text()

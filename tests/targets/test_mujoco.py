@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from plants.refusals import refused
 from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray
-from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Spring
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint, Spring
 from elastid.robot.simplified import with_joints
 from elastid.targets.mujoco import write_mujoco
 from elastid.targets.urdf import write_urdf
@@ -24,7 +26,7 @@ def slopes(f: Callable[[FloatArray], FloatArray], n: int, step: float = 1e-3) ->
     return np.sum(odd, axis=1).T / step
 
 
-def test_mujoco_says_which_springs_it_would_lose(tmp_path, serial_model):
+def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, serial_model: FittedRobot) -> None:
     """A cubic gear, a compensator or a shaft that gives way has no place in MJCF: refused by name."""
     body = next(body for body in serial_model.robot.bodies if any(j.spring is not None for j in body.joints))
     joints = tuple(replace(j, spring=replace(j.spring, cubic=1.0)) if j.spring is not None else j for j in body.joints)
@@ -59,7 +61,7 @@ class Linearised:
 @pytest.mark.oracle("mujoco")
 @pytest.mark.parametrize("key", [0, 1])
 @pytest.mark.parametrize("accuracy", [2e-4, 1e-6], ids=["as written", "without the gram"])
-def test_mujoco_has_the_response(model, tmp_path, key, accuracy):
+def test_mujoco_has_the_response(model: FittedRobot, tmp_path: Path, key: int, accuracy: float) -> None:
     """M from the engine, K and D by differences of its forces along the motions that its constraints leave.
 
     About keyframes, which are equilibria. Within 1e-9 without loops; with them within 1e-6 but for 1 g and 1e-4 kg m^2
@@ -86,7 +88,7 @@ def test_mujoco_has_the_response(model, tmp_path, key, accuracy):
     moved = np.abs(rest + J.T @ multipliers - B @ at.held).max()
     assert moved < (1e-4 if model.robot.loops else 1e-6) * max(1.0, np.abs(at.held).max())
 
-    def pulled(dq):
+    def pulled(dq: FloatArray) -> FloatArray:
         f, J = at.force(dq, zero)
         return f + J.T @ multipliers
 
@@ -99,7 +101,7 @@ def test_mujoco_has_the_response(model, tmp_path, key, accuracy):
 
 
 @pytest.mark.oracle("mujoco")
-def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model, tmp_path):
+def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedRobot, tmp_path: Path) -> None:
     """Half a second of the engine's own time steps moves no joint by more than a tenth of a millirad."""
     import mujoco
 
@@ -114,11 +116,11 @@ def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model, tmp_path):
 
 
 @pytest.mark.oracle("mujoco")
-def test_coulomb_friction_that_was_found_is_frictionloss(serial_model, tmp_path):
+def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRobot, tmp_path: Path) -> None:
     """At the motor on the link side; behind the gear, where motor angle and twist turn together, in a tendon."""
     import mujoco
 
-    def rubbed(joint):
+    def rubbed(joint: Joint) -> Joint:
         if joint.motor is None:
             return joint
         return replace(joint, motor=replace(joint.motor, coulomb=0.1, friction=None), friction=Friction(7.0))
@@ -134,7 +136,7 @@ def test_coulomb_friction_that_was_found_is_frictionloss(serial_model, tmp_path)
 
 @pytest.mark.oracle("mujoco")
 @pytest.mark.parametrize("inner", [0.0, 2e3])
-def test_lost_motion_of_a_gear_is_a_slack_tendon(tmp_path, serial_model, inner):
+def test_lost_motion_of_a_gear_is_a_slack_tendon(tmp_path: Path, serial_model: FittedRobot, inner: float) -> None:
     """The torque of the spring at twists within and beyond the gap, whatever else the robot has."""
     import mujoco
 
@@ -159,7 +161,7 @@ def test_lost_motion_of_a_gear_is_a_slack_tendon(tmp_path, serial_model, inner):
 
 
 @pytest.mark.oracle("pinocchio")
-def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model, tmp_path):
+def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model: FittedRobot, tmp_path: Path) -> None:
     """Of the driven joints, in any posture, without rotors; elastic joints are rigid."""
     import pinocchio
 
@@ -197,7 +199,7 @@ def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model, tmp_path):
         assert np.abs(g[of] - gravity).max() < 1e-9 * max(1.0, np.abs(gravity).max())
 
 
-def test_what_a_urdf_cannot_carry_is_said(tmp_path):
+def test_what_a_urdf_cannot_carry_is_said(tmp_path: Path) -> None:
     """Springs in the head of the file; loops are refused."""
     (path,) = write_urdf(tmp_path, fitted_model("arm"))
     assert "Left out: springs of the joints" in path.read_text()

@@ -3,6 +3,7 @@
 import csv
 import importlib.util
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -32,7 +33,7 @@ def of_a_data_sheet() -> FittedRobot:
 
 
 @pytest.mark.parametrize("model", [EXACT, of_a_data_sheet()], ids=["exact", "tolerated"])
-def test_every_export_has_the_numbers_of_the_fit(model, tmp_path):
+def test_every_export_has_the_numbers_of_the_fit(model: FittedRobot, tmp_path: Path) -> None:
     """Value, std and interval, and of an asked number the contributions to std."""
     result, expected = model.result, {}
     for p in model.parameters:
@@ -62,7 +63,7 @@ def test_every_export_has_the_numbers_of_the_fit(model, tmp_path):
         assert found == {name: pytest.approx([part for part in row if np.isfinite(part)]) for name, row in free.items()}
 
 
-def test_fitted_responses_have_the_deviation_that_is_due_to_the_parameters(tmp_path):
+def test_fitted_responses_have_the_deviation_that_is_due_to_the_parameters(tmp_path: Path) -> None:
     """In MATLAB half of the variance of each real component."""
     content = loadmat(write_matlab(tmp_path, EXACT)[0])
     covariance = np.moveaxis(content["fitted"][0, 0]["CovarianceData"][..., 0, 0], 2, 0)

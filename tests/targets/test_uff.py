@@ -1,5 +1,7 @@
 """Universal files hold responses and modes, as pyuff reads them back."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from elastid.targets.uff import write_uff
 
 
 @pytest.mark.parametrize("outputs", [("1x", "1z", "2x"), ("tip x", "tip z", "foot x")], ids=("numbers", "names"))
-def test_modes_are_read_back(tmp_path, outputs):
+def test_modes_are_read_back(tmp_path: Path, outputs: tuple[str, ...]) -> None:
     """Two modes seen along x and z of two nodes: eigenvalues and shapes to the five digits of a data set 55."""
     pyuff = pytest.importorskip("pyuff")
     freq_hz = np.arange(20, 400) / 8
@@ -35,7 +37,7 @@ def test_modes_are_read_back(tmp_path, outputs):
         np.testing.assert_allclose(each["r3"], [expected[1], 0], atol=1e-4)
 
 
-def test_geometry_and_roving_hammer_are_read_back(tmp_path):
+def test_geometry_and_roving_hammer_are_read_back(tmp_path: Path) -> None:
     """Two points that a hammer hits, one against z, and a corner without any: nodes, lines, signs and shapes."""
     pyuff = pytest.importorskip("pyuff")
     points = {"1": (0.0, 0.0, 0.0), "2": (0.5, 0.0, 0.0), "corner": (0.5, 0.25, 0.0)}

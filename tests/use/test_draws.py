@@ -11,12 +11,12 @@ from elastid.linear.fitted_model import ModelErrorFactor
 from elastid.use.draws import draw_robots
 
 
-def test_draws_scatter_as_the_fit_says():
+def test_draws_scatter_as_the_fit_says() -> None:
     draws = draw_robots(result(), 80, seed=2)
     np.testing.assert_allclose(np.std(np.log(draws.values), axis=0), STD, rtol=0.25)
 
 
-def test_a_robot_has_the_numbers_of_its_draw_and_those_that_a_doubt_moves():
+def test_a_robot_has_the_numbers_of_its_draw_and_those_that_a_doubt_moves() -> None:
     """A mass, which takes the parameters with it; besides, they scatter as the fit says."""
     doubt = ModelErrorFactor(np.array([0.3, -0.2, 0.0, 0.1]), ("m_fore",), (0.1,), (True,))
     estimated = replace(result().at(np.array([0.4, -0.9])).estimated, doubts=(doubt,))
@@ -28,7 +28,7 @@ def test_a_robot_has_the_numbers_of_its_draw_and_those_that_a_doubt_moves():
             assert robot.parameters()[name][0] == pytest.approx(numbers[name])
 
 
-def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held():
+def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held() -> None:
     """An infinite variance is no draw."""
     own = result()
     C = own.covariance.copy()
@@ -39,7 +39,7 @@ def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held():
     np.testing.assert_array_equal(draws.values, draw_robots(replace(own, covariance=C), 5, seed=1).values)
 
 
-def test_no_draw_is_beyond_the_bounds_that_the_fit_searched():
+def test_no_draw_is_beyond_the_bounds_that_the_fit_searched() -> None:
     """A damping of which nearly nothing is known, at its lower bound: as small, or larger up to the upper one."""
     own = result()
     C, i = own.covariance.copy(), own.parameters.free_names.index("d_1")

@@ -1,5 +1,7 @@
 """Postures of paths, grids and random ones; inverse kinematics."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plants.arm import robot
@@ -14,7 +16,7 @@ from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, r
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm minimal"])
-def test_poses_that_some_posture_has_are_reached_within_the_limits(name):
+def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) -> None:
     """Six axes with orientation, and a linkage by its position."""
     own = fitted_model(name).model.robot
     frame = own.frames[-1].name if own.frames else own.bodies[-1].name
@@ -29,7 +31,7 @@ def test_poses_that_some_posture_has_are_reached_within_the_limits(name):
     np.testing.assert_allclose(there.position, poses.position[found], atol=2e-6)
 
 
-def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path):
+def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
     """Degrees by the name of the column; a pose out of reach is numbered."""
     path = tmp_path / "path.csv"
     path.write_text("2 (deg),1,note\n90,0.5,0\n", encoding="utf-8")
@@ -61,14 +63,14 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path):
         ("x,y,z,rx\n1,0,0,0\n", "rx"),
     ],
 )
-def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path, text, place):
+def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text: str, place: str) -> None:
     path = tmp_path / "path.csv"
     path.write_text(text, encoding="utf-8")
     with refused("use/path", "files/table", "use/unreachable", holds=place):
         read_path(path, robot(), "tool")
 
 
-def test_a_grid_fills_the_workspace_evenly():
+def test_a_grid_fills_the_workspace_evenly() -> None:
     """Of a robot that turns and bends: neighbours are one spacing apart."""
     own = fitted_model("scara").model.robot
     postures = grid_postures(own, "quill", 6)
@@ -80,7 +82,7 @@ def test_a_grid_fills_the_workspace_evenly():
 
 
 @pytest.mark.slow
-def test_random_postures_of_a_linkage_are_closed_and_none_is_about_to_fold_over():
+def test_random_postures_of_a_linkage_are_closed_and_none_is_about_to_fold_over() -> None:
     """As a single posture is judged; some of those that are drawn are refused."""
     own = fitted_model("irb4400_linkage minimal").model.robot
     for angles in random_postures(own, 25, 1):

@@ -24,7 +24,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(study, capfd, factor, status,
     run = measured(study, heavier, *overrides, noise=0.005)
     options = [part for override in overrides for part in ("--set", override)]
 
-    def ended(command):
+    def ended(command: str) -> int:
         return cli.run_command(["run", str(study), command, "--run", str(run.folder), "--jobs", "1", *options])
 
     assert ended("fit") == code

@@ -22,7 +22,7 @@ LIMITS = PassLimits("motor 2", (-0.4, 0.8), 1.8, 6.0, 2 * np.pi / 240, 6.0, lag=
 SPEEDS = tuple(np.geomspace(0.004, 1.0, 12))
 
 
-def test_the_fastest_pass_fills_the_window():
+def test_the_fastest_pass_fills_the_window() -> None:
     """Its ramps, and the time that its loop and its plateau take; none where a turn does not fit."""
     v = fastest_speed(replace(LIMITS, velocity=9.0))
     room = v**2 / (LIMITS.acceleration / RAMP_PEAK) + v * (3 / (2 * np.pi * LIMITS.bandwidth_hz) + SHORTEST_S)
@@ -44,7 +44,7 @@ def test_the_window_or_the_speed_that_a_refusal_gives_has_room():
             planned_pass(least, 1, replace(limits, window=window))
 
 
-def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed():
+def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed() -> None:
     """Velocity constant between the marks, there and back; position within the window, at rest where it began."""
     for planned in plan_passes(SPEEDS, 1, LIMITS, 0):
         reference = pass_reference(planned, LIMITS, 500.0)
@@ -60,7 +60,7 @@ def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed():
         assert len(reference.position) / 500.0 == pytest.approx(pass_time(planned, LIMITS), rel=0.02, abs=0.02)
 
 
-def test_the_order_is_random_and_the_same_for_a_seed_with_references_between():
+def test_the_order_is_random_and_the_same_for_a_seed_with_references_between() -> None:
     plan = plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
     assert plan == plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
     speeds = [one.speed for one in plan if not one.is_reference]

@@ -44,7 +44,7 @@ def said(plan: Plan, record: Record) -> str:
     return contradiction(record, plan, rehearsal, coulomb_torques(robot()), True)
 
 
-def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan, clean):
+def test_a_clean_log_of_a_robot_with_other_springs_contradicts_nothing(plan: Plan, clean: Record) -> None:
     """Nor one that begins some samples after the plan."""
     assert said(plan, clean) == ""
     assert said(plan, replace(clean, **{name: np.roll(getattr(clean, name), -5, axis=0) for name in "ruy"})) == ""
@@ -63,14 +63,14 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_wrong_log_is_named(fault, plan, clean):
+def test_a_wrong_log_is_named(fault: str, plan: Plan, clean: Record) -> None:
     spoil, words = FAULTS[fault]
     message = said(plan, replace(clean, **spoil(clean)))
     assert words in message, message
 
 
 @pytest.mark.parametrize("mass", [12.0, 25.0])
-def test_another_payload_is_seen(plan, mass):
+def test_another_payload_is_seen(plan: Plan, mass: float) -> None:
     """By the torques that hold it, on a robot whose springs are unknown."""
     loaded = replace(robot(), payload=Payload(mass=mass, at="tool"))
     message = said(plan, measured(loaded, plan))

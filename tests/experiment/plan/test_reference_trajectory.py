@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from plants.refusals import refused
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, freqs
 
+from elastid.base.arrays import FloatArray
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.plan.reference_trajectory import (
+    Movement,
     check_movement,
     derivatives,
     max_excursion,
@@ -31,7 +34,9 @@ from elastid.record import Configuration
     cycles=st.integers(1, 2),
 )
 @settings(deadline=None, max_examples=24)
-def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(kind, ramp, hold, cycles):
+def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
+    kind: Any, ramp: float, hold: float, cycles: int
+) -> None:
     """Position, velocity, acceleration agree; ends at rest; every period's velocity is the last one's."""
     size = {"amplitude": 0.02} if kind == "sine" else {"velocity": (0.05, -0.1)}
     excitation = replace(EXCITATION, torque_rms=1.0, period=2.0, band_hz=(5.0, 60.0))
@@ -55,7 +60,7 @@ def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
     assert np.all(path.scale[plan.first_sample :][: 3 * N] == 1)
 
 
-def test_derivatives_of_a_sampled_motion_are_of_sixth_order():
+def test_derivatives_of_a_sampled_motion_are_of_sixth_order() -> None:
     """Within the run; x'' + omega^2 x = 0 of a sine of ten samples a radian to 1e-7 of its size."""
     omega, rate_hz = 2 * np.pi * 8, 500.0
     phase = omega * np.arange(400) / rate_hz
@@ -75,11 +80,11 @@ def test_derivatives_of_a_sampled_motion_are_of_sixth_order():
     ],
     ids=lambda carrier: "rest" if carrier is None else carrier.kind,
 )
-def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier):
+def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier: CarrierSpec | None) -> None:
     """Though it is worked out once for all samples at rest, and for one cycle of a carrier."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=0.25), arm(), 0)
 
-    def torque(_, path):
+    def torque(_: Configuration, path: Movement) -> FloatArray:
         return 3 * path.position + 0.2 * path.velocity**2 + 0.01 * path.acceleration
 
     expected = torque(plan.configurations[0], movement(carrier, plan))
@@ -87,7 +92,7 @@ def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
-def test_a_square_wave_is_filtered_and_leaves_the_analysed_lines_free():
+def test_a_square_wave_is_filtered_and_leaves_the_analysed_lines_free() -> None:
     """The ideal wave behind a Butterworth filter of second order without its phase, as scipy has it."""
     excitation = replace(EXCITATION, torque_rms=1.0, period=10.0, band_hz=(0.9, 60.0), grid="odd-random")
     plan = make_plan(excitation, experiment(), arm(), 0)
@@ -105,7 +110,7 @@ def test_a_square_wave_is_filtered_and_leaves_the_analysed_lines_free():
 
 
 @pytest.mark.parametrize("carrier", CARRIERS[1:], ids=lambda carrier: carrier.kind)
-def test_a_carrier_that_leaves_a_joints_limits_is_refused(carrier):
+def test_a_carrier_that_leaves_a_joints_limits_is_refused(carrier: CarrierSpec) -> None:
     """To either side, in the ramps of a constant velocity too."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
     path = movement(carrier, plan).position[:, 0]
@@ -116,7 +121,7 @@ def test_a_carrier_that_leaves_a_joints_limits_is_refused(carrier):
                 check_movement(carrier, replace(plan, configurations=(posture,)), arm())
 
 
-def test_a_carrier_of_other_motors_or_on_excited_lines_is_refused():
+def test_a_carrier_of_other_motors_or_on_excited_lines_is_refused() -> None:
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
     check_movement(CarrierSpec(0.01, cycles=int(plan.lines[0]) - 1), plan, arm())
     for wrong in (CarrierSpec(0.01, cycles=int(plan.lines[0])), CarrierSpec((0.1, 0.1, 0.1))):

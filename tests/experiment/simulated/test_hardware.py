@@ -76,7 +76,7 @@ def linear(robot: Robot, freq_hz: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("kind", "left"), [("pd", 1.0), ("cascade", 0.0)])
-def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_over_kp(kind, left):
+def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_over_kp(kind: str, left: float) -> None:
     """A ripple so slow that it is a constant torque pushes; the velocity loop's integral takes it up."""
     push = 3.0
     ripple = TorqueRippleSpec(push / 80.0, 1, phase=math.pi / 2 - 80 * ARM[0])
@@ -94,7 +94,7 @@ def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_
 # --- encoders and drives --------------------------------------------------------------------------------------------
 
 
-def test_torque_is_clipped_at_its_limit_and_the_record_says_how_often():
+def test_torque_is_clipped_at_its_limit_and_the_record_says_how_often() -> None:
     """Gravity takes 112 Nm; with 40 Nm rms of multisine a limit of 180 Nm is met now and then, and never exceeded."""
     limits = Limits(torque=180.0)
     record = rig(arm(limits), SimulatedSpec(saturation=True), rms=40.0).measure(plan(40.0).experiments[0])
@@ -107,7 +107,7 @@ def test_torque_is_clipped_at_its_limit_and_the_record_says_how_often():
     assert np.abs(free.u).max() > 180.0
 
 
-def test_a_drive_that_is_always_at_its_limit_is_refused():
+def test_a_drive_that_is_always_at_its_limit_is_refused() -> None:
     """Where gravity takes more than the motor has, the run ends in words; so does clipping without limits."""
     simulated = rig(arm(Limits(torque=60.0, angle=(-3.0, 3.0))), SimulatedSpec(saturation=True), rms=1.0)
     with refused("experiment/diverged"):
@@ -120,7 +120,7 @@ def test_a_drive_that_is_always_at_its_limit_is_refused():
 # --- noise ----------------------------------------------------------------------------------------------------------
 
 
-def test_noise_has_the_power_that_its_section_states():
+def test_noise_has_the_power_that_its_section_states() -> None:
     """At every frequency; the sum has the stated deviation, and no mean of what is colored alone."""
     colored = (
         ColoredNoiseSpec("disturbance", 2.0, corner_hz=5.0, slope=-40.0),
@@ -152,7 +152,7 @@ def departure(robot: Robot, rms: float, reference: np.ndarray | None, **spec: ob
     return G, 0.0 if reference is None else float(np.sqrt(np.mean(np.abs(G / reference - 1) ** 2)))
 
 
-def test_the_chain_and_a_constant_velocity_leave_the_linear_response():
+def test_the_chain_and_a_constant_velocity_leave_the_linear_response() -> None:
     """Behind a lag of second order and Butterworth's filter as scipy has them, times gains; as state space, too."""
     gains = (Channel("u", "motor 1", 1.6), Channel("y", "motor 1", 0.8))
     chain = Chain(2e-3, 2, 0.6, 1 / (2 * np.pi * 40.0), 3, channels=gains)
@@ -171,7 +171,7 @@ def test_the_chain_and_a_constant_velocity_leave_the_linear_response():
     np.testing.assert_allclose(space[:, 0, 0], expected, rtol=1e-9)
 
 
-def test_friction_is_loaded_by_what_its_joint_holds():
+def test_friction_is_loaded_by_what_its_joint_holds() -> None:
     """A motor by the torque that lifts both links, a spring behind it by its own: m g r of what it carries."""
     rubbing = Friction(1.0)
     far = Joint("2", "y", Spring(4e4), friction=rubbing)
@@ -187,7 +187,7 @@ def test_friction_is_loaded_by_what_its_joint_holds():
     np.testing.assert_allclose(loads, [expected[law.place] for law in sliding.laws], rtol=1e-3)
 
 
-def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_of_the_amplitude():
+def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_of_the_amplitude() -> None:
     """Gravity bends with the angle; what is even in it misses the odd lines, so the error falls as amplitude^2."""
     least, _ = departure(arm(), 2.0, None)
     errors = [departure(arm(), rms, least)[1] for rms in (800.0, 400.0, 200.0)]
@@ -197,10 +197,10 @@ def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_o
 
 
 @pytest.mark.parametrize("kind", ["coulomb", slow("lugre")])
-def test_with_friction_the_response_tends_to_the_linear_one_with_friction_over_amplitude(kind):
+def test_with_friction_the_response_tends_to_the_linear_one_with_friction_over_amplitude(kind: str) -> None:
     """A joint that slides under its carrier: half the friction is half the error, for static and dynamic friction."""
 
-    def robot(level):
+    def robot(level: float) -> Robot:
         bristles = LuGre(40 * level, 0.02 * level, 5.0) if kind == "lugre" else None
         return arm(friction=Friction(level, lugre=bristles))
 

@@ -22,7 +22,7 @@ from elastid.robot import Limits
 from elastid.robot.simplified import without_dry_friction
 
 
-def test_the_closed_loop_response_is_what_the_simulation_does():
+def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
     """Without friction and gravity, the torque and all motions at all lines, to aliasing."""
     machine = arm(Limits()).with_parameters({"fm_1": 1e-6, "fm_2": 1e-6})
     machine = replace(without_dry_friction(machine), gravity=(0.0, 0.0, 0.0))
@@ -39,7 +39,7 @@ def test_the_closed_loop_response_is_what_the_simulation_does():
         assert np.abs(measured - expected).max() < 0.01 * np.abs(expected).max()
 
 
-def test_shaken_masses_move_as_their_equations_say():
+def test_shaken_masses_move_as_their_equations_say() -> None:
     """G = -omega^2 C (K - omega^2 M + j omega D)^-1 B of forces of 5 N rms, D of the damping ratio of each mode."""
     M, stretch = np.diag(MASSES), np.eye(3) - np.eye(3, k=-1)
     K = stretch.T @ np.diag(STIFFNESSES) @ stretch

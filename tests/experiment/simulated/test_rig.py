@@ -66,7 +66,7 @@ def measured_response(simulated: SimulatedRig) -> tuple[np.ndarray, Record]:
 
 
 @pytest.mark.slow
-def test_the_closed_loop_measures_the_linear_plant_exactly():
+def test_the_closed_loop_measures_the_linear_plant_exactly() -> None:
     """Without gravity, friction and noise Y U^-1 is the plant behind its zero-order hold, as SciPy has it, to 2e-6."""
     machine = robot(gravity=(0.0, 0.0, 0.0))
     spec = SimulatedSpec(outputs=(*machine.motor_locations, "joint 3", "body upper_arm y"), substeps=4)
@@ -84,7 +84,7 @@ def test_the_closed_loop_measures_the_linear_plant_exactly():
     assert (np.abs(G - expected).max(axis=(1, 2)) / np.abs(expected).max(axis=(1, 2))).max() < 2e-6
 
 
-def test_the_acceleration_of_a_point_holds_the_images_that_its_record_states():
+def test_the_acceleration_of_a_point_holds_the_images_that_its_record_states() -> None:
     """Behind an elastic joint that gravity tilts: as the model has it to 1e-5, and by 7e-4 without them."""
     arm = Body(
         "arm", joints=(Joint("1", "z", Spring(2000, 4), Motor(1e-3, 30)),), mass=5.0, center_of_mass=(0.2, 0, 0),
@@ -106,14 +106,14 @@ def test_the_acceleration_of_a_point_holds_the_images_that_its_record_states():
     assert abs(record.y[:, 1].mean()) < 1e-3
 
 
-def test_encoders_count_motor_turns():
+def test_encoders_count_motor_turns() -> None:
     """A reading is a whole number of counts per motor turn times the ratio, on the link side."""
     simulated = three_axes(SimulatedSpec(noise=NoiseSpec(encoder_counts=4096)))
     counts = simulated.measure(simulated.experiments[0]).y / (2 * math.pi / (4096 * np.array([121, 125, 110])))
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
 
 
-def test_limits_of_torque_and_speed_are_reported():
+def test_limits_of_torque_and_speed_are_reported() -> None:
     """The simulation does not clip; the record says which motor went how far."""
     simulated = three_axes(rms=300.0, limits=Limits(velocity=0.01, torque=100.0))
     notes = simulated.measure(simulated.experiments[0]).notes
@@ -121,7 +121,7 @@ def test_limits_of_torque_and_speed_are_reported():
     assert {note.place.rpartition(", ")[2] for note in notes} == {"motor 1", "motor 2", "motor 3"}
 
 
-def test_a_lost_robot_is_reported_with_configuration_motor_and_time():
+def test_a_lost_robot_is_reported_with_configuration_motor_and_time() -> None:
     """A torque that throws a joint out of its limits is an error that says what to change."""
     simulated = three_axes(rms=3000.0, limits=Limits(angle=(-0.62, 0.6)))
     with refused("experiment/diverged"):
@@ -131,14 +131,14 @@ def test_a_lost_robot_is_reported_with_configuration_motor_and_time():
         loop.measure(loop.experiments[0])
 
 
-def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed_and_the_joint():
+def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed_and_the_joint() -> None:
     """A stiff light joint or strong friction would make the integrator diverge; the study is refused before."""
     simulated = three_axes(SimulatedSpec(substeps=1, truth={"k_3x": 2e8}))
     with refused("experiment/simulated", place="experiment.simulated.substeps", holds="joint 3x"):
         simulated.measure(simulated.experiments[0])
 
 
-def test_the_log_of_a_whole_run_holds_the_record_in_its_measured_periods():
+def test_the_log_of_a_whole_run_holds_the_record_in_its_measured_periods() -> None:
     """To the last bit, noise included."""
     simulated = three_axes(SimulatedSpec(noise=NOISE))
     run = simulated.experiments[0]

@@ -1,6 +1,7 @@
 """The sections of an experiment: one rig, channels of a quantity that goes with them, controllers and noise."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,14 +49,14 @@ TAPS = ToolSpec(RESPONSES, "controlled", (0.0,), (0.0,))
         (ControllerSpec(kind="cascade"), {"damping_ratio": 0.2}, {"damping_ratio": 0.2, "integral_time": 0.01}),
     ],
 )
-def test_a_section_is_what_can_be(section, right, wrong):
+def test_a_section_is_what_can_be(section: Any, right: dict[str, Any], wrong: dict[str, Any]) -> None:
     """A drive that pushes away, a period in s of logs without a rate, half a wave of an odd period cannot."""
     replace(section, **right)
     with pytest.raises(ValueError):  # noqa: PT011
         replace(section, **wrong)
 
 
-def test_exactly_one_rig_with_its_kind():
+def test_exactly_one_rig_with_its_kind() -> None:
     for kind, section in {"simulated": SimulatedSpec(), "recorded": LOGS, "responses": RESPONSES}.items():
         spec = ExperimentSpec(**{kind: section})
         assert (spec.kind, spec.rig) == (kind, section)
@@ -65,10 +66,10 @@ def test_exactly_one_rig_with_its_kind():
 
 
 @pytest.mark.parametrize("highest_hz", [20.0, 60.0, 90.0, 200.0])
-def test_steps_are_as_few_as_turn_by_the_right_angle(highest_hz):
+def test_steps_are_as_few_as_turn_by_the_right_angle(highest_hz: float) -> None:
     """Of what rotates at the end of the band the frequency is right to 4e-6, and one step less is too few."""
 
-    def error(steps):
+    def error(steps: int) -> float:
         angle = 2 * np.pi * highest_hz / 500.0 / steps
         return float(abs(np.angle(FIFTH_ORDER.amplification(np.array(1j * angle))) / angle - 1))
 

@@ -15,6 +15,7 @@ from plants.marks import slow
 from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
+from elastid.base.arrays import FloatArray
 from elastid.base.entry_points import group_entries
 from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
@@ -39,7 +40,7 @@ def fitted(fault: str) -> Result:
     "fault",
     [name if name in QUICK else slow(name) for name in FAULTS if name not in ("rate 2 % wrong", "missing torsion")],
 )
-def test_a_fault_is_named_first_with_its_size(fault):
+def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
     """It explains most of the excess, its steps are the true ones, and a warning is about it."""
     result, named = fitted(fault), FAULTS[fault]
     first = result.indices[0]
@@ -55,7 +56,7 @@ def test_a_fault_is_named_first_with_its_size(fault):
     assert not {"fit/inconsistent-responses", *(CONSEQUENCES if result.has_lone_cause else ())} & codes
 
 
-def test_two_faults_are_named_one_after_the_other():
+def test_two_faults_are_named_one_after_the_other() -> None:
     """Each with its size and its share of all, which the sentence on the first states."""
     case, names = true_case(), ("soft day", "torques of a posture")
     for name in names:
@@ -71,7 +72,7 @@ def test_two_faults_are_named_one_after_the_other():
 
 
 @pytest.mark.slow
-def test_missing_spring_is_named_beside_a_delay_of_the_torques():
+def test_missing_spring_is_named_beside_a_delay_of_the_torques() -> None:
     """Torques 5 ms late, delay_u free: the missing torsion is the likely cause, as without the delay."""
     case, late_s = faulty("missing torsion"), 5e-3
     delayed = [replace(G, G=G.G * np.exp(2j * np.pi * G.freq_hz * late_s)[:, None, None]) for G in case.responses]
@@ -84,12 +85,14 @@ def test_missing_spring_is_named_beside_a_delay_of_the_torques():
 
 @example(seed=0, decades=[-8.0, 0.0, 0.0], room=1.0)
 @given(seed=st.integers(0, 10**6), decades=st.lists(st.floats(-4, 4), min_size=3, max_size=3), room=st.floats(0.01, 10))
-def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_free(seed, decades, room):
+def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_free(
+    seed: int, decades: list[float], room: float
+) -> None:
     """Of a linear problem of five columns, two of them held, one by one or together within limits that are priors."""
     rng = np.random.default_rng(seed)
     J, raw = rng.standard_normal((50, 5)) * 10.0 ** np.array([*decades, 0, 0]), rng.standard_normal(50)
 
-    def left(r, *columns):
+    def left(r: FloatArray, *columns: int) -> FloatArray:
         return r - J[:, columns] @ np.linalg.lstsq(J[:, columns], r, rcond=None)[0]
 
     r, limits = left(raw, 0, 1, 2), room / np.linalg.norm(J[:, 3:], axis=0)
@@ -136,7 +139,7 @@ def searched(mass: float) -> tuple[Load | None, float]:
     return find_load(test, Candidate("payload_arm", "payload", np.arange(7), np.eye(7)), 1.0, 0.0), change @ S @ change
 
 
-def test_a_point_mass_is_found_with_its_place():
+def test_a_point_mass_is_found_with_its_place() -> None:
     load, drop = searched(LOAD)
     assert load.mass == pytest.approx(LOAD, rel=1e-3)
     np.testing.assert_allclose(load.place, PLACE - CENTRE, atol=1e-3)
@@ -144,7 +147,7 @@ def test_a_point_mass_is_found_with_its_place():
 
 
 @given(load=st.floats(0.1, 20.0), place=st.tuples(*[st.floats(-1.0, 1.0)] * 3))
-def test_a_body_with_a_load_has_the_centre_and_the_inertia_of_both(load, place):
+def test_a_body_with_a_load_has_the_centre_and_the_inertia_of_both(load: float, place: tuple[float, ...]) -> None:
     """The inertia about its centre by Steiner's theorem: of the reduced mass at the distance of the two."""
     rho, entries = np.array(place), ("xx", "yy", "zz", "xy", "xz", "yz")
     names = [*(f"c_arm_{a}" for a in "xyz"), *(f"I_arm_{e}" for e in entries), "I_arm"]
@@ -157,7 +160,7 @@ def test_a_body_with_a_load_has_the_centre_and_the_inertia_of_both(load, place):
 
 
 @given(size=st.floats(-10, 10), unit=st.floats(1e-3, 1e3), sharper=st.floats(1, 1e3))
-def test_an_unusual_size_and_more_freedom_lower_the_odds(size, unit, sharper):
+def test_an_unusual_size_and_more_freedom_lower_the_odds(size: float, unit: float, sharper: float) -> None:
     """Of two numbers in any unit, one of a size: its prior's, and ln of the information that each is known by."""
     usual, S = np.array([0.01, 2.0]), np.diag([1e12, 1e6])
     cost = occam_factor(sharper * S / unit**2, usual * unit, np.array([size, 0.0])) - occam_factor(
@@ -201,7 +204,7 @@ def installed_cause(tmp_path, monkeypatch) -> Iterator[Path]:
     group_entries.cache_clear()
 
 
-def test_cause_of_another_package_is_ranked_and_explained(installed_cause):
+def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path) -> None:
     """First, with its size to 5 % and nearly all of the excess, without any argument of identify."""
     case = with_crosstalk(true_case())
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
@@ -213,14 +216,14 @@ def test_cause_of_another_package_is_ranked_and_explained(installed_cause):
     assert "torque of one motor" in explain_causes("crosstalk")
 
 
-def test_entry_point_without_a_cause_is_refused(installed_cause):
+def test_entry_point_without_a_cause_is_refused(installed_cause: Path) -> None:
     """The error has the name of the entry point and its value."""
     (installed_cause / "entry_points.txt").write_text("[elastid.causes]\nwrong = crosstalk_cause:crosstalk\n")
     with refused("install/entry-point", holds=("wrong", "crosstalk_cause")):
         all_hypotheses()
 
 
-def test_every_cause_is_explained_and_has_its_plant():
+def test_every_cause_is_explained_and_has_its_plant() -> None:
     """A row has a summary and a remedy; its plant is a fault of these tests or an injection of the study."""
     injections = (Path(__file__).parents[3] / "scripts" / "studies" / "causes.py").read_text(encoding="utf-8")
     for row in HYPOTHESES:
@@ -233,7 +236,7 @@ def test_every_cause_is_explained_and_has_its_plant():
 
 
 @pytest.mark.slow
-def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged():
+def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None:
     """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
     case = true_case()
     heavy = case.robot.with_parameters({"m_fore": 1.4 * case.robot.parameters()["m_fore"][0]})

@@ -70,7 +70,7 @@ def fitted_with_force(
         *((held, "acceleration", 1.0) for held in ("velocity", "position")),
     ],
 )
-def test_another_size_at_the_tool_is_told_from_another_reading(held, stated, factor):
+def test_another_size_at_the_tool_is_told_from_another_reading(held: str, stated: str, factor: float) -> None:
     """The size by its ratio and in dB; the numbers are those of the motors where both contradict each other."""
     result = fitted_with_force(held, stated, factor)
     tool, (compared,) = result.tool, result.tool.responses
@@ -84,14 +84,14 @@ def test_another_size_at_the_tool_is_told_from_another_reading(held, stated, fac
         assert compared.rms_log_db == pytest.approx(20 * np.log10(abs(factor)), abs=0.1)
 
 
-def test_another_spring_at_the_tool_is_neither_a_size_nor_a_reading():
+def test_another_spring_at_the_tool_is_neither_a_size_nor_a_reading() -> None:
     """A tenth softer than that of the motors, whose number stays."""
     result = fitted_with_force("acceleration", "acceleration", 1.0, softer=0.9)
     assert result.tool.disagrees > result.tool.is_misread
     assert abs(result.values["k_1"] - STIFFNESS) < 4 * result.std["k_1"]
 
 
-def test_load_tests_that_agree_count_where_the_tool_contradicts():
+def test_load_tests_that_agree_count_where_the_tool_contradicts() -> None:
     """The information on ln k is that of the motors and (y / std)^2 of a deflection y = F l^2 / k."""
     y = LEVER**2 / STIFFNESS
     test = LoadTest(angles=(0.0,), force=(0.0, 1.0, 0.0), along="y", frame="tool", deflection=y, std=4e-4 * y)
@@ -104,7 +104,7 @@ def test_load_tests_that_agree_count_where_the_tool_contradicts():
     assert 1 / both.covariance[0, 0] == pytest.approx(1 / alone.covariance[0, 0] + 4e-4**-2, rel=0.05)
 
 
-def test_a_sensor_that_was_not_plugged_in_says_nothing():
+def test_a_sensor_that_was_not_plugged_in_says_nothing() -> None:
     """Zeros at the tool: a warning, the motors' numbers as they are, and no disagreement."""
     result = fitted_with_force("acceleration", "acceleration", 0.0)
     assert not result.tool.disagrees
@@ -114,7 +114,7 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing():
     assert abs(result.values["k_1"] - STIFFNESS) < 4 * result.std["k_1"]
 
 
-def test_what_no_motor_can_do_is_refused():
+def test_what_no_motor_can_do_is_refused() -> None:
     """Motors that are held and move, or are controlled by nothing; torques of motors and forces in one response."""
     response = tapped(ei.Configuration("p0", np.array([0.3, 0.5])), F_HZ, 0.0, np.random.default_rng(0))
     loop = JointLoop(*3 * [np.ones(2)])

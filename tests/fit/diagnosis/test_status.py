@@ -26,7 +26,7 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", [SPEC, replace(SPEC, weights=WeightSpec())], ids=["noise alone", "floor of 1 %"])
-def test_a_true_robot_converges_with_and_without_friction(spec):
+def test_a_true_robot_converges_with_and_without_friction(spec: FitSpec) -> None:
     """Noise whose variance has 3 or 8 degrees of freedom, and the distortion of friction that its covariance knows."""
     case = true_case()
     for seed, dof in product(range(3), (3.0, 8.0)):
@@ -35,7 +35,7 @@ def test_a_true_robot_converges_with_and_without_friction(spec):
             assert fit_parameters(data, case.robot, spec).status == "converged"
 
 
-def test_one_line_beyond_the_noise_is_no_misfit():
+def test_one_line_beyond_the_noise_is_no_misfit() -> None:
     """A line 100 standard deviations off makes V too large, and no parameter wrong."""
     case = true_case()
     data = drawn(case, np.random.default_rng(0))
@@ -49,7 +49,7 @@ def test_one_line_beyond_the_noise_is_no_misfit():
     assert result.status == "converged"
 
 
-def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted():
+def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted() -> None:
     """Gear ratios 1 % off turn the gears' springs, and leave that of the first link alone: a study of it converges."""
     case = faulty("gear ratio 1 % wrong")
     data = drawn(case, np.random.default_rng(0))
@@ -84,7 +84,7 @@ def measured(true: Robot = FILE) -> list[Response]:
     return sheet_responses(true, np.random.default_rng(5))
 
 
-def test_a_file_beyond_its_tolerances_is_a_misfit_everywhere():
+def test_a_file_beyond_its_tolerances_is_a_misfit_everywhere() -> None:
     """A motor inertia 9.4 tolerances off, at residuals of the noise; its advice is no contradiction."""
     responses = measured(FILE.with_parameters({"Jm_2": 1.6e-3}))
     result = identify(responses, FILE, OF_SHEET)
@@ -100,7 +100,7 @@ def test_a_file_beyond_its_tolerances_is_a_misfit_everywhere():
 
 
 @pytest.mark.parametrize(("factor", "changes"), [(1.0, []), (1.2, [-17])])
-def test_what_the_tolerances_absorb_together_is_said_with_its_size(factor, changes):
+def test_what_the_tolerances_absorb_together_is_said_with_its_size(factor: float, changes: list[float]) -> None:
     """Torque constants 20 % off: no number beyond 5 tolerances, all stiffnesses 20 % off, as an exact file has them."""
     result = identify([replace(G, G=G.G / factor) for G in measured()], FILE, OF_SHEET)
     notes = [note for note in result.notes if note.code == "fit/tolerances"]
@@ -110,7 +110,7 @@ def test_what_the_tolerances_absorb_together_is_said_with_its_size(factor, chang
 
 
 @pytest.mark.parametrize(("std", "is_beyond"), [(2.0, False), (4.6, True)])
-def test_numbers_within_their_tolerances_that_move_a_stiffness_together_are_seen(std, is_beyond):
+def test_numbers_within_their_tolerances_that_move_a_stiffness_together_are_seen(std: float, is_beyond: bool) -> None:
     """Each number off its file by what moves k_2 most: at 4.6 std none by 4 tolerances, their rms by chance."""
     true = identify(measured(), FILE, OF_SHEET)
     n, C = len(true.parameters.of_interest), true.covariance
@@ -124,7 +124,7 @@ def test_numbers_within_their_tolerances_that_move_a_stiffness_together_are_seen
     assert [note.place for note in result.notes if note.code == "fit/tolerances"] == ["k_2"] * is_beyond
 
 
-def test_numbers_that_ratios_move_beyond_their_tolerances_count_as_one_each():
+def test_numbers_that_ratios_move_beyond_their_tolerances_count_as_one_each() -> None:
     """All 1.3 tolerances off, with variances of 26 tolerances squared by scattering ratios: within chance."""
     true = identify(measured(), FILE, OF_SHEET)
     n, s = (
@@ -137,13 +137,13 @@ def test_numbers_that_ratios_move_beyond_their_tolerances_count_as_one_each():
     assert not contradicted_tolerances(replace(true, x=x, covariance=C))
 
 
-def test_motors_exchanged_in_one_configuration_are_named_with_it():
+def test_motors_exchanged_in_one_configuration_are_named_with_it() -> None:
     first, *others = measured()
     first = identify([replace(first, G=first.G[:, ::-1, ::-1]), *others], FILE, OF_SHEET).indices[0]
     assert {*re.findall(r"motor \d|c\d", first.name)} == {"motor 1", "motor 2", "c0"}
 
 
-def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes():
+def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes() -> None:
     """A joint whose inertias are sought: 5 % of its torque constant are +-9.8 % of all, which noise alone is not."""
     joint = Joint("1", spring=Spring(64.0, damping=0.014), motor=Motor(1.2e-3, viscous=2e-3))
     load, known = Body("load", joints=(joint,), inertia=8e-4), Tolerances(torque_constant=0.05)
@@ -159,6 +159,6 @@ def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes():
 
 
 @pytest.mark.parametrize(("step", "words"), [(0.1, "%"), (-2.0, "factor 0.135"), (2000.0, "1e+06"), (-2000.0, "1e-06")])
-def test_changes_of_any_size_have_a_size(step, words):
+def test_changes_of_any_size_have_a_size(step: float, words: str) -> None:
     """A model that is wrong without measure extrapolates steps beyond the range of numbers."""
     assert words in relative(step)

@@ -8,9 +8,9 @@ from plants.refusals import refused
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, cramer_rao, estimate, fit_of, measured, noise_of, parameters, plant
 from plants.two_mass import circular
 
-from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.problem.frf_residuals import elastic_fit
-from elastid.fit.problem.least_squares import Evaluation, difference, distance_to_optimum, error_gain
+from elastid.fit.problem.least_squares import Evaluation, ResidualKind, difference, distance_to_optimum, error_gain
 from elastid.fit.problem.weights import weigh
 from elastid.fit.robust_covariance import autocovariance, correlation_length
 from elastid.fit.solve.solvers import solve
@@ -38,7 +38,7 @@ def test_both_criteria_converge_from_far_starts():
     response = measured(model, noise_of(model))
     starts = parameters().x + np.log(7.4) * np.random.default_rng(8).uniform(-1, 1, (30, 4))
 
-    def hits(criterion):
+    def hits(criterion) -> int:
         problem = fit_of(response, model, criterion=criterion).problem
         return sum(np.allclose(solve(problem, x).x, parameters().x, atol=1e-3) for x in starts)
 
@@ -91,7 +91,7 @@ def test_a_prior_takes_part_like_a_measurement():
     alone = {name: Parameter(name, v, log=True, free=False) for name, v in TRUTH.items() if name != "d_a"}
     weights = weigh(response, NO_FLOOR)
 
-    def estimated(prior):
+    def estimated(prior: Prior | None) -> tuple[float, Uncertainty]:
         free = parameters(**alone, d_a=Parameter("d_a", TRUTH["d_a"], "1", 1e-4, 1.0, log=True, prior=prior))
         fit = elastic_fit([response], [model], [weights], free, "complex")
         end = solve(fit.problem, free.x)
@@ -112,7 +112,7 @@ G = np.array([1.0 + 2.0j, -3.0 + 0.5j])
 
 
 @pytest.mark.parametrize("kind", ["complex", "log"])
-def test_the_slope_of_a_residual_is_its_difference_quotient(kind):
+def test_the_slope_of_a_residual_is_its_difference_quotient(kind: ResidualKind) -> None:
     """s = -de/dG, and the gain of a small error of the measured response is the same."""
     measured, step = 1.3 * G, 1e-7
     e, moved = (difference(kind, measured, model) for model in (G, G + step))
@@ -120,7 +120,7 @@ def test_the_slope_of_a_residual_is_its_difference_quotient(kind):
     np.testing.assert_allclose(difference(kind, G + step, G) / step, error_gain(kind, G), rtol=1e-6)
 
 
-def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations():
+def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations() -> None:
     """V = 4 (x - 3)^2 + dof at x = 5: the standard deviation is 1 / 2, twice that where V is four times its dof."""
     dof, offset = 10, 2.0
     for cost, expected in ((10.0, 4.0), (40.0, 2.0)):

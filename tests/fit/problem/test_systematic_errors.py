@@ -52,7 +52,7 @@ def solved(response: Response) -> tuple[np.ndarray, np.ndarray, float]:
     return x, estimate_uncertainty(fit, [response], weights, x).covariance, float(c[0])
 
 
-def test_the_factor_is_that_of_generalised_least_squares():
+def test_the_factor_is_that_of_generalised_least_squares() -> None:
     """x, c minimise |r + J dx - H c|^2 + |c|^2: the same x as with the covariance I + H H^T of all residuals."""
     response = data(0, 0.01, 1.0)
     x, _, c = solved(response)
@@ -76,7 +76,7 @@ def test_the_factor_is_that_of_generalised_least_squares():
 
 @pytest.mark.parametrize("size", [0.001, 0.02])
 @pytest.mark.slow
-def test_intervals_hold_with_a_factor_drawn_anew(size):
+def test_intervals_hold_with_a_factor_drawn_anew(size: float) -> None:
     """Factors from N(0, 1), 60 data sets: errors scatter as stated, whether the data show the factor or not."""
     rng, ratios = np.random.default_rng(1), []
     for seed in range(60):
@@ -86,14 +86,14 @@ def test_intervals_hold_with_a_factor_drawn_anew(size):
     assert np.all((rms > 0.7) & (rms < 1.25))
 
 
-def test_an_error_formed_of_a_noisy_response_is_that_of_the_model():
+def test_an_error_formed_of_a_noisy_response_is_that_of_the_model() -> None:
     """z G^2 of the measured G is correlated with its noise; that of the model is exact."""
     G, exact = frequency_response(plant(), plant().theta_ref, FREQ), data(0, 0.01, 1.0)
     formed = replace(exact, bias=exact.bias * (exact.G / G) ** 2)
     np.testing.assert_allclose(with_modelled_bias(formed, G).bias, exact.bias, rtol=1e-9)
 
 
-def test_systematic_errors_are_those_of_the_model_at_the_end_of_the_fit():
+def test_systematic_errors_are_those_of_the_model_at_the_end_of_the_fit() -> None:
     """From stiffnesses 10 % off a fit ends within 0.01 standard deviations of one from the truth, in the same errors.
 
     Errors of the response at the start would differ from these by nearly their own size, and the ends with them.

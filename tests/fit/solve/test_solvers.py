@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, lsq_linear
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.solvers import FINE, multistart, solve, spread
+from elastid.fit.solve.solvers import FINE, SolverName, multistart, solve, spread
 from elastid.parameters import Parameter, Parameters
 
 T = np.linspace(0, 1, 50)
@@ -43,7 +43,7 @@ both_solvers = pytest.mark.parametrize("method", ["trust_region", "ipopt"])
 
 
 @both_solvers
-def test_the_optimum_is_that_of_an_independent_solver(method):
+def test_the_optimum_is_that_of_an_independent_solver(method: SolverName):
     """SciPy's least_squares ends at the same place, to far below a standard deviation."""
     end = solve(DECAY, DECAY.parameters.x, method=method)
     start = DECAY.parameters.x
@@ -56,7 +56,7 @@ def test_the_optimum_is_that_of_an_independent_solver(method):
 
 @both_solvers
 @pytest.mark.parametrize("seed", range(70, 80))
-def test_many_bounds_hold_at_once_and_the_rest_is_optimal(seed, method):
+def test_many_bounds_hold_at_once_and_the_rest_is_optimal(seed: int, method: SolverName):
     """Linear problems of eight correlated variables between -1 and 1: V is that of a solver for such problems."""
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((12, 8)) * 10 ** rng.uniform(-1.5, 1.5, 8) @ (np.eye(8) + rng.standard_normal((8, 8)))
@@ -70,12 +70,12 @@ def test_many_bounds_hold_at_once_and_the_rest_is_optimal(seed, method):
 
 
 @both_solvers
-def test_variables_of_very_different_size_are_solved_alike(method):
+def test_variables_of_very_different_size_are_solved_alike(method: SolverName):
     """A delay of 1e-4 s and a gain of 1e6, both linear, both from far off."""
     parameters = Parameters((Parameter("gain", 1e5, lower=0, upper=1e7), Parameter("delay", 5e-3, lower=0, upper=1e-2)))
     w = np.linspace(10, 300, 40)
 
-    def residual(x):
+    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         gain, delay = x
         e, dg = 1e6 * np.exp(-1e-4j * w) - gain * np.exp(-1j * w * delay), -np.exp(-1j * w * delay)
         rows = np.column_stack([e, dg, -1j * w * gain * dg])
@@ -96,11 +96,11 @@ def failed() -> None:
 @pytest.mark.parametrize(
     ("fail", "error"), [(failed, ZeroDivisionError), (lambda: signal.raise_signal(signal.SIGINT), KeyboardInterrupt)]
 )
-def test_an_error_in_the_problem_is_raised_as_it_is(method, fail, error):
+def test_an_error_in_the_problem_is_raised_as_it_is(method: SolverName, fail: Callable[[], None], error: type) -> None:
     """CasADi would swallow it, and Ctrl-C, and return a wrong x; nothing is evaluated after it."""
     calls = []
 
-    def evaluate(x):
+    def evaluate(x: FloatArray) -> Evaluation:
         calls.append(x)
         if len(calls) == 4:
             fail()
@@ -115,10 +115,10 @@ def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
     """IPOPT then returns a status and an x that is no solution."""
 
     class Interrupted:
-        def __call__(self, **_):
+        def __call__(self, **_: object) -> dict[str, object]:
             return {"x": np.zeros(2)}
 
-        def stats(self):
+        def stats(self) -> dict[str, object]:
             return {"return_status": "NonIpopt_Exception_Thrown", "iter_count": 1}
 
     monkeypatch.setattr(ca, "nlpsol", lambda *_: Interrupted())
@@ -127,10 +127,10 @@ def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
 
 
 @both_solvers
-def test_a_model_without_a_value_is_stepped_around(method):
+def test_a_model_without_a_value_is_stepped_around(method: SolverName):
     """Where the cost is not finite on the way, the step is shortened; at the start it is an error."""
 
-    def evaluate(x):
+    def evaluate(x: FloatArray) -> Evaluation:
         here = DECAY.evaluate(x)
         return here if x[1] > math.log(2.5) else replace(here, cost=math.nan)
 
@@ -142,7 +142,7 @@ def test_a_model_without_a_value_is_stepped_around(method):
 
 
 @both_solvers
-def test_an_exhausted_solve_does_not_call_itself_converged(method, capfd):
+def test_an_exhausted_solve_does_not_call_itself_converged(method: SolverName, capfd):
     """Two iterations are not enough, and IPOPT prints nothing."""
     end = solve(DECAY, DECAY.parameters.x, max_iterations=2, method=method)
     assert not end.converged
@@ -154,7 +154,7 @@ def test_a_damping_that_hardly_acts_is_not_overshot():
     parameters = Parameters((Parameter("p", 1e-4, lower=1e-9, upper=1e8, log=True),))
     seen = []
 
-    def residual(x):
+    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         p = parameters.expand(x)
         seen.append(p[0])
         return np.append(p - 1, 0.1), np.array([p, [0.0]])
@@ -217,7 +217,7 @@ def test_starts_that_lead_nowhere_are_survived_unless_all_do():
     """One start without a finite cost ends last; none with one is an error that says how it ended."""
     ordinary = wavy()
 
-    def evaluate(x):
+    def evaluate(x: FloatArray) -> Evaluation:
         here = ordinary.evaluate(x)
         return here if x[0] < math.log(50) else replace(here, cost=math.inf)
 

@@ -20,7 +20,7 @@ needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C 
 
 
 @pytest.fixture(params=[False, pytest.param(True, marks=needs_compiler)], ids=["NumPy", "compiled"])
-def loops(request, monkeypatch):
+def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels whose loops are compiled, however few lines they have, and kernels without."""
     monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: request.param)
 

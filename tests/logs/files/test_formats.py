@@ -2,11 +2,12 @@
 
 import gzip
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -47,7 +48,7 @@ def write_matlab_73(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
     return study_of("new.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
 
 
-def test_contents_lists_every_signal_of_a_file(tmp_path, log):
+def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """Names and shapes as a channel would be written in a study; no texts, scalars or references."""
     text = TextFormatSpec()
     write_matlab(tmp_path, log)
@@ -64,7 +65,7 @@ def test_contents_lists_every_signal_of_a_file(tmp_path, log):
     assert contents(tmp_path / "log.csv", text) == dict.fromkeys(("t", "i1", "i2", "phi", "w2"), (800,))
 
 
-def test_files_that_are_no_logs_are_refused(tmp_path):
+def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
     """A damaged MATLAB file, bytes of no format, a text without numbers, formats that no text can have."""
     (tmp_path / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file, but not really".ljust(200, b"x"))
     (tmp_path / "bytes.h5").write_bytes(bytes(range(256)) * 8)
@@ -194,7 +195,9 @@ BAGS = [write_bag_folder, write_mcap_file]
 
 
 @pytest.mark.parametrize("write", [*WRITERS, *BAGS])
-def test_every_format_gives_the_same_record_in_si_on_the_link_side(write, tmp_path, log):
+def test_every_format_gives_the_same_record_in_si_on_the_link_side(
+    write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
     """Current * constant * ratio, motor angle / ratio (which is negative), signs, scales, units, order of channels."""
     record = measured(tmp_path, write(tmp_path, log))
     assert record.inputs == ("motor 2", "motor 1")
@@ -221,7 +224,9 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(write, tmp_pa
         (write_bag_folder, ros_bag.opened),
     ],
 )
-def test_a_file_holds_the_same_here_and_in_the_process_that_reads(write, opened, tmp_path, log):
+def test_a_file_holds_the_same_here_and_in_the_process_that_reads(
+    write: Callable[[Path, LogArrays], ExperimentSpec], opened: Any, tmp_path: Path, log: LogArrays
+) -> None:
     """Names, shapes, units, rates and values, whole and in pieces."""
     path = tmp_path / write(tmp_path, log).as_recorded().files[0].path
     with opened(path, TEXT) as here, opened_log(path, TEXT) as there:
@@ -244,8 +249,8 @@ def test_a_file_holds_the_same_here_and_in_the_process_that_reads(write, opened,
     ],
 )
 def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
-    start, module, extra, tmp_path, monkeypatch
-):
+    start: bytes, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "log").write_bytes(start)
     package, _, rest = module.partition(".")
     (tmp_path / package).mkdir()
@@ -271,7 +276,7 @@ def _register(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(entry_points, "group_entries", lambda group: (point,))
 
 
-def test_another_package_adds_a_format_by_an_entry_point(tmp_path, monkeypatch):
+def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its file is read; files of other formats are read as before."""
     _register(monkeypatch, "DOUBLES")
     (tmp_path / "log.raw").write_bytes(b"RAW!" + np.arange(5.0).tobytes())
@@ -281,7 +286,9 @@ def test_another_package_adds_a_format_by_an_entry_point(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["ABSENT", "NO_FORMAT"])
-def test_an_entry_point_that_holds_no_format_is_named(name, tmp_path, monkeypatch):
+def test_an_entry_point_that_holds_no_format_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What cannot be imported, and what is something else."""
     _register(monkeypatch, name)
     (tmp_path / "log.csv").write_text("a,b\n1,2\n3,4\n")
@@ -289,7 +296,7 @@ def test_an_entry_point_that_holds_no_format_is_named(name, tmp_path, monkeypatc
         contents(tmp_path / "log.csv", TEXT)
 
 
-def test_dates_are_seconds_and_missing_values_are_missing(tmp_path):
+def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> None:
     """Time stamps of Parquet, its null, whole numbers and floats of 32 bits as they are, and lists of one length."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -317,7 +324,9 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path):
         ("", None, ()),
     ],
 )
-def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(name, column, message, tmp_path, log):
+def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
+    name: str, column: int | None, message: str, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
     """Missing, a matrix without a column, a wrong column, a text, a scalar, another length, no name at all."""
     write_matlab(tmp_path, log)
     u = ChannelSpec("u", "motor 1", "run(1).w")
@@ -326,7 +335,7 @@ def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(n
         measured(tmp_path, study_of("log.mat", (u, y)))
 
 
-def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path):
+def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
     """Of two channels at 500 Hz the second begins 20 samples later, and both have 200."""
     from nptdms import ChannelObject, TdmsWriter
 
@@ -345,7 +354,7 @@ def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path):
     assert np.array_equal(values[:, 1], x[20:200])
 
 
-def test_time_histories_of_a_universal_file_are_a_log(tmp_path):
+def test_time_histories_of_a_universal_file_are_a_log(tmp_path: Path) -> None:
     """Function type 1, with the rate and the units of the file; a file of responses is no log."""
     import pyuff
 
@@ -368,7 +377,9 @@ def test_time_histories_of_a_universal_file_are_a_log(tmp_path):
     np.testing.assert_allclose(values, np.stack([x for x, _, _ in signals.values()], axis=1), rtol=1e-5, atol=1e-6)
 
 
-def test_a_system_without_memory_limits_is_stated_once(tmp_path, monkeypatch, caplog):
+def test_a_system_without_memory_limits_is_stated_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     """At the first file that a guarded process reads."""
     monkeypatch.setattr(reader_process, "limits_memory", lambda: False)
     monkeypatch.setattr(reader_process, "_readers", {})

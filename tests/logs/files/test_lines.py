@@ -1,5 +1,7 @@
 """Texts that are too large for memory are read as small ones are: numbers, headings, pieces and places of faults."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plants.refusals import refused
@@ -13,7 +15,7 @@ CHANNEL = ChannelSpec("y", "motor 1", "pos", quantity="position", unit="rad")
 
 
 @pytest.fixture
-def small_steps(monkeypatch):
+def small_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every text is a large one, with a known place every 7 lines, read in blocks of 10 lines and 50 bytes."""
     for module, name, value in (
         (text, "LARGE_BYTES", 0), (text, "BLOCK_LINES", 10), (lines, "_STEP", 7), (lines, "_CHUNK", 50),
@@ -25,7 +27,9 @@ def small_steps(monkeypatch):
 @pytest.mark.parametrize("count", [1, 6, 7, 8, 20, 21, 22, 64])
 @pytest.mark.parametrize(("end", "last"), [("\n", "\n"), ("\r\n", "\r\n"), ("\n", "")])
 @pytest.mark.usefixtures("small_steps")
-def test_any_part_of_a_large_text_is_that_of_the_text_in_memory(count, end, last, tmp_path):
+def test_any_part_of_a_large_text_is_that_of_the_text_in_memory(
+    count: int, end: str, last: str, tmp_path: Path
+) -> None:
     table = np.random.default_rng(count).normal(size=(count, 2)).round(6)
     rows = ["Zeit;pos", "s;rad", *(";".join(map(str, row)).replace(".", ",") for row in table.tolist())]
     path, form = tmp_path / "log.csv", TextFormatSpec(";", ",")
@@ -40,7 +44,7 @@ def test_any_part_of_a_large_text_is_that_of_the_text_in_memory(count, end, last
 
 
 @pytest.mark.usefixtures("small_steps")
-def test_a_wrong_cell_of_a_large_text_is_named_with_its_row(tmp_path):
+def test_a_wrong_cell_of_a_large_text_is_named_with_its_row(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("pos\n" + "".join("oops\n" if i in (33, 34, 35) else f"{i}\n" for i in range(60)))
     with opened_log(path, TextFormatSpec()) as log:

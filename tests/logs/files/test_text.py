@@ -1,6 +1,7 @@
 """Text logs."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from elastid.logs.files.text_format import guess_format
         ('"say ""stop""","2, 3",4', ",", ('say "stop"', "2, 3", "4")),
     ],
 )
-def test_headings_in_quotes_are_whole(line, delimiter, headings, tmp_path):
+def test_headings_in_quotes_are_whole(line: str, delimiter: str, headings: tuple[str, ...], tmp_path: Path) -> None:
     """Delimiters and signs of comments inside of quotes belong to the heading; a lone quotation mark is an inch."""
     separator = " " if delimiter == "whitespace" else delimiter
     rows = "".join(f"{separator.join(map(str, (i, 2 * i, 3 * i)))}\n" for i in range(9))
@@ -35,7 +36,7 @@ def test_headings_in_quotes_are_whole(line, delimiter, headings, tmp_path):
     np.testing.assert_array_equal(read_channels(tmp_path / "log.csv", [channel], text)[:, 0], 2 * np.arange(9))
 
 
-def test_columns_without_headings_are_named_as_inspect_names_them(tmp_path):
+def test_columns_without_headings_are_named_as_inspect_names_them(tmp_path: Path) -> None:
     """Also beside their number; a number that contradicts the name is refused, as is a column beyond the last."""
     path, text = tmp_path / "log.csv", TextFormatSpec()
     np.savetxt(path, np.arange(33.0).reshape(3, 11), delimiter=",")
@@ -47,7 +48,9 @@ def test_columns_without_headings_are_named_as_inspect_names_them(tmp_path):
         read_channels(path, [ChannelSpec("u", "motor 1", "column 10", 3)], text)
 
 
-def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(tmp_path, log):
+def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
+    tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
     """Line 102 of the file is sample 100 after one line of headings; a short line is recognised.
 
     A few such cells are missing samples; more than one in a hundred rows are refused.
@@ -68,14 +71,14 @@ def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(tmp_pa
 
 
 @pytest.mark.parametrize("end", ["", "EOF\n", "# 3 samples\n\n", "end of measurement\nSamples: three\n"])
-def test_remarks_below_the_numbers_are_no_samples(end, tmp_path):
+def test_remarks_below_the_numbers_are_no_samples(end: str, tmp_path: Path) -> None:
     """As exports of oscilloscopes and drives have them."""
     (tmp_path / "log.csv").write_text(f"a,b\n1,2\n3,4\n5,6\n{end}")
     channel = ChannelSpec("y", "motor 1", "b", quantity="position")
     assert read_channels(tmp_path / "log.csv", [channel], TextFormatSpec())[:, 0].tolist() == [2, 4, 6]
 
 
-def test_an_empty_cell_is_missing_as_nan_is(tmp_path):
+def test_an_empty_cell_is_missing_as_nan_is(tmp_path: Path) -> None:
     """First, last, between others, of blanks; an empty line is none."""
     text = TextFormatSpec("tab")
     rows = ("a,b,c,d", "1,2,3,4", ",2,,4", "", "1,nan, ,", "1,2,3,4")
@@ -89,7 +92,7 @@ def test_an_empty_cell_is_missing_as_nan_is(tmp_path):
     ("delimiter", "decimal", "encoding"),
     [(";", ",", "utf-8-sig"), ("\t", ".", "cp1252"), (",", ".", "utf-16"), ("  ", ",", "utf-8")],
 )
-def test_the_format_of_a_text_is_guessed(delimiter, decimal, encoding, tmp_path):
+def test_the_format_of_a_text_is_guessed(delimiter: str, decimal: str, encoding: str, tmp_path: Path) -> None:
     """Semicolons, tabs, blanks, decimal commas; UTF-8, UTF-16 and what Windows loggers write."""
     path = tmp_path / "log.csv"
     numbers = np.random.default_rng(0).standard_normal((50, 3))
@@ -98,12 +101,12 @@ def test_the_format_of_a_text_is_guessed(delimiter, decimal, encoding, tmp_path)
     assert contents(path, guess_format(path)) == dict.fromkeys(("u", "°C", "yl"), (50,))
 
 
-def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path):
+def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path: Path) -> None:
     """The first of two equal headings was taken in silence, and column with it was not looked at."""
     path = tmp_path / "log.csv"
     path.write_text("x,x,y\n1,2,3\n4,5,6\n")
 
-    def read(name, column):
+    def read(name: str, column: int | None) -> list[float]:
         values = read_channels(path, [ChannelSpec("u", "motor 1", name, column)], TextFormatSpec())
         return [float(v) for v in values[:, 0]]
 
@@ -116,7 +119,7 @@ def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path)
 
 
 @pytest.mark.parametrize("units", ["s;Nm;°", "[s];[N*m];[deg]", "sec;Nm;-"])
-def test_units_are_read_below_the_headings(units, tmp_path):
+def test_units_are_read_below_the_headings(units: str, tmp_path: Path) -> None:
     """As loggers write them; a unit that is none of the table stays as it is, to be asked for."""
     path = tmp_path / "a.csv"
     path.write_text(f"bench 4;;\nZeit;Moment;Winkel\n{units}\n" + "0;1,5;2,5\n1;2,5;3,5\n", encoding="cp1252")
@@ -135,7 +138,9 @@ def test_units_are_read_below_the_headings(units, tmp_path):
         (",", ".", "1,512.5,1’512.25", (1, 512.5, 1512.25)),
     ],
 )
-def test_separators_of_thousands_are_no_decimals(delimiter, decimal, cells, values, tmp_path):
+def test_separators_of_thousands_are_no_decimals(
+    delimiter: str, decimal: str, cells: str, values: tuple[float, ...], tmp_path: Path
+) -> None:
     path = tmp_path / "a.csv"
     path.write_text("\n".join([cells] * 3) + "\n", encoding="utf-8")
     with opened(path, TextFormatSpec(delimiter, decimal)) as log:
@@ -143,7 +148,7 @@ def test_separators_of_thousands_are_no_decimals(delimiter, decimal, cells, valu
         assert log.values(names, slice(None))[0].tolist() == list(values)
 
 
-def test_properties_above_the_data_are_none_of_it_and_times_of_a_scope_have_names(tmp_path):
+def test_properties_above_the_data_are_none_of_it_and_times_of_a_scope_have_names(tmp_path: Path) -> None:
     """The documented form of TwinCAT Scope exports: properties of each channel in rows, times in ms beside each."""
     rows = [
         "Name\tdrive", "File\tC:\\drive.csv", "Starttime of export\t132959733843760000\tMonday\t15:56:24.376", "", "",

@@ -10,6 +10,7 @@ from plants.marks import slow
 from plants.refusals import refused
 from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, outcome, wave
 
+from elastid.base.arrays import FloatArray
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.masks import CLIPPED, MASKED, report_clipping, report_steps, step, without_standstill
 from elastid.logs.repair.missing import FILLED, filled, repair
@@ -27,7 +28,9 @@ from elastid.logs.repair.resampling import RESAMPLED
 )
 @example(seed=4, level=0.01, q=0.0, transient=3.0)
 @example(seed=16, level=0.01, q=0.0, transient=3.0)
-def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(seed, level, q, transient):
+def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(
+    seed: int, level: float, q: float, transient: float
+) -> None:
     """White noise of any size, coarse steps, a start that rings: not one sample changes."""
     t = np.arange(4 * N)
     signals = wave(t, seed)
@@ -41,7 +44,7 @@ def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(seed, level, q,
     np.testing.assert_array_equal(repaired, signals)
 
 
-def test_what_is_no_single_spike_is_left_with_a_word():
+def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     """3 % of a channel; a burst of oscillation that only one period has; lone pulses of a kind that mostly crowds."""
     rng = np.random.default_rng(5)
     many = CLEAN + NOISE
@@ -60,7 +63,7 @@ def test_what_is_no_single_spike_is_left_with_a_word():
     assert not outcome(without_spikes, pulses, N, 1)[1]
 
 
-def test_filled_outliers_give_one_note():
+def test_filled_outliers_give_one_note() -> None:
     log, pulses = replace(LOG, findings=Findings()), CLEAN + NOISE
     pulses[[777, 1888], 0] += 0.5
     filled(without_spikes(pulses, N, 1, log), N, 1, log)
@@ -68,7 +71,7 @@ def test_filled_outliers_give_one_note():
 
 
 @pytest.mark.parametrize("length", [1, 3, 40])
-def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length):
+def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length: int) -> None:
     """A bus that lost samples of an angle far from 0; those of a torque about 0 stay, and pulses that repeat."""
     signals = 1e-4 * CLEAN + np.array([0.0, 90.0])
     signals[3 * N + 100 : 3 * N + 100 + length] = 0.0
@@ -82,7 +85,7 @@ def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length)
     assert not outcome(without_standstill, CLEAN, N)[1]
 
 
-def test_what_stands_in_every_period_or_within_a_count_does_not_hang():
+def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
     """An excitation with a pause, a joint that rests, a coarse encoder, a short hold and a limit."""
     signals = CLEAN + NOISE
     signals[np.arange(P * N) % N > 375] = 0.0
@@ -94,7 +97,7 @@ def test_what_stands_in_every_period_or_within_a_count_does_not_hang():
         assert not outcome(without_standstill, coarse, N)[1]
 
 
-def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal():
+def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
     """At 2 rms a word, at 1 rms refused, unclipped and coarse steps nothing."""
     at_two, at_one = (np.clip(CLEAN, -level * CLEAN.std(axis=0), level * CLEAN.std(axis=0)) for level in (2, 1))
     beyond = np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std())
@@ -112,7 +115,7 @@ def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal():
     assert outcome(report_clipping, low, len(x), names=("force",))[1] == {CLIPPED: np.sum(x > 0.35)}
 
 
-def test_the_step_of_an_encoder_and_its_noise_are_told():
+def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     """360 deg / 4096."""
     q = 360 / 4096
     fine, coarse = (np.round(scale * CLEAN[:, 1] / q) * q / scale for scale in (1, 1e-3))
@@ -126,7 +129,7 @@ def test_the_step_of_an_encoder_and_its_noise_are_told():
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, P * N - 1), st.integers(1, 20)), max_size=12), st.sampled_from([1, -1]))
-def test_what_is_filled_never_touches_what_was_measured(gaps, sign):
+def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, int]], sign: int) -> None:
     """Good samples stay bit for bit; the result is finite; also half-wave."""
     signals = CLEAN + NOISE
     for start, length in gaps:
@@ -138,7 +141,7 @@ def test_what_is_filled_never_touches_what_was_measured(gaps, sign):
     assert findings.get(FILLED, 0) == np.sum(~good)
 
 
-def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused():
+def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() -> None:
     """A tenth of a period; one sample, and three, that no period has; a third of a channel; one period left."""
     signals = CLEAN.copy()
     signals[2 * N + 50 : 2 * N + 101] = np.nan
@@ -164,7 +167,7 @@ ROLES = {"r": [], "u": [0], "y": [1]}
 
 @pytest.mark.parametrize(("half_wave", "excess"), [(False, 0.0), (True, 0.0), (False, 0.2), (False, -0.13)])
 @pytest.mark.parametrize("scale", [1e-7, slow(1.0), 1e7])
-def test_repairs_restore_the_log_in_any_unit(half_wave, excess, scale):
+def test_repairs_restore_the_log_in_any_unit(half_wave: bool, excess: float, scale: float) -> None:
     """Missing samples, spikes, a channel that hangs, a clock that differs, half a wave: to noise of a thousandth."""
     lines = LINES[LINES % 2 == 1] if half_wave else LINES
     t = np.arange(round(P * (N + excess))) * N / (N + excess)
@@ -176,7 +179,7 @@ def test_repairs_restore_the_log_in_any_unit(half_wave, excess, scale):
         spoilt[[1733, 2250], 0] += 8 * size[0]
     spoilt[2600:2640, 1] = spoilt[2600, 1]
 
-    def is_periodic(drivers):
+    def is_periodic(drivers: FloatArray) -> None:
         assert repetition(scale * drivers, N).matches_stated_period
 
     log = replace(LOG, findings=Findings())

@@ -92,7 +92,9 @@ def _spectra(x: FloatArray) -> FloatArray:
     transient=st.sampled_from([0.0, 1.0]),
     seed=st.integers(0, 10**6),
 )
-def test_repairs_bring_a_log_nearer_to_the_clean_one(kind, k, noise, q, transient, seed):
+def test_repairs_bring_a_log_nearer_to_the_clean_one(
+    kind: str, k: int, noise: float, q: float, transient: float, seed: int
+) -> None:
     """In every channel; spectra and response within 0.2 of the standard deviations of noise and steps.
 
     Samples off by e of them make sqrt(k / n) e: an interpolation has e = 1.2 to 1.5, a count sqrt(12). A lost message
@@ -117,7 +119,7 @@ def test_repairs_bring_a_log_nearer_to_the_clean_one(kind, k, noise, q, transien
     assert np.sqrt(np.mean((np.abs(G - of_clean) / response_std) ** 2)) <= limit
 
 
-def test_lost_messages_below_the_limit_of_one_are_replaced_together():
+def test_lost_messages_below_the_limit_of_one_are_replaced_together() -> None:
     """32 repeated values, many less than 4 errors of an interpolation off; afterwards 1.8 of the noise off."""
     clean = _clean(60802, 3e-2, 1e-4, 0.0)
     damaged = _damaged(clean, "repeated", 32, 1e-4, 60802)
@@ -127,13 +129,13 @@ def test_lost_messages_below_the_limit_of_one_are_replaced_together():
     assert left < 2
 
 
-def test_step_of_a_log_with_spikes_is_no_fraction_of_it():
+def test_step_of_a_log_with_spikes_is_no_fraction_of_it() -> None:
     """Of 0.01; among the different values spikes make smaller gaps."""
     damaged = _damaged(_clean(383311, 1e-3, 1e-2, 0.0), "pair", 7, 1e-2, 383311)
     assert step(damaged[:, 1]) == pytest.approx(0.01, rel=1e-6)
 
 
-def test_zeros_within_the_noise_of_a_torque_stay():
+def test_zeros_within_the_noise_of_a_torque_stay() -> None:
     """Five values within a tenth of the noise of zero that are exactly zero."""
     x = _clean(1, 3e-2, 0.0, 0.0)
     x[np.argsort(np.abs(x[:, 0]))[:5], 0] = 0.0
@@ -142,7 +144,7 @@ def test_zeros_within_the_noise_of_a_torque_stay():
 
 @pytest.mark.parametrize("seed", [8, 16, 19])
 @pytest.mark.parametrize(("highest", "width"), [(60, 0.0), (250, 0.05)])
-def test_a_joint_that_turns_back_within_the_transient_is_no_spike(seed, highest, width):
+def test_a_joint_that_turns_back_within_the_transient_is_no_spike(seed: int, highest: int, width: float) -> None:
     """Friction that changes sign for one to three samples in the first period, which begins at rest.
 
     width: of the change of sign, over the standard deviation of the speed.
@@ -157,7 +159,7 @@ def test_a_joint_that_turns_back_within_the_transient_is_no_spike(seed, highest,
     np.testing.assert_array_equal(_repaired(x), x)
 
 
-def test_equal_disturbances_of_two_periods_are_not_denied():
+def test_equal_disturbances_of_two_periods_are_not_denied() -> None:
     """Equal ones below the roughness of the signal outvote the third period, which is counted; rough ones do not."""
     x = wave(np.arange(P * N), 3, np.arange(2, 400))
     x = x / x.std(axis=0) + 1e-3 * np.random.default_rng(0).normal(size=x.shape)
@@ -171,7 +173,7 @@ def test_equal_disturbances_of_two_periods_are_not_denied():
 
 
 @pytest.mark.parametrize("transient", [0.0, 1.0])
-def test_clean_logs_are_not_touched(transient):
+def test_clean_logs_are_not_touched(transient: float) -> None:
     """Of 100 logs with noise and steps of several sizes none changes in a sample."""
     for seed in range(50):
         q, noise = (0.0, 1e-4, 1e-2, 0.1)[seed % 4], (0.0, 1e-3, 3e-2)[seed % 3]

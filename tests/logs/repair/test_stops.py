@@ -1,5 +1,7 @@
 """A stop within a period."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plants.lab_logs import N, multisines, record_of
@@ -22,7 +24,7 @@ def _stopped(log: dict[str, np.ndarray], first: int, last: int) -> dict[str, np.
     return {name: np.r_[x[:first], rest[name], x[last:]] for name, x in log.items()}
 
 
-def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path):
+def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path: Path) -> None:
     """The third of six periods stops after 60 samples; the others are as they were logged."""
     whole = _log(6)
     record = record_of(tmp_path, _stopped(whole, 460, 600))
@@ -34,7 +36,7 @@ def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
-def test_a_multisine_stops_nowhere_whatever_friction_noise_and_rounding_do(friction):
+def test_a_multisine_stops_nowhere_whatever_friction_noise_and_rounding_do(friction: float) -> None:
     """Fifty logs of a controlled motor, whose Coulomb friction is that part of the rms of the torque that is sent."""
     L = 1000
     for i, signals in enumerate(_with_friction(friction, 50, L)):
@@ -65,7 +67,7 @@ def _with_friction(friction: float, count: int, L: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("periods", [6, 20])
-def test_what_follows_a_stop_for_good_is_cut_off(periods, tmp_path):
+def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -> None:
     """Stopped in the fourth period, for up to most of the log."""
     record = record_of(tmp_path, _stopped(_log(periods), 700, periods * N))
     assert (record.n_periods, record.discarded_periods) == (3, ())
@@ -73,7 +75,7 @@ def test_what_follows_a_stop_for_good_is_cut_off(periods, tmp_path):
 
 
 @pytest.mark.parametrize("periods", [3, 6])
-def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods, tmp_path):
+def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: int, tmp_path: Path) -> None:
     """Rest during 0.7 of the first period is a start, no stop, and later periods show that the period is right."""
     log = {name: np.where(np.arange(periods * N) < 140, 0.0, x) for name, x in _log(periods).items()}
     record = record_of(tmp_path, log)
@@ -82,7 +84,7 @@ def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods, 
 
 
 @pytest.mark.parametrize("rest", [2 * N, 5 * N + 90])
-def test_rest_before_the_excitation_is_left_out(rest, tmp_path):
+def test_rest_before_the_excitation_is_left_out(rest: int, tmp_path: Path) -> None:
     """In whole periods, of which the log has as many as it holds of motion, or more; part of one is a transient."""
     log = _log(4)
     noise = 1e-3 * np.random.default_rng(4).normal(size=(rest, 4))

@@ -1,5 +1,6 @@
 """Time stamps: grids that they lie on, and signals at instants that lie on none."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ def waves(t: FloatArray, highest_hz: float) -> FloatArray:
     return np.stack(sines, axis=1) + np.outer(t, [0.0, 2.0])
 
 
-def test_gaps_in_even_times_become_missing_samples():
+def test_gaps_in_even_times_become_missing_samples() -> None:
     """Stamps to a hundredth of a sample, and a clock 200 ppm off, change no sample."""
     t = np.arange(100) / 1000 * (1 + 2e-4) + 1e-5 * np.random.default_rng(1).uniform(-1, 1, 100)
     left = np.r_[0:20, 23:70, 71:100]
@@ -49,7 +50,7 @@ UNEVEN = {
 
 @pytest.mark.parametrize("kind", UNEVEN)
 @pytest.mark.slow
-def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind):
+def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None:
     """To 1e-4 of its size but near the ends, and the message states the steps and the band."""
     t, rate_hz, highest_hz = UNEVEN[kind]
     log = replace(LOG, findings=Findings())
@@ -63,7 +64,7 @@ def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind):
 
 @pytest.mark.parametrize("jitter", [slow(0.05), slow(0.2), 0.45])
 @pytest.mark.parametrize("highest_hz", [20.0, 300.0])
-def test_stamps_of_an_even_sampling_do_not_move_samples(jitter, highest_hz):
+def test_stamps_of_an_even_sampling_do_not_move_samples(jitter: float, highest_hz: float) -> None:
     """Rows of a controller whose logger stamps late; noise of 1e-3, a rate that is 100 ppm off."""
     rng, rows = np.random.default_rng(7), np.arange(3000)
     t = (rows + rng.uniform(-jitter, jitter, len(rows))) / 1000.1
@@ -73,7 +74,7 @@ def test_stamps_of_an_even_sampling_do_not_move_samples(jitter, highest_hz):
     assert findings == {JITTER: 3000}
 
 
-def test_a_lower_rate_leaves_frequencies_beyond_its_band_out():
+def test_a_lower_rate_leaves_frequencies_beyond_its_band_out() -> None:
     """1 kHz to 500 Hz: 320 Hz, which would be read as 180 Hz, to 1e-5; 100 Hz stays."""
     t = np.arange(4000) / 1000
     signals = np.sin(2 * np.pi * np.outer(t, [320.0, 100.0]))
@@ -83,7 +84,7 @@ def test_a_lower_rate_leaves_frequencies_beyond_its_band_out():
     np.testing.assert_allclose(repaired[100:-100, 1], np.sin(200 * np.pi * grid)[100:-100], atol=1e-5)
 
 
-def test_a_pause_longer_than_a_block_and_an_empty_channel_stay_missing():
+def test_a_pause_longer_than_a_block_and_an_empty_channel_stay_missing() -> None:
     """40 s at 1 kHz, and a channel that was never logged."""
     t = np.cumsum(np.random.default_rng(6).uniform(0.8e-3, 1.2e-3, 20_000))
     t[10_000:] += 40.0
@@ -108,7 +109,7 @@ def test_a_pause_longer_than_a_block_and_an_empty_channel_stay_missing():
     ],
     ids=["exact", "2 and 3 ms in turn", "UNIX time in 10 ms", "fast UNIX time", "four digits", "no decimal step"],
 )
-def test_rounded_stamps_lie_on_an_even_grid(stamps, rate_hz):
+def test_rounded_stamps_lie_on_an_even_grid(stamps: Callable[[FloatArray], FloatArray], rate_hz: float) -> None:
     """But those that are rounded to no decimal step: their deviations are taken for what they say."""
     grid = even_grid(stamps(np.arange(4000.0)))
     if rate_hz == 1000.0 and stamps(np.ones(1)) == 0:
@@ -117,7 +118,7 @@ def test_rounded_stamps_lie_on_an_even_grid(stamps, rate_hz):
         assert grid[1] == pytest.approx(rate_hz, rel=1e-6)
 
 
-def test_times_that_hold_too_little_are_refused_with_what_to_state():
+def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     """A rate that the stamps do not have, another unit, a clock that jumps by a year, falls, is missing or stands."""
     t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     with refused("records/clock", place="log.csv", holds=("37.5 Hz", "90 Hz", "rate_hz 200", "rate_hz: 83")):
@@ -135,7 +136,7 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state():
 
 
 @pytest.mark.parametrize("is_set_back", [False, True])
-def test_messages_that_overtake_are_sorted_and_a_clock_set_back_leaves_a_gap(is_set_back):
+def test_messages_that_overtake_are_sorted_and_a_clock_set_back_leaves_a_gap(is_set_back: bool) -> None:
     """Of unknown length, where the clock falls by 3 s."""
     t, rows = np.arange(2000) / 100, np.arange(2000)
     if not is_set_back:
@@ -150,7 +151,7 @@ def test_messages_that_overtake_are_sorted_and_a_clock_set_back_leaves_a_gap(is_
 
 @settings(max_examples=20, deadline=None)
 @given(tau=st.floats(-240, 240), noise=st.sampled_from([0.0, 0.3]))
-def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau, noise):
+def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau: float, noise: float) -> None:
     """Any delay within half a period, with noise on both."""
     rng = np.random.default_rng(1)
     a, b = wave(np.arange(P * N))[:, 0], wave(np.arange(P * N) - tau)[:, 0]
@@ -163,7 +164,7 @@ def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau, noi
 
 @pytest.mark.parametrize("drift", [0.0, 1.0])
 @pytest.mark.parametrize("excess", [0.2, -0.13, 0.03])
-def test_a_clock_that_differs_is_taken_out(excess, drift):
+def test_a_clock_that_differs_is_taken_out(excess: float, drift: float) -> None:
     """A period of N + e samples: the signal is back to 2e-4 of its size, drift or not."""
     t = np.arange(int(np.ceil(P * (N + excess)))) * N / (N + excess)
     signals = wave(t) + drift * np.outer(t / (P * N), [0.0, 5e4])

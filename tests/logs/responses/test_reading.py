@@ -170,7 +170,9 @@ WRITERS = [_matlab, _matlab_with_names_in_hz, _matlab_73, _hdf5, _csv, _csv_in_d
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(write, tmp_path):
+def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(
+    write: Callable[[Path], ResponsesSpec], tmp_path: Path
+) -> None:
     """Phase (a delay turns it down), units, sides, signs, quantities, names: not conjugated, not transposed."""
     response = _read(tmp_path, write(tmp_path))
     np.testing.assert_allclose(response.freq_hz, FREQ_HZ, rtol=1e-5 if write is _uff else 1e-14)
@@ -179,7 +181,7 @@ def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(write, tmp
     assert (response.quantity, response.noise, said(response.notes)) == ("acceleration", None, ())
 
 
-def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(tmp_path):
+def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(tmp_path: Path) -> None:
     """CovarianceData holds real and imaginary part, std of a CSV the complex number: both end at 1 % and 3 % of |G|."""
     G = in_file()
     covariance = np.zeros((2, 2, len(FREQ_HZ), 2, 2))
@@ -197,7 +199,7 @@ def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(t
         np.testing.assert_allclose(np.sqrt(response.noise.variance), relative * np.abs(response.G), rtol=1e-10)
 
 
-def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path):
+def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) -> None:
     """A line at 0 Hz has no acceleration; a NaN would spoil the fit."""
     G = in_file()
     G[3, 0, 1] = np.nan
@@ -240,14 +242,16 @@ def _saved(**variables: Any) -> Callable[[Path], ResponsesSpec]:
         (partial(_csv_times, 1e-250), {}, "responses/lines", "frf.csv"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_with_its_content(write, changes, code, holds, tmp_path):
+def test_a_file_that_cannot_be_used_is_refused_with_its_content(
+    write: Callable[[Path], ResponsesSpec], changes: dict[str, Any], code: str, holds: Any, tmp_path: Path
+) -> None:
     """No unit, two responses, none, no frequencies, shapes that disagree, a line twice, a channel too many."""
     spec = replace(write(tmp_path), **changes)
     with refused(code, holds=holds):
         _read(tmp_path, spec)
 
 
-def test_universal_files_say_what_is_missing(tmp_path, monkeypatch):
+def test_universal_files_say_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An element that is not there, another quantity than the channel's, and the extra that reads them."""
     spec = _uff(tmp_path)
     text = (tmp_path / "frf.uff").read_text()
@@ -296,7 +300,7 @@ def elsewhere(tmp_path, tiny_texts) -> Path:
     return tmp_path / "study.yml"
 
 
-def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere):
+def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Path) -> None:
     """estimate (import), fit, validate, report: the true stiffness within its interval; again from that frf.h5."""
     folder = elsewhere.parent / "run"
     run = run_of(elsewhere, folder)
@@ -320,7 +324,7 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere):
         np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
 
 
-def test_a_response_measured_at_other_angles_is_refused(elsewhere):
+def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None:
     """frf.h5 of elastid knows its configuration."""
     folder = elsewhere.parent / "run"
     run_all(run_of(elsewhere, folder), ["estimate"])
@@ -339,7 +343,9 @@ def test_a_response_measured_at_other_angles_is_refused(elsewhere):
         ({"hold": "zero-order", "rate_hz": 50.0}, {"rate_hz": 100.0}, (100.0, 50.0)),
     ],
 )
-def test_the_hold_of_commands_is_taken_out_once(tmp_path, section, first, rates):
+def test_the_hold_of_commands_is_taken_out_once(
+    tmp_path: Path, section: dict[str, Any], first: dict[str, Any], rates: tuple[float | None, ...]
+) -> None:
     """The file holds G H, H = (1 - e^{-s T}) / (s T) of each command: the plant is found to rounding."""
     s = 2j * np.pi * FREQ_HZ
     H = np.stack([np.ones(len(s)) if f is None else (1 - np.exp(-s / f)) / (s / f) for f in rates], axis=1)
@@ -379,14 +385,14 @@ TAPPED = (
 @pytest.mark.parametrize(
     ("code", "metre", "newton"), [(1, 1, 1), (5, 1e-3, 1e-3), (7, 0.0254, 4.4482216), (9, 1e-3, 1e-3)]
 )
-def test_units_of_a_file_are_believed(tmp_path, code, metre, newton):
+def test_units_of_a_file_are_believed(tmp_path: Path, code: int, metre: float, newton: float) -> None:
     """Metres, millimetres with millinewton, inches with pounds, and factors of the file's own."""
     table = uff_table(written(tmp_path / "a.uff", code), TAPPED)
     np.testing.assert_allclose(table.G[:, 0, 0], -G * metre / newton, rtol=1e-6)
     assert [note.code for note in table.notes] == ([] if code == 1 else ["responses/units"])
 
 
-def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path):
+def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
     """Millimetres in m; a trace line is interrupted at 0; a place with the other sign moves the other way."""
     geometry = uff_geometry(written(tmp_path / "a.uff", 10), TAPPED)
     np.testing.assert_allclose([geometry.points[name] for name in "123"], [[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0.05]])
@@ -396,6 +402,6 @@ def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path):
     assert uff_geometry(tmp_path / "a.uff", other) is None
 
 
-def test_places_are_those_of_the_responses(tmp_path):
+def test_places_are_those_of_the_responses(tmp_path: Path) -> None:
     """Node 2 along z answers node 1: the channels of a study that `new --from` writes."""
     assert uff_places(written(tmp_path / "a.uff", 1)) == ({"2z": "acceleration"}, ("1z",))

@@ -223,7 +223,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name, monkeypatch):
+def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name: str, monkeypatch: Any) -> None:
     """No text covers another or leaves the figure; the legend has the labels, panels hold their lines."""
     figure, expected = CASES[name]()
     texts = []
@@ -252,18 +252,18 @@ def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name, monkeypa
         assert over is None or min(over.size) < 3, pair_of
 
 
-def test_cells_have_their_numbers_where_these_say_something():
+def test_cells_have_their_numbers_where_these_say_something() -> None:
     """Fractions from 0.5 %, correlations beyond 0.9 off the diagonal, limits that there are."""
     for case, counts in ((information, [6]), (limits, [2, 1]), (identifiability, [2])):
         assert [len([*filter(Text.get_text, axes.texts)]) for axes in case()[0].axes] == counts
 
 
-def test_dates_lie_left_and_right_of_the_name_of_their_robot():
+def test_dates_lie_left_and_right_of_the_name_of_their_robot() -> None:
     x = shown(fleet()[0].axes[0], 0)
     assert np.unique(x["differs or drifts"].round(9)).tolist() == [0.85, 1.15]
 
 
-def test_an_estimate_far_from_the_truth_is_marked_at_the_side_where_it_is():
+def test_an_estimate_far_from_the_truth_is_marked_at_the_side_where_it_is() -> None:
     """The others, and their intervals, stay apart on a scale of decades about 0; what has no end is drawn, too."""
     deviation = fit.forest(parameter_rows(fit_result(), TRUTH | {"k_2": 3e4})).axes[1]
     low, high = deviation.get_xlim()
@@ -277,7 +277,7 @@ def test_an_estimate_far_from_the_truth_is_marked_at_the_side_where_it_is():
         fit.forest(parameter_rows(fitted, truth)).draw_without_rendering()
 
 
-def test_a_motion_shows_friction_without_inertia_and_its_regression():
+def test_a_motion_shows_friction_without_inertia_and_its_regression() -> None:
     """20 N and 200 N s/m under 400 N of inertia; the curve has both directions and ends where the motion does."""
     over_v, over_t = friction_records.friction_motion(study.motion()).axes
     v, force, of_time = shown(over_v, 0), shown(over_v), shown(over_t)

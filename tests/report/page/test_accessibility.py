@@ -1,6 +1,8 @@
 """Every kind of page can be read by keyboard and by ear, and its text stands out, light and dark."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from plants import friction_study as study
@@ -125,7 +127,9 @@ PAGES = [elasticity, *(pytest.param(page, marks=pytest.mark.slow) for page in (f
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_has_names_headings_and_contrast(visit, tmp_path, page, scheme):
+def test_a_page_has_names_headings_and_contrast(
+    visit: Any, tmp_path: Path, page: Callable[..., Path], scheme: str
+) -> None:
     """At a desk and on a phone, with everything folded opened."""
     opened = visit(page(tmp_path), color_scheme=scheme)
     opened.evaluate("document.querySelectorAll('details').forEach((one) => (one.open = true))")

@@ -3,9 +3,12 @@
 import base64
 import errno
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,7 +115,7 @@ def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, mon
 
 
 @pytest.mark.parametrize("name", ["map.js", "curves.js", "explorer.js", "mode_viewer.js"])
-def test_text_of_a_script_has_the_colour_of_the_scheme(name):
+def test_text_of_a_script_has_the_colour_of_the_scheme(name: str) -> None:
     """Light and dark; a colour of its own would be faint in one of them."""
     assert 'fill: "#' not in (files("elastid.report.page") / name).read_text("utf-8")
 
@@ -127,7 +130,7 @@ def page_of_responses(friction: CompensatedFriction | None) -> str:
 
 
 @pytest.mark.parametrize("written", [page, page_of_responses])
-def test_the_section_has_the_numbers_of_the_file(written):
+def test_the_section_has_the_numbers_of_the_file(written: Callable[[CompensatedFriction | None], str]) -> None:
     """Level and interval, power left, torque before and after; why friction was left stands there once."""
     text = written(taken_friction())
     section = text[text.index('<h2 id="friction">') :]
@@ -141,7 +144,7 @@ def test_the_section_has_the_numbers_of_the_file(written):
     assert '<a href="#friction">' in text
 
 
-def test_where_nothing_could_be_found_the_reason_stands_alone():
+def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     """Neither tables nor a figure of nothing."""
     friction = taken_friction()
     refused = replace(
@@ -156,7 +159,7 @@ def test_where_nothing_could_be_found_the_reason_stands_alone():
     assert "friction" not in {drawing.name for drawing in drawings(report_content(friction=refused))}
 
 
-def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth():
+def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth() -> None:
     friction_page = html_of_friction(study.friction_content(), [])
     rows = re.findall(r"<tr( class=\"marked\")?>(<td>F.*?|<td>f_.*?)</tr>", friction_page)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for _, row in rows]
@@ -177,7 +180,7 @@ def run() -> LogSimulation:
     )
 
 
-def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path):
+def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path: Path) -> None:
     path, log_comparison = (
         tmp_path / "friction.h5",
         LogComparison((balance(),), (run(), replace(run(), signals=(), lost="fast"))),
@@ -190,13 +193,13 @@ def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path)
     assert "link motion" not in html_of_friction(study.friction_content(), ())
 
 
-def test_the_page_of_an_answer_has_its_figure_as_a_file_and_on_it(tmp_path):
+def test_the_page_of_an_answer_has_its_figure_as_a_file_and_on_it(tmp_path: Any) -> None:
     page = write_page_of_answer(Answer("a", ()), Figure, tmp_path / "tune.html", "us")
     png = base64.b64encode((tmp_path / "tune.png").read_bytes()).decode()
     assert png in page.read_text("utf-8")
 
 
-def test_the_first_screen_names_the_widest_number_unless_the_model_is_wrong():
+def test_the_first_screen_names_the_widest_number_unless_the_model_is_wrong() -> None:
     """And has the sketch where there is a robot."""
     content = replace(report_content(), robot=ARM, modes=(mode_row(),))
     rows = parameter_rows(content.result, TRUTH)

@@ -1,6 +1,9 @@
 """The page of a map: its numbers are those of the map, and every choice shows them."""
 
+from collections.abc import Callable
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +22,7 @@ def workspace() -> WorkspaceMap:
     return map_workspace(result(), angles, lines_hz=np.geomspace(2, 80, 50), name="<b>arm</b>")
 
 
-def test_a_map_is_read_as_it_was_written_and_its_table_has_its_numbers(workspace, tmp_path):
+def test_a_map_is_read_as_it_was_written_and_its_table_has_its_numbers(workspace: WorkspaceMap, tmp_path: Path) -> None:
     """HDF5 and CSV."""
     write_map(tmp_path / "map.h5", workspace)
     back = read_map(tmp_path / "map.h5")
@@ -32,7 +35,7 @@ def test_a_map_is_read_as_it_was_written_and_its_table_has_its_numbers(workspace
     np.testing.assert_array_equal([table["deflection_low"], table["deflection_high"]], [low, high])
 
 
-def test_the_answer_names_the_softest_posture_and_its_spring(workspace):
+def test_the_answer_names_the_softest_posture_and_its_spring(workspace: WorkspaceMap) -> None:
     """Of which the table has the first row."""
     answer = answer_of_map(workspace)
     soft = int(np.argmax(workspace["softest_compliance"].value))
@@ -43,7 +46,9 @@ def test_the_answer_names_the_softest_posture_and_its_spring(workspace):
 
 
 @pytest.mark.slow
-def test_a_click_a_slider_and_the_table_choose_a_posture(workspace, tmp_path, visit):
+def test_a_click_a_slider_and_the_table_choose_a_posture(
+    workspace: WorkspaceMap, tmp_path: Path, visit: Callable[..., Any]
+) -> None:
     """With the numbers of the map; names are no markup, and the page asks the network for nothing."""
     figure, data = partial(workspace_figure, workspace), map_data(workspace)
     page = visit(write_page_of_answer(answer_of_map(workspace), figure, tmp_path / "map.html", "a test", data))

@@ -23,7 +23,7 @@ from elastid.study.robots import yaml_text
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
-def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path):
+def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path: Path) -> None:
     """Before anything is measured: with a rod of half the length the linkage does not even close at its start."""
     linkage, short = CONFIGS / "linkage_arm.yml", tmp_path / "short.yml"
     robot = (CONFIGS / "robots" / "linkage_arm.yml").read_text(encoding="utf-8")
@@ -51,7 +51,7 @@ def studies(tmp_path_factory) -> dict[str, Study]:
 
 
 @pytest.mark.parametrize("kind", [*TEMPLATES, "friction-recorded", "responses", "frf-responses"])
-def test_a_section_that_no_stage_is_handed_is_refused(kind, studies):
+def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[str, Study]) -> None:
     """The table of stages says which sections count; comparisons are a command of studies of elasticity."""
     assert studies[kind].name in repr(studies[kind])
     handed = {key.partition(".")[0] for stage in stages_of(kind).values() for key in stage.keys.split()}
@@ -254,7 +254,7 @@ def rigs(tmp_path_factory) -> dict[str, tuple[Path, tuple[Mistake, ...]]]:
 ALONE = ("velocity as position, alone", "degrees as radians, alone")
 
 
-def test_every_mistake_is_reported_at_its_line(rigs):
+def test_every_mistake_is_reported_at_its_line(rigs: dict[str, tuple[Path, tuple[Mistake, ...]]]) -> None:
     """More than 30 of as many: names, columns, rate, time, period, length, units, side, quantity, sign, order."""
     missed, made = [], set()
     for rig, (folder, mistakes) in rigs.items():
@@ -267,7 +267,7 @@ def test_every_mistake_is_reported_at_its_line(rigs):
     assert len(made) >= 30
 
 
-def test_other_commands_do_not_open_the_logs(rigs):
+def test_other_commands_do_not_open_the_logs(rigs: dict[str, tuple[Path, tuple[Mistake, ...]]]) -> None:
     """A doubt does not stop who is sure: run reads the study alone."""
     folder, mistakes = rigs["motors alone"]
     assert complaint(folder, next(mistake for mistake in mistakes if mistake.name == "sign of an angle"))

@@ -43,7 +43,7 @@ def refusal(study: Path, *overrides: str) -> str:
     return str(error.value).replace(f"{study.parent}/", "")
 
 
-def test_every_key_is_read_in_si(study):
+def test_every_key_is_read_in_si(study: Path) -> None:
     """Angles in rad, hours in seconds; a study with friction is of a kind of its own."""
     loaded = load(study).study
     spec = loaded.as_friction()
@@ -76,6 +76,6 @@ def test_every_key_is_read_in_si(study):
         ("gears={}", ": gears"),
     ],
 )
-def test_contradictions_are_refused(study, override, words):
+def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
     """Each by the key that is wrong, with its numbers."""
     assert words in refusal(study, override)

@@ -29,7 +29,7 @@ ELASTIC = Robot("axis", (Body("arm", joints=(AXIS,), inertia=J_l),), frames=(TOO
 @pytest.mark.parametrize(("kind", "order", "load"), [
     ("velocity", 1, 1.0), ("acceleration", 2, 1.0), ("jerk", 3, 1.0), ("torque", 2, J_l + J_m),
 ])  # fmt: skip
-def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind, order, load):
+def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind: str, order: int, load: float) -> None:
     own = point_to_point(np.array([0.0]), np.array([0.6]), 1.0)
     limits = replace(MotionLimits.of(ELASTIC), **{kind: np.array([2.0])})
     T = first_duration(CommandedRobot.of(ELASTIC, "tool", own.ends[0]), own, limits) / 1.1
@@ -38,7 +38,7 @@ def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind, order,
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("k", "end"), [(2e4, 0.6), (2e2, 0.2)])
-def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k, end):
+def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k: float, end: float) -> None:
     """3 % less time exceed it; shorter and longer than that of the rigid axis."""
     robot = with_joints(ELASTIC, lambda joint: replace(joint, spring=Spring(k, 0.0), limits=Limits(velocity=2.0)))
     own = point_to_point(np.array([0.0]), np.array([end]), 0.0)
@@ -53,7 +53,7 @@ def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k, end):
     assert (tuned.duration > first_s) == (k < 1e3)
 
 
-def test_an_elastic_axis_is_commanded_by_its_closed_form():
+def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
     """u = J_m q_m'' + f_m q_m' + J_l q_l'', q_m = q_l + J_l q_l'' / k of a flat output without damping.
 
     Of rigid feedforward, held from sample to sample, in the middle of each.
@@ -74,7 +74,7 @@ def test_an_elastic_axis_is_commanded_by_its_closed_form():
 
 
 @pytest.mark.parametrize("robot", [arm(), rigid_gears(arm())])
-def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot):
+def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot: Robot) -> None:
     """Under gravity, with gears elastic or rigid: to a micrometre, where the rigid command leaves it by millimetres."""
     own = move(0.8)
     commanded = CommandedRobot.of(robot, "tool", own.ends[0])
@@ -88,7 +88,7 @@ def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot):
 
 
 @pytest.mark.slow
-def test_limits_hold_where_they_keep_the_tool_off_its_path():
+def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
     """Of torque and velocity: with less of both the error grows, and they are never exceeded by half a per cent."""
     own, errors = move(0.4), []
     for torque, velocity in ((700.0, 3.0), (480.0, 2.5)):

@@ -62,7 +62,7 @@ def errors(references: References, gains: JointLoop, target: FloatArray) -> Floa
     return np.array(away[1000:])
 
 
-def test_another_engine_follows_more_exactly_than_with_rigid_feedforward():
+def test_another_engine_follows_more_exactly_than_with_rigid_feedforward() -> None:
     """Largest error in the move, and vibration after it."""
     own, true = move(0.8), arm(stiffness=0.8, friction=0.0)
     commanded = CommandedRobot.of(true, "tool", own.ends[0])

@@ -18,7 +18,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_timed_path_is_passed_at_its_times_and_rests_at_its_ends(tmp_path):
+def test_a_timed_path_is_passed_at_its_times_and_rests_at_its_ends(tmp_path: Path) -> None:
     """The first time counts as 0; the duration of the file may be replaced."""
     path = written(tmp_path, "# a path\n t s,1 deg,2 deg\n1.0,0,0\n1.5,10,20\n2.5,30,20\n")
     move = read_move(path, arm(), "tool")
@@ -32,7 +32,7 @@ def test_a_timed_path_is_passed_at_its_times_and_rests_at_its_ends(tmp_path):
     np.testing.assert_allclose(slower.at(np.array([1.0]), 1), move.at(np.array([0.5]), 1) / 2)
 
 
-def test_a_way_without_times_starts_and_ends_at_rest_in_the_time_that_is_asked_for(tmp_path):
+def test_a_way_without_times_starts_and_ends_at_rest_in_the_time_that_is_asked_for(tmp_path: Path) -> None:
     """Its middle is that of the way; acceleration and jerk vanish at both ends."""
     move = read_move(written(tmp_path, "1,2\n0,0\n0.4,0.2\n"), arm(), "tool", 2.0)
     np.testing.assert_allclose(move.at(np.array([1.0])), [[0.2, 0.1]], atol=1e-9)
@@ -42,13 +42,13 @@ def test_a_way_without_times_starts_and_ends_at_rest_in_the_time_that_is_asked_f
         assert np.abs(move.at(np.array([1e-4, 2 - 1e-4]), order)).max() < 1e-2
 
 
-def test_a_move_in_milliseconds_is_refused(tmp_path):
+def test_a_move_in_milliseconds_is_refused(tmp_path: Path) -> None:
     """A plan of so many seconds would take all memory."""
     with refused("use/move", place="move.csv", holds=("1000 s",)):
         read_move(written(tmp_path, "t,1,2\n0,0,0\n1000,0.4,0.2\n"), arm(), "tool")
 
 
-def test_a_way_of_poses_is_straight_between_them(tmp_path):
+def test_a_way_of_poses_is_straight_between_them(tmp_path: Path) -> None:
     """The tool moves along the line, not along the joints' arc; two joints reach no line out of their plane."""
     text, s = "t,x,y,z\n2,0.9,0,-0.3\n3,0.7,{},-0.8\n", np.linspace(0, 1, 50)
     move = read_move(written(tmp_path, text.format(0)), planar.robot(), "tool")
@@ -59,6 +59,6 @@ def test_a_way_of_poses_is_straight_between_them(tmp_path):
 
 
 @pytest.mark.parametrize("angle", [-2.1, 2.1])
-def test_an_angle_beyond_the_limits_of_its_joint_is_refused(tmp_path, angle):
+def test_an_angle_beyond_the_limits_of_its_joint_is_refused(tmp_path: Path, angle: float) -> None:
     with refused("use/unreachable", place="move.csv:3"):
         read_move(written(tmp_path, f"1,2\n0,0\n0.4,{angle}\n"), arm(), "tool", 1.0)

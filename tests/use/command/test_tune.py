@@ -8,6 +8,7 @@ import pytest
 from plants.commanded_arm import END, START, arm, move
 from plants.refusals import refused
 
+from elastid.base.arrays import FloatArray
 from elastid.fit.posture import default_frame
 from elastid.robot import Frame, Robot
 from elastid.study import load_robot
@@ -33,7 +34,7 @@ HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it b
 
 
 @pytest.mark.slow
-def test_limits_of_torque_hold_on_draws_with_their_feedback():
+def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
     """Where torque is short the tool leaves its path."""
     tuned = tune_move(given(torque=420.0), move(0.5), "arm")
     assert np.all(tuned.max_torque <= 420.0)
@@ -41,7 +42,7 @@ def test_limits_of_torque_hold_on_draws_with_their_feedback():
     assert tuned.predicted_error.max() > 1e-3
 
 
-def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity():
+def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity() -> None:
     """A zero that is 1 mrad off turns a tool of 1.2 m by 1.2 mm, which the loop of the motor does not see."""
     asked = given(draws=1)
     robot = asked.draws[0].with_parameters({"zero_1": 1e-3})
@@ -55,7 +56,7 @@ def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity():
     assert high.max() < 0.1 * tuned.geometric_error_m
 
 
-def test_a_draw_that_no_loop_moves_is_refused():
+def test_a_draw_that_no_loop_moves_is_refused() -> None:
     """A damping a hundred thousand times the estimate, of a fit that knows nothing of it."""
     asked = given(draws=1)
     (robot,) = asked.draws
@@ -70,7 +71,7 @@ def test_a_draw_that_no_loop_moves_is_refused():
     [(20.0, END, 0.15), (900.0, np.array([END[0], HIGHEST]), 1.0)],
     ids=["gravity", "deflection"],
 )
-def test_an_end_that_no_motor_holds_is_refused(torque, end, duration):
+def test_an_end_that_no_motor_holds_is_refused(torque: float, end: FloatArray, duration: float) -> None:
     """Gravity takes more than the motor has, in any time; or deflects so far that the motor stands at its limit."""
     with refused("use/move"):
         tune_move(given(torque, 0), point_to_point(START, end, duration), "arm")
@@ -81,7 +82,7 @@ LINKAGE = Path(__file__).parents[3] / "configs" / "robots" / "linkage_arm.yml"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rod", ["elastic", "rigid"])
-def test_a_linkage_follows_its_own_plan(rod):
+def test_a_linkage_follows_its_own_plan(rod: str) -> None:
     """An elastic rod is cut, a rigid one is a constraint with its multiplier: to ten micrometres both."""
     robot = load_robot(LINKAGE)
     if rod == "rigid":

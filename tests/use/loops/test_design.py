@@ -36,7 +36,7 @@ def motors(inertia: float | FloatArray) -> Plants:
 
 
 @given(inertia=st.floats(0.1, 10.0), delay=st.integers(0, 6))
-def test_a_velocity_loop_is_stable_up_to_the_gain_of_its_delay(inertia, delay):
+def test_a_velocity_loop_is_stable_up_to_the_gain_of_its_delay(inertia: float, delay: int) -> None:
     """K_v T / J < 2 tan(pi / (4 (1 + d))), at which the phase of d + 1 samples and an integrator is 180 degrees."""
     border = 2 * np.tan(np.pi / (4 * (1 + delay))) * inertia * RATE_HZ
     for part in (0.99, 1.01):
@@ -46,7 +46,7 @@ def test_a_velocity_loop_is_stable_up_to_the_gain_of_its_delay(inertia, delay):
         assert closed.stable == (part < 1)
 
 
-def test_slopes_of_peaks_are_exact(family):
+def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
     scene, own = Scene.of(family.estimate, lines=2000), start(family)
     _, slopes = sensitivity_margin(scene, own, LIMIT_DB)
     for p in range(len(own.vector)):
@@ -56,7 +56,7 @@ def test_slopes_of_peaks_are_exact(family):
 
 
 @pytest.mark.slow
-def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkeypatch):
+def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkeypatch: pytest.MonkeyPatch) -> None:
     """As fast as the fastest of 1271 about it; of 21 inertias one may pass the limit, 5 % faster two do."""
     monkeypatch.setattr("elastid.use.gain_design.MAX_NOTCHES", 0)
     one, draws = motors(3.0), motors(3.0 * np.exp(0.2 * np.random.default_rng(0).standard_normal(21)))
@@ -73,7 +73,7 @@ def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkey
 
 
 @pytest.mark.slow
-def test_notches_are_added_while_they_make_a_motor_faster():
+def test_notches_are_added_while_they_make_a_motor_faster() -> None:
     """By 2 % each and more, all at the limit."""
     scene = Scene.of(motors(3.0), 60)
     found = [*islice(design(scene, 20.0, 1), 3)]
@@ -84,7 +84,7 @@ def test_notches_are_added_while_they_make_a_motor_faster():
 
 
 @pytest.mark.slow
-def test_the_design_keeps_its_limit_on_postures_and_draws_and_is_at_it(family):
+def test_the_design_keeps_its_limit_on_postures_and_draws_and_is_at_it(family: PostureFamily) -> None:
     """Peaks at most 6 dB, those of 95 % of the draws as well; 10 % faster it is broken."""
     found = robust(family.estimate, (drawn := family.draws(result(), 40, 1)), 9.0, 1)
     scene, of_draws = Scene.of(family.estimate, lines=800, per_mode=61), Scene.of(drawn, lines=120, per_mode=9)
@@ -94,7 +94,7 @@ def test_the_design_keeps_its_limit_on_postures_and_draws_and_is_at_it(family):
         assert (np.mean(peaks <= LIMIT_DB) >= 0.95) == keeps
 
 
-def test_todays_loops_keep_their_own_rate(family, monkeypatch):
+def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the rate of the loops that are designed."""
     spec = ControllerSpec(kind="cascade", gains=GainsSpec(4.5, tuple((8.0 * family.inertia[0]).tolist())))
     monkeypatch.setattr("elastid.use.loops.robust", lambda *_: start(family))
@@ -105,7 +105,7 @@ def test_todays_loops_keep_their_own_rate(family, monkeypatch):
     assert loops.designed.freq_hz.max() < 50 < loops.today.freq_hz.max()
 
 
-def test_a_delay_that_leaves_no_gain_is_said():
+def test_a_delay_that_leaves_no_gain_is_said() -> None:
     """An arm that stands upright falls over faster than a controller at 4 Hz sees it."""
     upright = PostureFamily.of(result(), [Configuration("up", np.array([-1.5, 0.0]))], 4.0)
     with refused("use/gains"):

@@ -45,7 +45,7 @@ def controller(cascade: Cascade) -> control.StateSpace:
     return control.append(*axes)
 
 
-def test_poles_and_sensitivity_are_those_of_python_control():
+def test_poles_and_sensitivity_are_those_of_python_control() -> None:
     """Of the coupled loops; poles that cancel may differ, the largest does not."""
     own = plants()
     freq_hz = np.geomspace(0.3, 190, 40)
@@ -60,7 +60,7 @@ def test_poles_and_sensitivity_are_those_of_python_control():
 
 
 @given(K_p=st.floats(1.0, 20.0))
-def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain(K_p):
+def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain(K_p: float) -> None:
     """|E| of s / (s + K_p) rises to -3 dB at K_p / 2 pi, between two lines, or beyond the ends of the grid."""
     freq_hz = np.geomspace(0.05, 50, 40)[None]
     s = 2j * np.pi * freq_hz[..., None]
@@ -68,13 +68,13 @@ def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain(K_p):
     np.testing.assert_allclose(bandwidths(E, freq_hz)[0], [K_p / (2 * np.pi), 0.05, 50.0], rtol=0.01)
 
 
-def test_the_inertia_of_an_axis_is_that_of_its_motor_and_all_that_it_carries():
+def test_the_inertia_of_an_axis_is_that_of_its_motor_and_all_that_it_carries() -> None:
     """Of the arm at rest, in closed form."""
     for inertia, posture in zip(plants().inertia, ([0.3, 0.5], [0.5, -1.2]), strict=True):
         np.testing.assert_allclose(inertia, np.diag(closed_form(np.array(posture))[0]) + 2e-3 * RATIO**2, rtol=1e-6)
 
 
-def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units():
+def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> None:
     """Torques of a sliding axis in kN instead of N change the singular values of S, not of the scaled one."""
     own = plants()
     closed = CASCADE.on(Scene.of(own))
@@ -87,7 +87,7 @@ def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units():
 
 
 @pytest.mark.parametrize("delay_s", [0.0013, 0.0025, 0.006])
-def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s):
+def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None:
     """Of half a sample and of more than two: a step of torque moves the motor as much later."""
     own = PostureFamily.of(result(), [Configuration("a", np.array([0.3, 0.5]))], RATE_HZ)
     linear, known = own.models[0].linear, own.models[0].theta
@@ -105,7 +105,7 @@ def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s):
     np.testing.assert_allclose(sampled, prompt[np.maximum(times, 0)], rtol=1e-6, atol=1e-12 * prompt.max())
 
 
-def test_robots_drawn_with_delays_on_both_sides_of_a_sample_are_plants_of_one_size():
+def test_robots_drawn_with_delays_on_both_sides_of_a_sample_are_plants_of_one_size() -> None:
     """The delay of the fit is one sample: draws need one, or a part of another; each responds as it does alone."""
     fitted = fitted_model("scara")
     own, rate_hz = replace(fitted.result, robot=fitted.model.robot), 1 / FITTED_DELAY_S
@@ -122,7 +122,7 @@ def test_robots_drawn_with_delays_on_both_sides_of_a_sample_are_plants_of_one_si
     assert len(states) > 1
 
 
-def test_a_peak_is_traced_to_the_mode_that_makes_it(family):
+def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> None:
     """Gains near those at which the first mode rings: its frequency, and the spring with most of its energy."""
     cascade = next(design(Scene.of(family.estimate), 9.0, 1))
     state = assess("own", family, family.draws(result(), 10, 1), cascade.gains, cascade.filters(250.0))
