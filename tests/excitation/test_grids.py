@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
@@ -56,6 +57,13 @@ def test_a_study_plans_the_lines_of_its_grid_and_detection_lines_by_its_seed():
     assert {first for first, *_ in drawn} == {3, 5, 7, 9}
     swept = replace(spec, phases="schroeder")
     assert [bool(each.realisation_refusal(n)) for each in (spec, swept) for n in (1, 2)] == [False, False, False, True]
+
+
+@pytest.mark.parametrize("lines", [(1, 3), (3, 41), (3, 8, 3)])
+def test_lines_that_no_band_holds_are_refused_with_those_that_it_does(lines):
+    spec = MultisineSpec(100.0, 1.0, (2.0, 40.0), 1.0, grid="lines", lines=lines)
+    with refused("excitation/lines", place="excitation.lines", holds="allow lines 2 to 40, each once"):
+        planned_lines(spec, 0)
 
 
 @given(ratio=st.floats(1.02, 1.6), last=st.integers(50, 900), odd=st.booleans())

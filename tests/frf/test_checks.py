@@ -95,7 +95,7 @@ def test_a_double_hit_is_named_with_its_dips():
     u[4450 : 4450 + WIDTH] = 0.5 * u[4400 : 4400 + WIDTH]
     (note,) = hit_notes(record(u, y))
     assert note.code == "frf/hits"
-    assert "1 of 3 hits of hammer are double" in note.text
+    assert "1 of 3 hits of hammer are double hits, the first at 2.2 s (25 ms apart)" in note.text
 
 
 @pytest.mark.parametrize(

@@ -223,5 +223,6 @@ def test_loops_of_a_few_counts_are_refused():
     with refused("friction/presliding-loops", place="loops of joint 1") as caught:
         fit_presliding(replace(log(0), resolution=5e-3), None)
     moved, least = advised(caught, "moved by"), advised(caught, "more than")
+    assert moved == pytest.approx(np.ptp(log(0).position), rel=0.02)
     assert advised(caught, "rad,") == pytest.approx(moved / 5e-3, rel=0.02)
     fit_presliding(replace(log(0), resolution=0.99 * moved / least), None)

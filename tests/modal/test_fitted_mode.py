@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.marks import slow
+from plants.notes import noted
 from scipy.ndimage import convolve1d
 
 from elastid.modal.estimate import estimate_modes
@@ -44,6 +45,16 @@ def test_a_window_that_no_pole_went_through_is_named():
     assert "modal/damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
     for all_of_one in (10.0, 1 / (2 * np.pi * NATURAL[0] * ZETA[0])):
         assert "modal/damping" not in {note.code for note in estimate_modes(response, exponential_s=all_of_one).notes}
+
+
+def test_periods_that_are_too_short_for_the_damping_are_named_with_those_that_are_not():
+    """The half-power width of 50 Hz with a damping of 0.001 is 0.1 Hz: one line of 10 s, four of the 40 s asked for."""
+    natural, zeta = np.array([30.0, 50.0]), np.array([0.01, 0.001])
+    for period_s, is_short in ((10.0, True), (40.0, False)):
+        freq_hz = np.arange(20 * period_s, 60 * period_s) / period_s
+        notes = estimate_modes(modal_response(freq_hz, natural, zeta, np.ones((1, 2)), noise=0.003)).notes
+        told = [noted(note) for note in notes]
+        assert told == [("modal/damping", "bench", pytest.approx([1, 2, 50, 40], rel=0.02))] * is_short
 
 
 def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none():

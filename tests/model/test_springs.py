@@ -84,6 +84,14 @@ def test_backlash_is_the_smooth_dead_zone() -> None:
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2.0, rtol=0.05)
 
 
+def test_the_torque_of_a_spring_is_its_polynomial():
+    """k D + k2 D^2 + k3 D^3, and k D + k2s |D| D."""
+    softer_one_way = torque_of(Spring(2e5, quadratic=2e6, cubic=2e10), X)
+    np.testing.assert_allclose(softer_one_way, 2e5 * X + 2e6 * X**2 + 2e10 * X**3, atol=1e-9)
+    stiffer_both_ways = torque_of(Spring(8e4, symmetric_quadratic=3e7), X)
+    np.testing.assert_allclose(stiffer_both_ways, 8e4 * X + 3e7 * np.abs(X) * X, atol=1e-9)
+
+
 @pytest.mark.slow
 @given(st.lists(st.floats(-2e-3, 2e-3), min_size=7, max_size=7))
 @settings(deadline=None, max_examples=25)
