@@ -193,10 +193,11 @@ def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     """Load a study and open its logs; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))
-    from elastid.study.checks.logs import check_logs  # brings the reader of logs
+    if loaded.study.experiment.recorded is not None:
+        from elastid.study.checks.logs import check_logs  # brings the reader of logs
 
-    if problems := list(check_logs(loaded.study, loaded.path.parent)):
-        raise make_error(source, problems)
+        if problems := list(check_logs(loaded.study, loaded.path.parent)):
+            raise make_error(source, problems)
     return loaded
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
-from elastid.nonlinear.friction_basis import BasisFunction, amplitudes, sliding_means, spectrum
+from elastid.nonlinear.friction_basis import BasisFunction, Kind, amplitudes, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.nonlinear.motion import Motion as KnownMotion
 from elastid.record import Configuration, Motion, Record
@@ -60,6 +60,18 @@ def test_a_stribeck_shape_has_its_first_harmonic_whatever_the_sampling() -> None
     expected = 2 * np.mean(np.sign(velocity) * np.exp(-((20 * velocity / peak) ** 2)) * np.exp(-1j * angle))
     (found,) = amplitudes_of(swinging(33, 0.2), BasisFunction("motor 1", "stribeck", peak / 20), [33])
     np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(("kind", "presliding"), [("stop", 1.0), ("bristle", np.tanh(2.0))])
+def test_elements_together_dissipate_their_loops_and_damp_by_their_rates(kind: Kind, presliding: float) -> None:
+    """A loop over a swing S has the area 2 (S - 2 D) of a stop, 2 (S - 2 D tanh(S / 2 D)) of Dahl's bristle."""
+    record, D = swinging(3, 0.1), 0.05
+    kinds: list[Kind] = ["stop", "bristle", "stop damping", "bristle damping"]
+    shapes = [BasisFunction("motor 1", each, D) for each in kinds]
+    found = amplitudes(record, motion_of(record, "motor 1"), shapes, np.arange(2), np.array([3]))[:, 0]
+    element = found[kinds.index(kind)]
+    assert element.imag == pytest.approx(2 * (0.2 - 2 * D * presliding) / (np.pi * 0.1), rel=1e-3)
+    np.testing.assert_allclose(found[kinds.index(kind) + 2], 2j * np.pi * 3 / N * element, rtol=1e-3)
 
 
 def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:

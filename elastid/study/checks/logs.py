@@ -174,10 +174,7 @@ _MAX_LOGS, _MAX_BYTES = 12, 1 << 26
 
 def check_logs(study: Study, base: Path) -> Iterator[Problem]:
     """Yield each contradiction between a valid study and its logs once. base: folder of their paths."""
-    recorded = study.experiment.recorded
-    if recorded is None:
-        return
-    contents = set[tuple[object, ...]]()
+    recorded, contents = study.experiment.as_recorded(), set[tuple[object, ...]]()
     for i, file in enumerate(recorded.files):
         source = base / file.path
         samples = content_hash(source) if source.is_file() else file.path, file.samples
