@@ -10,7 +10,7 @@ from plants.three_mass import plant
 from plants.two_mass import circular
 
 from elastid.fit.problem.smoothed_noise import smooth_noise, smooth_variance
-from elastid.fit.problem.weights import check_factors, weigh
+from elastid.fit.problem.weights import Whitening, check_factors, weigh
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import Configuration
@@ -197,3 +197,21 @@ def test_exact_data_have_a_smooth_covariance_too(n):
     exact = replace(one, G=one.G[:, :n, :n], outputs=one.outputs[:n], inputs=one.inputs[:n], noise=known)
     variance = smooth_noise(exact).variance
     assert np.all((variance > 0) & np.isfinite(variance))
+
+
+def test_smooth_noise_of_other_values_is_computed_again():
+    """The covariance caches the result for one response, whose values the model of the noise uses."""
+    one = response_smoothed_noise(np.random.default_rng(5), FOLLOWING, 2)
+    first, other = smooth_noise(one), smooth_noise(replace(one, G=one.G[::-1]))
+    assert smooth_noise(replace(one, ratio_std=[0.1, 0.1])).smooth.right.tobytes() == first.smooth.right.tobytes()
+    assert not np.allclose(other.variance, first.variance, rtol=1e-3)
+
+
+def test_whitening_by_the_factors_of_the_noise_is_that_of_the_whole_covariance():
+    """On used lines, whatever the noise of the others: L^-1 C L^-H = 1 and L triangular."""
+    one = response_smoothed_noise(np.random.default_rng(6), OUTPUTS + TORQUE, 6)
+    smooth, sigma, used = smooth_noise(one).smooth, np.ones(one.G.shape), FREQ_SMOOTHED_NOISE > 10
+    sigma[~used] = np.inf
+    split = Whitening(replace(smooth, right=smooth.right * used[:, None, None]), 0.0, one.G, sigma).matrix
+    whole = Whitening(replace(smooth, left=None, right=None, matrix=smooth.full()), 0.0, one.G, sigma).matrix
+    np.testing.assert_allclose(split, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
