@@ -205,7 +205,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
         parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
         if not is_torque:  # the references are for the gains of the study
             changed = np.linalg.solve(loop.reference, plan.S_inverse[q])
-            parts[-1] = [*(np.asarray(signal @ changed) for signal in parts[-1]), x, s * x, s**2 * x]
+            parts[-1] = [*(signal @ changed for signal in parts[-1]), x, s * x, s**2 * x]
     return np.moveaxis(np.array(parts), 2, 0)
 
 

@@ -228,7 +228,7 @@ class Prospect:
         to_angle = zero_order_hold(freq_hz / rate_hz) / (2j * np.pi * freq_hz) ** MOTION_ORDER[self.quantity]
         difference = np.eye(len(loop.kp)) + F[:, :, None] * motion * to_angle[:, None, None]
         sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
-        return sensitivity, np.asarray((sensitivity @ self.R[..., None])[..., 0])
+        return sensitivity, (sensitivity @ self.R[..., None])[..., 0]
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""

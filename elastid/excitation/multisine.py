@@ -36,7 +36,7 @@ def sweep_spectrum(kind: Sweep, lines: IntArray) -> ComplexArray:
     length = n // 2 if odd else n
     signal = _binary(length, int(lines[-1])) if kind == "prbs" else _sweep(kind, length, lines, odd)
     period = np.concatenate([signal, -signal]) if odd else signal
-    return np.asarray(np.fft.rfft(period)[lines])
+    return np.fft.rfft(period)[lines]
 
 
 def _sweep(kind: Sweep, n: int, lines: IntArray, odd: bool) -> FloatArray:

@@ -156,7 +156,7 @@ def estimate_uncertainty(
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
     blocks = block_variance([part.blocks for part in parts], half)
     every = Contributions(
-        noise=noise, widening=np.asarray(small_sample_factors(dof)), residuals=sandwich_variance(sums),
+        noise=noise, widening=small_sample_factors(dof), residuals=sandwich_variance(sums),
         blocks=np.maximum(blocks, jackknife_variance(parts, half)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),

@@ -345,7 +345,7 @@ def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, Fl
     Poorly identifiable parameters make F contract slowly. (Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
     """
     f, change = now[1] - now[0], now[1] - now[0] - before[1] + before[0]
-    return np.asarray(now[1] - (f @ change) / max(float(change @ change), 1e-300) * (now[1] - before[1]))
+    return now[1] - (f @ change) / max(float(change @ change), 1e-300) * (now[1] - before[1])
 
 
 def _where_it_stands(

@@ -231,7 +231,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
     influences = tuple(part @ bread / size for part in parts)
     return Solution(
-        logs[0].names, beta, pi, pi_std, np.asarray(covariance), relative, squares, independent, dof, widening,
+        logs[0].names, beta, pi, pi_std, covariance, relative, squares, independent, dof, widening,
         influences
     )  # fmt: skip
 
@@ -278,7 +278,7 @@ def _expected(
         truth += squares.sum(axis=0)
         mean += 2 / count * np.einsum("jjx->x", M)
         variance += (2 / count) ** 2 * np.einsum("jkx,jkx->x", M, M)
-    return np.maximum(mean / np.maximum(truth, 1e-300), _LEAST_MEAN), np.asarray(mean**2 / np.maximum(variance, 1e-300))
+    return np.maximum(mean / np.maximum(truth, 1e-300), _LEAST_MEAN), mean**2 / np.maximum(variance, 1e-300)
 
 
 def state_widening(

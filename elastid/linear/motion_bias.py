@@ -191,7 +191,7 @@ class _MotionBias:
         total[np.ix_(rows, unknowns)] += np.sum(
             weighted.reshape(K, len(rows), n_k * m) @ x.reshape(K, n_k * m, n_k), axis=0
         )
-        return np.asarray(total)
+        return total
 
     @cached_property
     def _curved_parts(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:

@@ -78,7 +78,7 @@ class Drives:
             f_m = f + m * self.rate_hz
             C_fb, C_ff = self.controlled(f_m)
             S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
-            yield m, np.asarray(S * C_ff * self.low_passes(f_m) / filters)
+            yield m, S * C_ff * self.low_passes(f_m) / filters
 
     @property
     def is_subtracted(self) -> bool:

@@ -73,7 +73,7 @@ def without_step_images(
             return _subtract(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
         if match is not None and match.explained > _MIN_EXPLAINED:
             images, _ = match.drives.per_reference(freq_hz, match.delay_s)
-            return _subtract(signals, u, np.asarray(images * R * match.scale), text, log)
+            return _subtract(signals, u, images * R * match.scale, text, log)
         if match is not None:
             fraction = f"{100 * match.explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
             text = f"{text}. They are not subtracted: the logged references and the controller explain {fraction}"
@@ -119,7 +119,7 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
 
 def _without_jump(x: FloatArray) -> ComplexArray:
     """Compute the DFT of motions x (n, c) without the line between their ends."""
-    return np.asarray(np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0))
+    return np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0)
 
 
 def _subtract(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: Log) -> FloatArray:

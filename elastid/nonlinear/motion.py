@@ -166,5 +166,5 @@ def laplace(lines: int, n: int, rate_hz: float) -> ComplexArray:
 def integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
     """Return Y / s^order; a mean has no integral."""
     if order <= 0:
-        return Y if order == 0 else np.asarray(Y * s**-order)
+        return Y if order == 0 else Y * s**-order
     return np.concatenate([np.zeros(1, dtype=np.complex128), Y[1:] / s[1:] ** order])

@@ -69,7 +69,7 @@ class Full:
         """Return the sums of a block of lines. precision: data type of the moments."""
         R, slope = self.R[part.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
-        weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
+        weight = R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0]
         weight = weight if slope is None else weight * slope
         U = part.columns(scale, precision)
         if slope is not None:

@@ -129,7 +129,7 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
     C = (g * (shapes.torque.T @ b)[:, None, :]) @ g.mT.conj()
     diagonal = np.arange(g.shape[1])
     C[:, diagonal, diagonal] += np.einsum("pfa,pa->fa", shapes.own, a)
-    return np.asarray(C)
+    return C
 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:

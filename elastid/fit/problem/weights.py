@@ -40,7 +40,7 @@ class Whitening(Kept):
         factors = used_factors(self.noise, used, is_split=self.floor == 0)
         self.noise.release()
         if len(factors) == 2:
-            return np.asarray(inverse_triangle(factors[::-1]) * s)
+            return inverse_triangle(factors[::-1]) * s
         diagonal = np.arange(n_y * n_u)
         row_by_row = diagonal.reshape(n_u, n_y).T.ravel()
         C = factors[0][:, row_by_row[:, None], row_by_row]
