@@ -273,8 +273,7 @@ class Response(Kept):
     @property
     def output_unit(self) -> str:
         """Unit of the outputs; several where some rotate and others slide."""
-        units = dict.fromkeys(motion_unit(self.quantity, place in self.sliding) for place in self.outputs)
-        return " or ".join(units)
+        return " or ".join(dict.fromkeys(motion_unit(self.quantity, place in self.sliding) for place in self.outputs))
 
     @property
     def uncertainty(self) -> Covariance | None:

@@ -177,8 +177,7 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
     crest = 2 * np.log(2 * F * E * M)
     given = np.zeros((0, F, n_u))
     if excitation.torque_rms != "limits":
-        rms = torque_rms(excitation, rig.robot)
-        given = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
+        given = np.repeat(np.diag(1 / (2 * E * torque_rms(excitation, rig.robot) ** 2))[:, None, :], F, axis=1)
     costs = []
     for q, (torque, position, velocity, acceleration, turning_back, *of_reference) in enumerate(room):
         if excitation.torque_rms == "limits":

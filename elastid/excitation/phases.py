@@ -36,8 +36,7 @@ def schroeder(amplitude: FloatArray) -> FloatArray:
 
     Schroeder, IEEE Transactions on Information Theory 16 (1970) 85, eq. (11).
     """
-    power = amplitude**2 / np.sum(amplitude**2)
-    return -2 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(power))[:-1]])
+    return -2 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(amplitude**2 / np.sum(amplitude**2)))[:-1]])
 
 
 def newman(n_lines: int) -> FloatArray:

@@ -74,8 +74,7 @@ def information(
     every = np.concatenate(freq_hz)
     order = np.argsort(every, kind="stable")
     rising = np.cumsum(np.concatenate(power)[order], axis=0) / total
-    columns = np.nan_to_num(rising.T, nan=1.0)
-    places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
+    places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in np.nan_to_num(rising.T, nan=1.0)])
     band = every[order][np.minimum(places, len(every) - 1)]
     return np.array([lines / (total + load_power) for lines in sums]), band
 

@@ -214,8 +214,7 @@ def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray
         return response
     theta, n = parameters.expand(x, response.configuration.name), len(linearisation.model.parameters)
     linearisation, theta = replace(linearisation, presliding=()), np.append(theta[:n], theta[-1])
-    linear = linear_model(linearisation, response, theta)
-    effect = estimate_motion_bias(linearisation.model, linear, theta, response)
+    effect = estimate_motion_bias(linearisation.model, linear_model(linearisation, response, theta), theta, response)
     return response if effect is None else replace(response, G=response.G - effect)
 
 

@@ -220,8 +220,7 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
 def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """The fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
-    thin = each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)
-    fit = replace(whole, parts=tuple(thin), home=HERE)
+    fit = replace(whole, parts=tuple(each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)), home=HERE)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
@@ -232,8 +231,7 @@ def _columns(evaluated: Evaluated, rates: FloatArray) -> Iterator[tuple[str, Flo
     for j, place in enumerate(model.inputs):
         if place in model.outputs:
             by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
-            dG = np.stack([-by_angle * s / (s + a) for a in rates])
-            yield place.removeprefix("motor "), -evaluated.whitened(dG)
+            yield place.removeprefix("motor "), -evaluated.whitened(np.stack([-by_angle * s / (s + a) for a in rates]))
 
 
 def _torque_per_angle(responses: Sequence[Response], place: str) -> float:

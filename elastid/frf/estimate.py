@@ -234,9 +234,8 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
             "local_rational", f"{total} experiments separate {n_u} inputs only together with neighbouring lines"
         )
     if any(len(group) < n_u for group in groups):
-        has_references = all(record.r is not None for group in groups for record in group)
         return method_choice(
-            "joint" if has_references else "errors_in_variables",
+            "joint" if all(record.r is not None for group in groups for record in group) else "errors_in_variables",
             "jointly over all realisations, since one has fewer experiments than inputs, and h1 is biased by noise "
             "and friction fed back into u",
         )

@@ -169,5 +169,4 @@ def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tupl
             yield PeriodSpectra(record, first + np.arange(len(X)), X, sums.scale).only(used)
             first += len(X)
 
-    mean = add_periods(sums, groups())
-    return mean, sums.power() / max(sums.dof, 1) / (sums.dof + 1)
+    return add_periods(sums, groups()), sums.power() / max(sums.dof, 1) / (sums.dof + 1)

@@ -96,8 +96,7 @@ class Compared:
         size = self.power[:, good].sum(axis=1) / (n // 2)
         smooth = mean_of_neighbours(noise) + NEGLIGIBLE_DISTANCE**2 * size
         weight = np.repeat(1 / np.sqrt(np.maximum(smooth, 1e-300)), 2, axis=0).T
-        compared = self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma)
-        return replace(compared, is_weighed=True)
+        return replace(self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma), is_weighed=True)
 
     @cached_property
     def agree(self) -> bool:
@@ -123,8 +122,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
             "frf/periods", "fewer than two periods remain after its correction. Measure more", f"record {record.name}"
         )
     compared = Compared.from_spectra(spectra, spec.outlier_sigma)
-    bounds = [0, *np.searchsorted(spectra.periods, record.starts).tolist(), P]
-    logs = [np.arange(a, b) for a, b in pairwise(bounds)]
+    logs = [np.arange(a, b) for a, b in pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])]
     if spec.transient_periods == "auto":
         leading, notes = _transient(spectra, compared, logs)
     else:

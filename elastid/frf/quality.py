@@ -98,10 +98,8 @@ def coherences_of_powers(
     .. math:: \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}, \quad
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
     """
-    both = yy[:, :, None] * uu[:, None, :]
-    ordinary = quotient(cross, both)
-    multiple = quotient(explained, yy)
-    return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
+    ordinary = quotient(cross, yy[:, :, None] * uu[:, None, :])
+    return np.clip(ordinary, 0.0, 1.0), np.clip(quotient(explained, yy), 0.0, 1.0)
 
 
 def described_lines(lines: IntArray, record: Record) -> str:

@@ -113,8 +113,7 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
             laws.append(PlacedLaw(f"motor {joint.name}", _law(spec, n), spec, n, reverses=motor.ratio < 0))
     for joint in robot.joints:
         if joint.friction is not None:
-            law = _law(joint.friction, 1.0)
-            laws.append(PlacedLaw(f"joint {joint.name}", law, joint.friction, 1.0, joint.slides))
+            laws.append(PlacedLaw(f"joint {joint.name}", _law(joint.friction, 1.0), joint.friction, 1.0, joint.slides))
         for element in () if joint.gear is None else joint.gear.hysteresis:
             stiffness = element.torque / element.deflection
             spring: Law = Stop(stiffness) if element.edge == "sharp" else Bristle(stiffness)
@@ -134,8 +133,7 @@ def coulomb_torques(robot: Robot) -> FloatArray:
     """
     levels = {place.place: float(place.curve()[0]) for place in frictions(robot)}
     rigid = [0.0 if joint in robot.flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
-    motors = [levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven]
-    return np.add(motors, rigid)
+    return np.add([levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven], rigid)
 
 
 def _law(spec: Friction, n: float) -> Law:

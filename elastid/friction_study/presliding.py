@@ -66,8 +66,7 @@ class Elements:
 
     def torque(self, position: FloatArray) -> FloatArray:
         """Return tau_f (n,) along positions, the elements at rest at the first."""
-        states = operators(position, self.threshold)
-        return states @ self.stiffness + self.offset
+        return operators(position, self.threshold) @ self.stiffness + self.offset
 
     def to_maxwell_slip(self) -> MaxwellSlip:
         """Return Maxwell slip as a robot's file has it."""
@@ -122,8 +121,7 @@ def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray
     yield loops.position
     for band in (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) if loops.resolution > 0 else ():
         if (hz := band * frequency_hz) < 0.45 * loops.rate_hz:
-            filter_ = butter(4, hz, fs=loops.rate_hz, output="sos")
-            yield np.asarray(sosfiltfilt(filter_, loops.position))
+            yield np.asarray(sosfiltfilt(butter(4, hz, fs=loops.rate_hz, output="sos"), loops.position))
 
 
 def operators(q: FloatArray, thresholds: FloatArray) -> FloatArray:

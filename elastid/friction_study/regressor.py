@@ -142,8 +142,7 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
         unseen = regress(signals, replace(settled, stribeck_velocity=velocity), steps=0)
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
-    change = max(changes, key=lambda shift: float(abs(shift[place])))
-    return fit.widened(change)
+    return fit.widened(max(changes, key=lambda shift: float(abs(shift[place]))))
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:

@@ -344,8 +344,7 @@ class StateSpace:
         labels = control_labels(self.configuration.name, self.inputs, self.outputs)
         system = control.ss(self.A, self.B, self.C, self.D)
         if pade is not None and self.delay > 0:
-            late = control.tf2ss(*control.pade(self.delay, pade))
-            system = system * control.append(*[late] * len(self.inputs))
+            system = system * control.append(*[control.tf2ss(*control.pade(self.delay, pade))] * len(self.inputs))
         return control.ss(system, **labels)
 
 
@@ -386,8 +385,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
                 "of the robot's chain, and estimate and export another quantity",
                 f"chain.{element.name}",
             )
-        T = model.number(theta, element.name)
-        A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, T)
+        A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, model.number(theta, element.name))
     delay = model.number(theta, DELAY) if DELAY in model.parameters else 0.0
     return StateSpace(model.configuration, A, B, C, D_y, delay, model.inputs, model.outputs, model.quantity)
 

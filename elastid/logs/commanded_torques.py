@@ -43,8 +43,7 @@ class Drives:
         path = controller.reference or ReferencePathSpec(1 / rate_hz, "hold")
         ticks = controller.ticks if controller.reference is not None else 1
         alpha = controller.velocity_feedforward or path.velocity_feedforward
-        drives = cls(replace(controller, reference=path, ticks=ticks), robot, torques, rate_hz)
-        return drives.with_feedforward(alpha)
+        return cls(replace(controller, reference=path, ticks=ticks), robot, torques, rate_hz).with_feedforward(alpha)
 
     def with_feedforward(self, alpha: float) -> "Drives":
         """Return drives with another velocity feedforward."""

@@ -109,8 +109,7 @@ def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
 def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:
     """Return d (F - 4, n_y, n_u), of the variance of a line where neighbours are independent."""
     x = np.lib.stride_tricks.sliding_window_view(freq_hz, 5) / (freq_hz[-1] / len(freq_hz))
-    gaps = x[:, :, None] - x[:, None, :] + np.eye(5)
-    c = 1 / gaps.prod(axis=2)
+    c = 1 / (x[:, :, None] - x[:, None, :] + np.eye(5)).prod(axis=2)
     c /= np.linalg.norm(c, axis=1, keepdims=True)
     return np.asarray(np.einsum("ki,k...i->k...", c, np.lib.stride_tricks.sliding_window_view(G, 5, axis=0)))
 
@@ -175,8 +174,7 @@ def estimate_modes(
             response, orders, fit = inverted, others, other
             text = f"the phases have the opposite sign: the conjugate leaves {percent(remaining)} of the power"
             notes = (Note("modal/phase", f"{text}; elastid uses it", response.configuration.name),)
-    shift = 0.0 if exponential_s is None else 1 / exponential_s
-    modes = _modes(response, fit, stabilisation(orders), shift, poles_hz)
+    modes = _modes(response, fit, stabilisation(orders), 0.0 if exponential_s is None else 1 / exponential_s, poles_hz)
     return replace(modes, notes=(*modes.notes, *notes))
 
 

@@ -53,8 +53,7 @@ class Basis:
         """Return the columns for a response, smoothed where its segments had a window."""
         correlation = window_correlation(response) if response.window else None
         scale = 2 * np.pi * float(response.freq_hz[-1])
-        order = MOTION_ORDER[response.quantity]
-        return cls(response.freq_hz, order, scale, correlation, response.segment_s)
+        return cls(response.freq_hz, MOTION_ORDER[response.quantity], scale, correlation, response.segment_s)
 
     @property
     def s(self) -> ComplexArray:
@@ -216,8 +215,7 @@ class ModalFit:
     @property
     def residues(self) -> ComplexArray:
         """R (n, C) in the elements' units times the frequency scale."""
-        n = len(self.poles)
-        parts = self.coefficients[: 2 * n]
+        parts = self.coefficients[: 2 * len(self.poles)]
         return np.asarray((parts[0::2] + 1j * parts[1::2]) * self.data.scale)
 
     @cached_property
@@ -282,5 +280,4 @@ class ModalFit:
 
     def synthesis(self) -> ComplexArray:
         """Return G (F, C) of the model."""
-        model = self.Q @ (self.Q.T @ self.data.y)
-        return complex_columns(model) * self.data.scale / self.data.weight[:, None]
+        return complex_columns(self.Q @ (self.Q.T @ self.data.y)) * self.data.scale / self.data.weight[:, None]

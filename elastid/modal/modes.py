@@ -111,8 +111,7 @@ class Modes:
     @property
     def poles(self) -> ComplexArray:
         """lambda (n,) in 1/s."""
-        omega = 2 * np.pi * self.freq_hz
-        return omega * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
+        return 2 * np.pi * self.freq_hz * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
 
     def state_space(self, residual: bool = True) -> StateSpace:
         r"""Return the modes as a real state space, two states a mode, and the residual of the modes outside the band.
@@ -160,8 +159,7 @@ class Modes:
         Coefficients of more than some ten modes exceed the precision of numbers; prefer `state_space`.
         """
         D, sections = self._residual() if residual else (np.zeros((len(self.outputs), len(self.inputs))), [])
-        R = np.einsum("ir,jr->rij", self.shapes, self.participation)
-        for pole, residue in zip(self.poles, R, strict=True):
+        for pole, residue in zip(self.poles, np.einsum("ir,jr->rij", self.shapes, self.participation), strict=True):
             offset = -2 * (residue * pole.conjugate()).real
             sections = [*sections, ((1.0, -2 * pole.real, abs(pole) ** 2), 2 * residue.real, offset)]
         factors = [np.array(section[0]) for section in sections]

@@ -83,8 +83,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
     frames: list[BodyFrame] = []
     seats = {BASE: ON_BASE}
     for body in robot.all_bodies:
-        xyz = located(f"p_{body.name}", body.placement.xyz, theta)
-        seat = seats[body.parent].placed(body.placement.rotation, xyz)
+        seat = seats[body.parent].placed(body.placement.rotation, located(f"p_{body.name}", body.placement.xyz, theta))
         for joint in body.joints:
             axis, align = _aligned(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
@@ -113,8 +112,7 @@ def _aligned(joint: Joint) -> tuple[int, FloatArray]:
     largest = int(np.argmax(np.abs(direction)))
     if direction[largest] == 1.0:
         return largest, np.eye(3)
-    helper = np.eye(3)[(largest + 1) % 3]
-    x = np.cross(helper, direction)
+    x = np.cross(np.eye(3)[(largest + 1) % 3], direction)
     x /= np.linalg.norm(x)
     return 2, _clean(np.column_stack([x, np.cross(direction, x), direction]))
 

@@ -161,8 +161,7 @@ def frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArr
     for i, frame in enumerate(layout.frames):
         parent_R, parent_p = (R[frame.parent], p[frame.parent]) if frame.parent >= 0 else base
         slid = q[:, i, None] * frame.R[:, frame.axis] if frame.slides else np.zeros_like(base[1])
-        turn = np.eye(3) if frame.slides else _turn(frame.axis, frame.angle(q[:, i]))
-        R.append(parent_R @ frame.R @ turn)
+        R.append(parent_R @ frame.R @ (np.eye(3) if frame.slides else _turn(frame.axis, frame.angle(q[:, i]))))
         p.append(parent_p + (parent_R @ (frame.p + slid)[..., None])[..., 0])
     return R, p
 

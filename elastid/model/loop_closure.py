@@ -129,11 +129,10 @@ def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure
 def _with_mass(equations: Equations, mass: ca.SX, point: ca.SX) -> Equations:
     """T = mass |p'|^2 / 2 more: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
     J = ca.jacobian(point, equations.q)
-    velocity = J @ equations.v
     return replace(
         equations,
         M=equations.M + mass * J.T @ J,
-        f=equations.f + mass * J.T @ ca.jtimes(velocity, equations.q, equations.v),
+        f=equations.f + mass * J.T @ ca.jtimes(J @ equations.v, equations.q, equations.v),
     )
 
 

@@ -227,15 +227,13 @@ def to_links(record: Record, E: FloatArray | None) -> Record:
     """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
-    columns = [record.outputs.index(place) for place in record.inputs]
-    return _turned(record, columns, E, np.asarray(np.linalg.inv(E).T))
+    return _turned(record, [record.outputs.index(place) for place in record.inputs], E, np.asarray(np.linalg.inv(E).T))
 
 
 def _turned(record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray) -> Record:
     y = record.y.copy()
     y[:, columns] = record.y[:, columns] @ motion_matrix
-    r = None if record.r is None else record.r @ torque_matrix
-    return replace(record, u=record.u @ torque_matrix, y=y, r=r)
+    return replace(record, u=record.u @ torque_matrix, y=y, r=None if record.r is None else record.r @ torque_matrix)
 
 
 def shaft_couplings(robot: Robot | None) -> FloatArray | None:

@@ -106,8 +106,7 @@ def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArra
     CH = drive.C @ drive.H
     size = _sizes(lines)
     P = np.concatenate([drive.B.T, drive.places["link"]]).T
-    weights = np.resize(size, P.shape[1])
-    W = P * weights @ P.T
+    W = P * np.resize(size, P.shape[1]) @ P.T
     noise = np.diag(lines.noise)
     angle_covariance = CH @ W @ CH.conj().swapaxes(1, 2)
     power = np.einsum("fii->f", S).real - lines.noise.sum()
@@ -186,8 +185,7 @@ class _Problem:
         previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
         start = np.array([previous.get(signal, default) for signal, default in zip(self.signals, x_0, strict=True)])
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.near)
-        torque = lines.amplitudes(force).T
-        return base - (self.force_response @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
+        return base - (self.force_response @ (rows.T @ lines.amplitudes(force).T[:, :, None]))[:, :, 0], x, force
 
     @cached_property
     def _rows(self) -> FloatArray:

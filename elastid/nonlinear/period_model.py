@@ -136,8 +136,7 @@ def drive_lines(
     rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
     places = {place: row @ link_rows for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
-    torque = k * (rows["gear"] @ rest.q)
-    joint_numbers = driven, ratios, places, k, d, torque
+    joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ rest.q)
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
 
 
@@ -195,5 +194,4 @@ def _signals(X: ComplexArray) -> FloatArray:
     N = 8 * (F + 1)
     padded = np.zeros((N // 2 + 1, n, M), complex)
     padded[1 : F + 1] = X
-    x = irfft(padded, N, axis=0) * (N / 2)
-    return np.asarray(x.swapaxes(0, 1).reshape(n, -1))
+    return np.asarray((irfft(padded, N, axis=0) * (N / 2)).swapaxes(0, 1).reshape(n, -1))

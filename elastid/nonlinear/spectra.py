@@ -78,8 +78,7 @@ class ConfigurationSpectra:
         net = self.U - friction
         pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
         G = self.Y[on] @ pseudo
-        everywhere = interpolated(self.lines, self.lines[on], G)
-        e, X = self.U - np.linalg.solve(everywhere, self.Y), self.Phi.copy()
+        e, X = self.U - np.linalg.solve(interpolated(self.lines, self.lines[on], G), self.Y), self.Phi.copy()
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
         for signal in (e, X):
             signal[on] -= (signal[on] @ pseudo) @ net[on]

@@ -101,16 +101,14 @@ class Drives:
     def on_motors(self, torque: ca.SX, angle: ca.SX) -> ca.SX:
         """Return torque (n_u,) with its ripple at motor angles (n_u,)."""
         for ripple in self.torque_ripple:
-            sine = ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
-            torque = torque + ca.DM(ripple.amplitude) * sine
+            torque = torque + ca.DM(ripple.amplitude) * ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
         return torque
 
 
 def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None = None) -> ca.SX:
     """Return F (n_q,) at q, v (n_q,).  numbers (n_theta,): symbols of the parameters; the model's own by default."""
     robot, force = model.robot, ca.SX(model.n_q, 1)
-    values = model.theta.tolist() if numbers is None else ca.vertsplit(numbers)
-    theta = dict(zip(model.parameters, values, strict=True))
+    theta = dict(zip(model.parameters, model.theta.tolist() if numbers is None else ca.vertsplit(numbers), strict=True))
     shafts = dict(zip(robot.driven_names, robot.mixing @ model.B.T, strict=True))
     springs = spring_deflections(robot)
     for joint in robot.driven:

@@ -104,8 +104,7 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
         return Problem(path, "this key is required", at_key=True)
     if kind == "unexpected_keyword_argument":
         names = names_in(type_at(root, path[:-1]))
-        text = renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), names)}"
-        return Problem(path, text, at_key=True)
+        return Problem(path, renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), names)}", at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])
         if error["loc"][-1:] == (_OF_KEY,):

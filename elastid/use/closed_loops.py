@@ -151,12 +151,11 @@ class PostureFamily:
         )
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
         # A pendulum under gravity has less than half of its strain energy in springs.
-        sprung = np.flatnonzero(energy.load <= 0.5).tolist()
         return tuple(
             PlantMode(
                 float(modal.freq_hz[m]), energy.springs[int(energy_of[:, m].argmax())], tuple(parts[:, m].tolist())
             )
-            for m in sprung
+            for m in np.flatnonzero(energy.load <= 0.5).tolist()
         )
 
     def _plants(self, x: FloatArray) -> Plants:
@@ -270,8 +269,7 @@ class Closed:
     @cached_property
     def stable(self) -> BoolArray:
         """True (N,) of loops that are stable."""
-        poles = closed_loop_poles(self.scene.plants, self.gains, self.filters)
-        return np.asarray(np.abs(poles).max(axis=1) < STABLE)
+        return np.asarray(np.abs(closed_loop_poles(self.scene.plants, self.gains, self.filters)).max(axis=1) < STABLE)
 
     @property
     def peaks_db(self) -> FloatArray:

@@ -216,8 +216,7 @@ class _MoveTask:
         planned, r, errors, most = self._within_limits(progress)
         target = self._path(r.time_s)
         distances = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in robots.draws]
-        ends = planned.q.t[[0, -1]]
-        at = self.commanded.poses(planned.q(np.clip(r.time_s, *ends))).position
+        at = self.commanded.poses(planned.q(np.clip(r.time_s, *planned.q.t[[0, -1]]))).position
         error = np.linalg.norm(at - target, axis=1)
         advice = ""
         if error.max() > robots.error_m:

@@ -110,8 +110,7 @@ def _second_derivative(p: FloatArray, rate_hz: float, period_samples: int) -> Fl
     before = p[0] - np.arange(_REACH, 0, -1)[:, None] * (p[1] - p[0])
     after = p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])
     padded = np.concatenate([before, p, after])
-    weighted = sum(weight * padded[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE))
-    return np.asarray(weighted * rate_hz**2)
+    return np.asarray(sum(weight * padded[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE)) * rate_hz**2)
 
 
 @dataclass(frozen=True)

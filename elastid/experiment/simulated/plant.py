@@ -57,8 +57,7 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
     """Return the robot with the true parameters; StudyError for a name that it does not have."""
     if not truth:
         return robot
-    numbers = robot.parameters(robot.on_demand) | friction_numbers(robot)
-    unit = {name: unit for name, (_, unit) in numbers.items()}
+    unit = {name: unit for name, (_, unit) in (robot.parameters(robot.on_demand) | friction_numbers(robot)).items()}
     try:
         # A name that the robot does not have gets any number; with_parameters refuses it and says which there are.
         return with_numbers(

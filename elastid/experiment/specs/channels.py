@@ -119,8 +119,7 @@ class ChannelSpec:
     @property
     def name_in_file(self) -> str:
         """The channel as it is called in the file."""
-        column = "" if self.column is None else f"column {self.column}"
-        return " ".join(filter(None, (self.channel, column)))
+        return " ".join(filter(None, (self.channel, "" if self.column is None else f"column {self.column}")))
 
     @property
     def full_name(self) -> str:

@@ -268,8 +268,7 @@ class NormalEquations:
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
-        A = sign * moments.take(places)
-        return V, pieces.sigma.T @ g, sigma.T @ A @ sigma
+        return V, pieces.sigma.T @ g, sigma.T @ (sign * moments.take(places)) @ sigma
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:

@@ -74,8 +74,7 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
             if set(names) & set(parameters.dependent_names(where)):
-                places = tuple(parameters.index(name) for name in names)
-                inertia = BodyInertia(body.name, places, where)
+                inertia = BodyInertia(body.name, tuple(parameters.index(name) for name in names), where)
                 is_flat = abs(inertia.roundness(parameters, parameters.x)) < BORDER
                 inertias.append(replace(inertia, beyond=BORDER * is_flat))
     return tuple(inertias)

@@ -52,8 +52,7 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
     [[0, 1, 2], [1, 2, 3]]
     """
     n_w = min(n_w, len(available))
-    middle = np.searchsorted(available, lines)
-    start = np.clip(middle - n_w // 2, 0, len(available) - n_w)
+    start = np.clip(np.searchsorted(available, lines) - n_w // 2, 0, len(available) - n_w)
     index = start[:, None] + np.arange(n_w)
     distance = available[index] - lines[:, None]
     return Windows(
@@ -68,8 +67,7 @@ def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
     n_w = where.index.shape[1]
     bins = np.einsum("ebu,ebv->buv", R, R.conj())
     # Sums from the first bin to the one before the last, which may be the end of the array.
-    bounds = where.index[:, [0, -1]].ravel()
-    sums = np.add.reduceat(bins, bounds, axis=0)[::2] if n_w > 1 else 0.0
+    sums = np.add.reduceat(bins, where.index[:, [0, -1]].ravel(), axis=0)[::2] if n_w > 1 else 0.0
     return np.asarray((sums + bins[where.index[:, -1]]) / n_w)
 
 
@@ -296,8 +294,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     """Return the fit from a solution whose regressors were divided by size (f, 1, columns)."""
     Q, L, n_u = solution.Q, solution.L, terms.n_u
     diagonal = np.abs(np.einsum("fcc->fc", L))
-    smallest = diagonal.min(axis=1)
-    condition = quotient(diagonal.max(axis=1), smallest, np.inf)
+    condition = quotient(diagonal.max(axis=1), diagonal.min(axis=1), np.inf)
     L = np.where(np.isfinite(condition)[:, None, None], L, np.eye(L.shape[1]))
     # The columns at r^0: the inputs, and one constant for each experiment's transient.
     constants = terms.columns + (terms.order + 1) * np.arange(E if terms.transient else 0)

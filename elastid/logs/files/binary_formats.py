@@ -25,8 +25,7 @@ def open_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
     variables = loadmat(path)
     values = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
-    arrays = dict(leaf for name, value in values.items() for leaf in _leaves_of_matlab(name, value))
-    yield _in_memory(path, arrays)
+    yield _in_memory(path, dict(leaf for name, value in values.items() for leaf in _leaves_of_matlab(name, value)))
 
 
 def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:

@@ -99,8 +99,7 @@ class _Topic:
         for connection, received, raw in self.bag.messages(self.connections):
             message = self.bag.deserialize(raw, connection.msgtype)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
-            stamped = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
-            yield stamped or received, message
+            yield (0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec) or received, message
 
 
 def _of_joints(message: Any) -> dict[str, NDArray[Any]]:

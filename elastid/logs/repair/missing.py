@@ -110,8 +110,7 @@ def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_F
         is_inside = good[[0, 1, -2, -1]].all()
         is_short = np.ptp(runs(~good), axis=1).max() <= MAX_BRIDGED
         if not (is_inside and is_short and count <= max_fraction * len(good)):
-            pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
-            first, last = max(pieces, key=np.ptp, default=(0, 0))
+            first, last = max(runs(np.asarray(np.isfinite(signals).all(axis=1))), key=np.ptp, default=(0, 0))
             raise log.error(
                 "records/missing-samples",
                 f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "

@@ -85,8 +85,7 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
         near = bridged(np.where(far, np.nan, x))
         least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
-        lone = _spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0)
-        at.append(np.flatnonzero(lone | far))
+        at.append(np.flatnonzero(_spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0) | far))
     return _mask(signals, at, "their neighbours", log)
 
 

@@ -142,9 +142,8 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
     if n < MIN_NOISY_PERIODS * lag:
         return False
     repeats = np.arange(1, int(n / lag) // 2 + 1)
-    lags = np.round(repeats * lag).astype(int)
     # A lag that is not whole has its peak at one of two samples.
-    near = np.clip(lags + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
+    near = np.clip(np.round(repeats * lag).astype(int) + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
     peaks = np.max((float(sign) ** repeats) * rho[near], axis=0)
     if np.any(np.abs(peaks / max(peaks[0], 1e-300) - 1) > MAX_CORRELATION_CHANGE):
         return False

@@ -76,8 +76,7 @@ class ResponseTable:
             if names and len(names) != n:
                 raise table_error(self.path, f"{len(names)} names of {n} {kind}: {', '.join(names)}")
         if self.variance is not None and self.variance.shape != self.G.shape:
-            shapes = f"the variance has shape {self.variance.shape}, the response {self.G.shape}"
-            raise table_error(self.path, shapes)
+            raise table_error(self.path, f"the variance has shape {self.variance.shape}, the response {self.G.shape}")
 
     def freq_hz(self, unit: str) -> FloatArray:
         """Convert the frequencies (F,) to Hz; `auto` is the file's unit.  DataError for an unknown or missing unit."""

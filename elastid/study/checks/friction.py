@@ -81,8 +81,7 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
         yield unknown((*path, "configuration"), "configuration", load.configuration, names)
     if load.payload and not (robot := study.as_robot()).frames:
         advice = f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
-        message = f"the robot has no frame for a payload. Add {advice}"
-        yield Problem((*path, "payload"), message)
+        yield Problem((*path, "payload"), f"the robot has no frame for a payload. Add {advice}")
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
