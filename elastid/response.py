@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, quotient
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, laplace_variable, quotient
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, installed
 from elastid.base.escape import control_labels
@@ -395,7 +395,7 @@ def in_quantity(response: Response, quantity: Motion) -> Response:
     k = index_of(quantity, tuple(MOTION_ORDER), "quantity") - MOTION_ORDER[response.quantity]
     if k == 0:
         return response
-    gain = ((2j * np.pi * response.freq_hz) ** k)[:, None, None]
+    gain = (laplace_variable(response.freq_hz) ** k)[:, None, None]
     power = np.abs(gain) ** 2
     return replace(
         response,

@@ -60,6 +60,11 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
 
 
+def laplace_variable(freq_hz: NDArray[np.floating[Any]]) -> ComplexArray:
+    """Return s = 2 pi j f in rad/s, of the shape of the frequencies."""
+    return (2j * np.pi * freq_hz).astype(np.complex128)
+
+
 def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
     """a / b where b is positive, else a number."""
     out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)

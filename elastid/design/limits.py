@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
@@ -195,7 +195,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 
     Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
     """
-    plan, s, parts = rig.plan, 2j * np.pi * rig.plan.freq_hz[:, None, None], list[list[ComplexArray]]()
+    plan, s, parts = rig.plan, laplace_variable(rig.plan.freq_hz[:, None, None]), list[list[ComplexArray]]()
     is_torque = plan.inject == "torque"
     x = np.asarray(s if is_torque else plan.S_inverse[q] / (s if plan.inject == "velocity" else 1.0), np.complex128)
     for gain in ((1.0, 1.0),) if is_torque else GAINS:

@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, quotient
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable, quotient
 from elastid.base.errors import StudyError
 from elastid.base.statistics import mean_of_neighbours
 from elastid.design.optimal import PowerSource
@@ -195,7 +195,7 @@ class Prospect:
 
     def _velocities(self, U: ComplexArray, motion: ComplexArray) -> ComplexArray:
         """Velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""
-        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
+        s = laplace_variable(self.plan.freq_hz[:, None, None])
         V = ((self.robot.mixing @ motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
         return V.reshape(-1, *V.shape[2:])
 
@@ -222,7 +222,7 @@ class Prospect:
             return np.broadcast_to(np.eye(motion.shape[1], dtype=np.complex128), motion.shape), self.R
         loop = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), controller)
         F, _ = sampled_responses(self.robot.driven_names, loop, controller, freq_hz, rate_hz)
-        to_angle = zero_order_hold(freq_hz / rate_hz) / (2j * np.pi * freq_hz) ** MOTION_ORDER[self.quantity]
+        to_angle = zero_order_hold(freq_hz / rate_hz) / laplace_variable(freq_hz) ** MOTION_ORDER[self.quantity]
         difference = np.eye(len(loop.kp)) + F[:, :, None] * motion * to_angle[:, None, None]
         sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
         return sensitivity, (sensitivity @ self.R[..., None])[..., 0]

@@ -103,7 +103,8 @@ def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -
     for name in [name for name in dict.fromkeys(names) if names.count(name) > 1] * 3:
         own = np.array(names) == name
         power, V = np.linalg.eigh(N[np.ix_(own, own)])
-        V, power = V[:, power > 1e-9 * max(power[-1], 1e-300)], power[power > 1e-9 * max(power[-1], 1e-300)]
+        is_seen = power > 1e-9 * max(power[-1], 1e-300)
+        V, power = V[:, is_seen], power[is_seen]
         across = V.T @ N[np.ix_(own, ~own)] * s[~own]
         others = across @ across.T + c * np.diag(power)
         square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[own], V.T @ h[own])

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, laplace_variable, named
 from elastid.base.errors import FitError, Note, notes_of
 from elastid.base.execution import HERE
 from elastid.base.statistics import chi_square_limit
@@ -227,7 +227,7 @@ def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
 def _columns(evaluated: Evaluated, rates: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """dr/ds (n_a, N) of the springs of each motor whose motion is in a response, by its joint."""
     kernel, G = evaluated.part.kernel, evaluated.G
-    model, s = kernel.model, 2j * np.pi * kernel.freq_hz[:, None, None]
+    model, s = kernel.model, laplace_variable(kernel.freq_hz[:, None, None])
     for j, place in enumerate(model.inputs):
         if place in model.outputs:
             by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])

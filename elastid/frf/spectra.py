@@ -20,6 +20,7 @@ from elastid.base.arrays import (
     ComplexArray,
     FloatArray,
     IntArray,
+    laplace_variable,
     mean_of_rows,
     quotient,
     release,
@@ -250,7 +251,7 @@ def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> Comple
 def unit_scale(record: Record, freq_hz: FloatArray, quantity: Motion) -> ComplexArray:
     r"""Return [(j omega)^k, H] (F, n_y + n_u): outputs to `quantity`, torques as they act between their samples."""
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[logged] for logged in record.quantities])
-    return np.concatenate([(2j * np.pi * freq_hz[:, None]) ** order, record.hold_response(freq_hz)], axis=1)
+    return np.concatenate([laplace_variable(freq_hz[:, None]) ** order, record.hold_response(freq_hz)], axis=1)
 
 
 def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray | None:

@@ -55,9 +55,10 @@ class PlacedLaw:
         F_c, F_s, nu_s, alpha_T = spec.coulomb, spec.break_away, spec.stribeck_velocity, 0.0
         F_l, inverse_nu_l = 0.0, 0.0
         if spec.load is not None:
-            F_c += spec.load.coulomb * abs(load) / n
+            by_load = spec.load.coulomb * abs(load) / n
+            F_c += by_load
             excess = (spec.load.of_stiction - spec.load.coulomb) * abs(load) / n
-            F_s += spec.load.coulomb * abs(load) / n
+            F_s += by_load
             if spec.load.stribeck_velocity is None:
                 F_s += excess
             else:

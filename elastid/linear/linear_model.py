@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import polynomial
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled, laplace_variable
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
 from elastid.base.escape import control_labels
@@ -327,7 +327,7 @@ class StateSpace:
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """Return G (F, n_y, n_u) = [C (s I - A)^-1 B + D] exp(-s T_d) on the lines freq_hz (F,)."""
-        s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
+        s = laplace_variable(np.asarray(freq_hz)[:, None, None])
         X = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B.astype(complex))
         return np.asarray((self.C @ X + self.D) * np.exp(-s * self.delay))
 

@@ -156,9 +156,7 @@ def evaluate_rows(function: ca.Function, *rows: FloatArray) -> tuple[FloatArray,
     return tuple(values.swapaxes(1, 2) for values in results)
 
 
-@lru_cache(maxsize=16)
-def _for_rows(function: ca.Function, count: int) -> ca.Function:
-    return function.map(count)
+_for_rows = lru_cache(maxsize=16)(ca.Function.map)
 
 
 def _size(r: FloatArray, K: FloatArray) -> FloatArray:

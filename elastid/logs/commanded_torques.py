@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.logs.repair import Log
@@ -58,12 +58,12 @@ class Drives:
         joints, tick_hz = self.robot.driven_names, controller.tick_hz
         C_fb, C_ff = sampled_responses(joints, loop, controller.spec, f, tick_hz, "position")
         T = TORQUE_LAG_S / 2 if controller.low_pass_hz else TORQUE_LAG_S
-        lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
+        lag = low_pass_response(laplace_variable(f[:, None]), T)
         return C_fb * lag, C_ff * lag
 
     def low_passes(self, f: FloatArray) -> ComplexArray:
         """Return filters (F, n_u) of the channels."""
-        s = (2j * np.pi * f).astype(np.complex128)
+        s = laplace_variable(f)
         times = [sum(error.low_pass for error in channel.errors) for channel in self.torques]
         return np.stack([low_pass_response(s, T) for T in times], axis=1)
 

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.logs.commanded_torques import Drives, match_torques, positive, report_controller
@@ -55,12 +55,11 @@ def without_step_images(
     drives = Drives.of(controller, robot, [channels[i] for i in u], rate_hz)
     positions = {channels[i].at: i for i in roles["y"] if channels[i].quantity == "position"}
     is_referenced = len(roles["r"]) == len(u) and all(channels[i].quantity == "position" for i in roles["r"])
-    if not has_images and not (is_referenced and all(channels[i].at in positions for i in u)):
+    has_positions = all(channels[i].at in positions for i in u)
+    if not has_images and not (is_referenced and has_positions):
         return signals
     U, R = np.fft.rfft(signals[:, u], axis=0), _without_jump(signals[:, roles["r"]])
-    Q = None
-    if all(channels[i].at in positions for i in u):
-        Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]])
+    Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]]) if has_positions else None
     lowest_hz = _LOWEST * rate_hz if has_images else 0.0
     match = match_torques(drives, freq_hz, U, R, Q, lowest_hz) if is_referenced else None
     if match is not None and Q is not None:
@@ -102,7 +101,7 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
     drives = Drives.of(controller, robot, [torques[place] for place in response.inputs], rate_hz)
     f, rows = response.freq_hz, [response.outputs.index(place) for place in response.inputs]
     C_fb, C_ff = drives.controlled(f)
-    s = 2j * np.pi * f[:, None]
+    s = laplace_variable(f[:, None])
     P = response.G[:, rows] * s[..., None] ** -MOTION_ORDER[response.quantity]
     fed_back, unit = C_fb[:, :, None] * P, np.eye(len(rows))
     images = drives.per_reference(f)[0]

@@ -221,16 +221,16 @@ def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
     keep = response.freq_hz > 0
     if band_hz is not None:
         keep &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
-    lost = ~_reached(response)
-    if np.sum(keep & ~lost) < LIMITS.lines:
+    used = keep & _reached(response)
+    if np.sum(used) < LIMITS.lines:
         where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
         raise DataError(
             "modal/lines",
-            f"{int(np.sum(keep & ~lost))} lines{where} have excitation "
+            f"{int(np.sum(used))} lines{where} have excitation "
             f"and coherence, modes need {LIMITS.lines} or more; take a wider band, a longer period or record",
             f"configuration {response.configuration.name}",
         )
-    return response.lines(keep & ~lost)
+    return response.lines(used)
 
 
 def _refuse_overload(response: Response) -> None:
@@ -347,16 +347,16 @@ def _collect_modes(
         std = mode.residue_std
         U, s, Vh = np.linalg.svd(mode.residue)
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
-        for k in range(count):
-            largest = U[np.argmax(np.abs(U[:, k])), k]
-            shape, participation = U[:, k] / largest, Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
+        for u, size, v in zip(U.T[:count], s, Vh, strict=False):
+            largest = u[np.argmax(np.abs(u))]
+            shape, participation = u / largest, v / v[np.argmax(np.abs(v))]
             members.append(mode)
             numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std))
             shapes.append(shape)
-            participations.append(Vh[k] * s[k] * largest)
+            participations.append(v * size * largest)
             # By the entries of a residue along the input, or output, that goes with it.
-            stds.append(_relative_std(shape, np.sqrt(std**2 @ np.abs(Vh[k]) ** 2) / (s[k] * np.abs(U[:, k]).max())))
-            noise = np.sqrt(np.abs(U[:, k]) ** 2 @ std**2) / (s[k] * np.abs(Vh[k]).max())
+            stds.append(_relative_std(shape, np.sqrt(std**2 @ np.abs(v) ** 2) / (size * np.abs(u).max())))
+            noise = np.sqrt(np.abs(u) ** 2 @ std**2) / (size * np.abs(v).max())
             participation_stds.append(_relative_std(participation, noise))
     n_y, n_u = response.G.shape[1:]
     f, f_std, zeta, zeta_std = np.array(numbers).reshape(-1, 4).T

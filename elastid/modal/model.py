@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -58,7 +58,7 @@ class Basis:
     @property
     def s(self) -> ComplexArray:
         """j omega (F,) over the scale."""
-        return np.asarray(2j * np.pi * self.freq_hz / self.scale)
+        return np.asarray(laplace_variable(self.freq_hz) / self.scale)
 
     def poles(self, poles: ComplexArray, derivative: bool = False) -> ComplexArray:
         """Return 1 / (s - lambda) (F, n) for poles (n,) over the scale, or its derivative by lambda."""

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled, laplace_variable
 from elastid.base.display import Display, as_html, as_text, digits, number, percent
 from elastid.base.errors import Note
 from elastid.base.escape import control_labels
@@ -139,7 +139,7 @@ class Modes:
     def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
         """Return fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
         freq_hz, G = self.at_hz, self.synthesis
-        s = 2j * np.pi * freq_hz
+        s = laplace_variable(freq_hz)
         ends = 2 * np.pi * np.array([freq_hz[0] * _OUTSIDE[0], *(freq_hz[-1] * x for x in _OUTSIDE[1:])])
         polynomials = [(1.0, 2 * _OUTSIDE_DAMPING * w, w**2) for w in ends.tolist()]
         columns = [np.ones(len(s), complex)]

@@ -81,9 +81,7 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, 
     theta maps every name of robot.parameters() to its symbol.
     """
     n_q = len(robot.joints) + len(robot.flexible)
-    inertia: list[tuple[str, FloatArray]] = []
-    damping: list[tuple[str, FloatArray]] = []
-    stiffness: list[tuple[str, FloatArray]] = []
+    inertia, damping, stiffness = (list[tuple[str, FloatArray]]() for _ in range(3))
     for joint, rate in zip(robot.joints, np.eye(n_q), strict=False):
         damping.append((f"f_{joint.name}", rate))
         if joint.spring is not None and not joint.is_flexible:

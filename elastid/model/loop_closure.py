@@ -114,15 +114,14 @@ def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure
             continue
         m, a, inertia = (theta[f"{letter}_{name}"] for letter in "maI")
         first, second = closure.ends
+        center = (1 - a) * first + a * second
         if lumped:
             masses = ((1 - a) * m, first), (a * m, second)
         else:
-            masses = (m, (1 - a) * first + a * second), (inertia / closure.length**2, second - first)
+            masses = (m, center), (inertia / closure.length**2, second - first)
         for mass, point in masses:
             equations = _with_mass(equations, mass, point)
-        equations = with_energies(
-            equations, -m * ca.dot(gravity, (1 - a) * first + a * second), ca.SX(*equations.D.shape)
-        )
+        equations = with_energies(equations, -m * ca.dot(gravity, center), ca.SX(*equations.D.shape))
     return equations
 
 

@@ -17,7 +17,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
@@ -177,7 +177,7 @@ def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
 
 
 def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
-    return values * ((2j * np.pi * evaluated.part.kernel.freq_hz) ** power)[:, None, None]
+    return values * (laplace_variable(evaluated.part.kernel.freq_hz) ** power)[:, None, None]
 
 
 # The family of a misreading, its changes, the error, the fault that shows it, and the advice.

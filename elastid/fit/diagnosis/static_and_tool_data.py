@@ -18,7 +18,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, laplace_variable
 from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
@@ -188,7 +188,7 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
     def turned(sign: float, power: int) -> tuple[Response, ...]:
         every = []
         for G in responses:
-            s = 2j * np.pi * G.freq_hz[:, None, None]
+            s = laplace_variable(G.freq_hz[:, None, None])
             noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
             every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
         return tuple(every)

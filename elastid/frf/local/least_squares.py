@@ -324,11 +324,12 @@ def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexAr
     normal = np.einsum("fprz,fqrz->fpq", X.conj(), X, optimize=True)
     size = np.sqrt(np.einsum("fpp->fp", normal).real)
     size = np.where(size > 0, size, 1.0)
-    normal = normal / (size[:, :, None] * size[:, None, :]) + _ROUNDING * np.eye(d)
+    sizes = size[:, :, None] * size[:, None, :]
+    normal = normal / sizes + _ROUNDING * np.eye(d)
     C = C_V / (scale[:, :, None] * scale[:, None, :])
-    meat = np.einsum("fprz,fzy,fqry->fpq", X.conj(), C, X, optimize=True) / (size[:, :, None] * size[:, None, :])
+    meat = np.einsum("fprz,fzy,fqry->fpq", X.conj(), C, X, optimize=True) / sizes
     inverse = np.linalg.inv(normal)
-    return np.asarray(inverse @ meat @ inverse.mT.conj() / (size[:, :, None] * size[:, None, :]))
+    return np.asarray(inverse @ meat @ inverse.mT.conj() / sizes)
 
 
 def _rms(Z: ComplexArray) -> FloatArray:

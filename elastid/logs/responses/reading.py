@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import DataError, Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.logs import ResponsesSpec
@@ -98,7 +98,7 @@ def link_side_response(
         raise DataError(
             "responses/lines", f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz occurs twice. Keep one line", table.path
         )
-    gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
+    gain = laplace_variable(freq_hz[:, None]) ** powers * f_y
     gain_of_elements = gain[:, :, None] / (f_u * _hold_response(table.path, freq_hz, inputs, spec))[:, None, :]
     T_y, T_u = to_joints(outputs, robot), np.linalg.inv(to_joints(inputs, robot))
     G = T_y @ (gain_of_elements * G) @ T_u
