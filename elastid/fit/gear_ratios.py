@@ -76,8 +76,7 @@ def scatter_of_ratios(
         drop = float(2 * h @ e - e @ N @ e)
     explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
     s = np.ones(len(s)) if is_excess and not explains else np.maximum(s, least)
-    covariance = (s[:, None] * shifts).T @ (s[:, None] * shifts)
-    return RatioScatter(covariance, named(names, s), explains)
+    return RatioScatter((s[:, None] * shifts).T @ (s[:, None] * shifts), named(names, s), explains)
 
 
 def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:

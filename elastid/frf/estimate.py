@@ -181,8 +181,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     response = measured_response(first, spec.quantity, freq_hz, fitted.G, quality=quality)
     inside, levels = (detection > lines[0]) & (detection < lines[-1]), None
     if inside.any():
-        unexcited = everything.on(~excited).on(inside)
-        levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
+        levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, everything.on(~excited).on(inside))
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
     notes += [
         *input_notes(first.inputs, data, quality),

@@ -132,8 +132,7 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
     """Return a note on every input that was barely excited, and one where the inputs moved nearly together."""
-    signal_power = power(data.UU) / len(data.periods)
-    weak = signal_power < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
+    weak = power(data.UU) / len(data.periods) < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
     notes = [
         Note(
             "frf/low-signal-to-noise",

@@ -133,8 +133,7 @@ class RecordSpectra:
         ends = np.cumsum([0, *(getattr(self.record, role).shape[1] for role in roles)])
         keeps_all = isinstance(index, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
         # Spectra of two channels a power of two apart would share few places of the cache.
-        size = n_spectrum + 27 if keeps_all else len(lines)
-        dft = np.empty((self.record.n_repeats, ends[-1], size), np.complex128)
+        dft = np.empty((self.record.n_repeats, ends[-1], n_spectrum + 27 if keeps_all else len(lines)), np.complex128)
         if keeps_all:
             dft = dft[:, :, :n_spectrum]
         for role, first, last in zip(roles, ends, ends[1:], strict=False):

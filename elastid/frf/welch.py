@@ -150,8 +150,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
         segments = segments_of(L)
     else:
         wanted = max(16, 8 * n_u)
-        most = _MAX_NUMBERS // (len(first.outputs) + n_u)
-        L = 2 ** int(np.log2(min(max(lengths), most)))
+        L = 2 ** int(np.log2(min(max(lengths), _MAX_NUMBERS // (len(first.outputs) + n_u))))
         segments = segments_of(L)
         while L > 8 and sum(map(segments.count, lengths)) < wanted:
             L //= 2

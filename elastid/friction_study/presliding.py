@@ -72,9 +72,8 @@ class Elements:
         """Return Maxwell slip as a robot's file has it."""
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
-        fractions = k * D / float(k @ D)
         # A hundred times the torque: an element that slips reaches its level at once.
-        return MaxwellSlip(tuple(k.tolist()), tuple(fractions.tolist()), 100.0 * float(k @ D))
+        return MaxwellSlip(tuple(k.tolist()), tuple((k * D / float(k @ D)).tolist()), 100.0 * float(k @ D))
 
 
 def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: int | None = None) -> Elements:
@@ -141,8 +140,7 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
 
 def _element_fit(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
     torque = np.cumsum(spectrum.stiffness * spectrum.threshold)
-    fractions = (np.arange(count) + 0.5) / count * torque[-1]
-    start = np.log(np.interp(fractions, torque, spectrum.threshold))
+    start = np.log(np.interp((np.arange(count) + 0.5) / count * torque[-1], torque, spectrum.threshold))
     start = start + 1e-3 * np.arange(count)  # no two the same
     low, high = np.log(spectrum.threshold[0] / 2), np.log(spectrum.threshold[-1])
     within = np.clip(start, low + 1e-6, high - 1e-6)

@@ -135,8 +135,7 @@ def match_torques(
     """
     stated_alpha = drives.controller.velocity_feedforward
     above = freq_hz > lowest_hz
-    largest = np.abs(R[above]).max(initial=0.0)
-    lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * largest))
+    lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * np.abs(R[above]).max(initial=0.0)))
     if not lines.size:
         return None
     signals = freq_hz[lines], U[lines], R[lines], None if Q is None else Q[lines]

@@ -60,8 +60,7 @@ def without_step_images(
         return signals
     U, R = np.fft.rfft(signals[:, u], axis=0), _without_jump(signals[:, roles["r"]])
     Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]]) if has_positions else None
-    lowest_hz = _LOWEST * rate_hz if has_images else 0.0
-    match = match_torques(drives, freq_hz, U, R, Q, lowest_hz) if is_referenced else None
+    match = match_torques(drives, freq_hz, U, R, Q, _LOWEST * rate_hz if has_images else 0.0) if is_referenced else None
     if match is not None and Q is not None:
         report_controller(match, log)
     if not has_images:

@@ -94,8 +94,7 @@ def has_variance(response: Response) -> bool:
 def floor_variance(variance: FloatArray, power: FloatArray) -> FloatArray:
     """Return variance (F, n_y, n_u), at least the positive variance of rounding; power (F, n_y, n_u): |G|^2."""
     mean = power.mean(axis=0)
-    floor = MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)
-    return np.asarray(np.maximum(variance, floor))
+    return np.asarray(np.maximum(variance, MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)))
 
 
 def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
@@ -307,8 +306,7 @@ def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) ->
     for f in poles_hz:
         size = 2 * np.pi * f / data.basis.scale
         gap = np.abs(np.abs(candidates) - size) / size
-        near = len(gap) > 0 and gap.min() < 0.02
-        chosen.append(candidates[np.argmin(gap)] if near else size * complex(-0.01, 1.0))
+        chosen.append(candidates[np.argmin(gap)] if len(gap) > 0 and gap.min() < 0.02 else size * complex(-0.01, 1.0))
     return np.unique(np.array(chosen, complex))
 
 

@@ -163,8 +163,7 @@ def p_value(drops: FloatArray, noise_levels: FloatArray, lines: FloatArray, tria
     from scipy.special import fdtrc
 
     ratio = (drops / np.maximum(noise_levels, 1e-300)).max(axis=1, initial=0.0) / 2
-    tail = fdtrc(4.0, np.maximum(2 * lines, 2.0), ratio)
-    return np.asarray(np.minimum(1.0, tail * trials * drops.shape[1]))
+    return np.asarray(np.minimum(1.0, fdtrc(4.0, np.maximum(2 * lines, 2.0), ratio) * trials * drops.shape[1]))
 
 
 def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:

@@ -256,6 +256,5 @@ def rotors(
 def _coriolis(Y: ca.SX, J: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
     """c (n_q,), by differentiating the scalar rates w = Y v along the motion and to q, the momenta p = J w held."""
     w, p = Y @ v, ca.SX.sym("p", J.size1())
-    momentum = Y.T @ p
-    bias = ca.jtimes(momentum, q, v) - ca.gradient(ca.dot(p, w), q)
+    bias = ca.jtimes(Y.T @ p, q, v) - ca.gradient(ca.dot(p, w), q)
     return Y.T @ (J * ca.jtimes(w, q, v)) + ca.substitute(bias, p, J * w)

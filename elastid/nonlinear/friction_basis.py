@@ -89,8 +89,7 @@ class BasisFunction:
             return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
         if self.is_damping:
             return np.zeros(len(velocity))
-        gradual = self.kind == "sign" and self.threshold > 0
-        return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
+        return np.tanh(velocity / self.threshold) if self.kind == "sign" and self.threshold > 0 else np.sign(velocity)
 
     def integral(self, speed: FloatArray) -> FloatArray:
         """Return the integral (n,) over velocity of a sign or Stribeck curve in steady sliding, up to speeds (n,)."""

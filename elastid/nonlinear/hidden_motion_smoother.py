@@ -208,8 +208,7 @@ class _Problem:
 
     def _static_deflection(self, m: int) -> FloatArray:
         """Return deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
-        arm_mean = 0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real
-        return (self.drive.torque + arm_mean) / self.drive.k
+        return (self.drive.torque + (0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real)) / self.drive.k
 
     def _unmoved(self, base: ComplexArray, m: int) -> FloatArray:
         """Return the unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""
@@ -338,6 +337,5 @@ def _newton_step(
         return v + (linear(x_slope * v.reshape(x_0.shape)) * part).ravel()
 
     operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
-    start = (x_0 / size).astype(np.float32).ravel()
-    step = gmres(operator, start, rtol=near, restart=40, maxiter=1)[0]
+    step = gmres(operator, (x_0 / size).astype(np.float32).ravel(), rtol=near, restart=40, maxiter=1)[0]
     return np.asarray(step.reshape(x_0.shape) * size)

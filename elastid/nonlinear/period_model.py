@@ -160,8 +160,7 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
         return feed_forward(model, q0, *(part * x for x in states)).T
 
     h = 1e-3
-    first = (tau(h) - tau(-h)) / (2 * h)
-    distortion = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
+    distortion = (tau(1.0) - (tau(h) - tau(-h)) / (2 * h) - tau(0.0)).reshape(n, -1, M)
     line_weights = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / distortion.shape[1]
     return rfft(distortion, axis=1)[:, : F + 1].swapaxes(0, 1) * line_weights
 

@@ -94,8 +94,7 @@ class Drives:
         if self.lag is None:
             return u, w
         A, b = self.lag.step(step)
-        n_u = u.numel()
-        after = ca.reshape(w, n_u, len(self.lag.coefficients)) @ ca.DM(A.T) + u @ ca.DM(b[None])
+        after = ca.reshape(w, u.numel(), len(self.lag.coefficients)) @ ca.DM(A.T) + u @ ca.DM(b[None])
         return after[:, 0], ca.vec(after)
 
     def on_motors(self, torque: ca.SX, angle: ca.SX) -> ca.SX:

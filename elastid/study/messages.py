@@ -72,8 +72,7 @@ def _find_booleans(data: Any, value: Any, root: type, path: KeyPath = ()) -> lis
     if isinstance(data, dict | list):
         entries = data.items() if isinstance(data, dict) else enumerate(data)
         return [problem for key, entry in entries for problem in _find_booleans(entry, value, root, (*path, key))]
-    is_boolean = not isinstance(data, bool) or isinstance(value_at(value, path), bool)
-    kind = Any if is_boolean else type_at(root, path)
+    kind = Any if not isinstance(data, bool) or isinstance(value_at(value, path), bool) else type_at(root, path)
     if kind is Any or "true or false" in describe(kind):
         return []
     return [Problem(path, f"expected {describe(kind)}")]

@@ -211,8 +211,7 @@ def description(
     ET.SubElement(ET.SubElement(root, "LogCategories"), "Category", name="logStatusError")
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step_s))
     variables = ET.SubElement(root, "ModelVariables")
-    structure = ET.SubElement(root, "ModelStructure")
-    (_describe_2 if is_2 else _describe_3)(variables, structure, layout, configurations)
+    (_describe_2 if is_2 else _describe_3)(variables, ET.SubElement(root, "ModelStructure"), layout, configurations)
     return _text(root)
 
 

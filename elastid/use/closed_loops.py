@@ -201,8 +201,7 @@ def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
     freq_hz, zeta = np.abs(s) / (2 * np.pi), -s.real / np.maximum(np.abs(s), 1e-300)
     top = 0.499 * plants.rate_hz
     counts = (s.imag > 1e-6 * np.abs(s)) & (zeta < 0.5) & (zeta > 0) & (freq_hz < top)
-    slowest = freq_hz[counts].min(initial=0.2 * top)
-    base = np.geomspace(max(slowest / 300, top / 5000), top, lines)
+    base = np.geomspace(max(freq_hz[counts].min(initial=0.2 * top) / 300, top / 5000), top, lines)
     spread = np.sinh(np.linspace(-3, 3, per_mode)) / np.sinh(3)
     most = int(counts.sum(axis=1).max(initial=0))
     rows = []

@@ -254,8 +254,7 @@ class _MoveTask:
             planned = best_plan(commanded, self.move, narrowed, self.margin_s)
             references = sampled(commanded, planned, robots.rate_hz, SETTLING_S)
             # Gravity deflects the robot at rest: its motors may stand beyond their limits.
-            at_rest = references.use(limits)["angle"][[0, -1]]
-            if not planned.is_feasible or np.any(at_rest > 1):
+            if not planned.is_feasible or np.any(references.use(limits)["angle"][[0, -1]] > 1):
                 raise DataError(
                     "use/move",
                     f"no motion within the limits makes the move in {self.move.duration:.4g} s; give it more time, as "

@@ -166,8 +166,7 @@ class Reference:
 
 
 def _repeat(period: FloatArray, scale: FloatArray, first_sample: int) -> FloatArray:
-    sample = np.arange(-first_sample, len(scale) - first_sample)
-    return scale[:, None] * period[sample % len(period)]
+    return scale[:, None] * period[np.arange(-first_sample, len(scale) - first_sample) % len(period)]
 
 
 def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, factor: float = 1.0) -> FloatArray:

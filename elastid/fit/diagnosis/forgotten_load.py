@@ -70,8 +70,7 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
     if abs(p[0]) < LEAST * mass:
         return None
     change = A @ _moments(p)
-    drop = float(-change @ (2 * g + S @ change))
-    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ J)
+    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(float(-change @ (2 * g + S @ change)), 0.0), J.T @ J)
 
 
 def _moments(p: FloatArray) -> FloatArray:

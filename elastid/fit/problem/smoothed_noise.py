@@ -168,8 +168,7 @@ class SmoothedNoise(Kept):
     @property
     def repeats(self) -> float:
         """Normalised variance of sum tr(C~^-1 S) divided by the normalised variance of the error power."""
-        n_u = self.variance.shape[2] if self.measured.form == "kronecker" else 1
-        return n_u / self.measured.dof
+        return (self.variance.shape[2] if self.measured.form == "kronecker" else 1) / self.measured.dof
 
 
 def smooth_noise(response: Response) -> SmoothedNoise | None:

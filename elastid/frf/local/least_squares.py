@@ -242,8 +242,7 @@ def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTer
     # Rows are (experiment, bin) pairs.
     rows = np.moveaxis(Z[:, where.index], 0, 1).reshape(f, E * n_w, n_z)
     powers = np.tile(where.offset, (1, E))[:, None] ** np.arange(1, terms.poles + 1)[:, None]
-    solution = _iterated(Phi / size, rows, powers)
-    return _local_fit(solution, size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
+    return _local_fit(_iterated(Phi / size, rows, powers), size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
 
 
 def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
@@ -256,8 +255,7 @@ def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Soluti
         scale = np.maximum(_rms(V), least)
         A = np.abs(1 + np.einsum("fp,fpr->fr", a, powers))
         # A pole that moves onto a bin would otherwise take all weight from the others.
-        floor = 0.1 if iteration < iterations else 1e-12
-        w = 1 / np.maximum(A, floor * A.max(axis=1, keepdims=True))
+        w = 1 / np.maximum(A, (0.1 if iteration < iterations else 1e-12) * A.max(axis=1, keepdims=True))
         Q, L = np.linalg.qr(Phi * w[..., None])
         W_Z, W_X = w[..., None] * Z, w[:, None, :, None] * X
         V, V_X = W_Z - Q @ (Q.mT.conj() @ W_Z), W_X - Q[:, None] @ (Q.mT.conj()[:, None] @ W_X)

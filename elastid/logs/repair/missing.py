@@ -164,8 +164,7 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)
-        stack = at_times(_with_flags(signals), times, period, min(1.0, N / period))
-        result = _with_missing(stack, signals.shape[1])
+        result = _with_missing(at_times(_with_flags(signals), times, period, min(1.0, N / period)), signals.shape[1])
         log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
     n, n_missing = len(result), 2 * L - len(result)
     if n < MIN_PERIODS * L or n_missing <= 0:

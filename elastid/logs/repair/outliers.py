@@ -215,8 +215,7 @@ def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
     first, *others = np.quantile(np.abs(np.diff(X, axis=0)), TRANSIENT_FRACTION, axis=1)
     if first <= MIN_OVER_USUAL * max(min(others), q):
         return 0.0
-    without_pulses = median_filter(X[1:], (1, 2 * MAX_RUN + 1))
-    return JUMP_MARGIN * float(np.abs(np.diff(without_pulses, axis=1)).min(axis=0).max())
+    return JUMP_MARGIN * float(np.abs(np.diff(median_filter(X[1:], (1, 2 * MAX_RUN + 1)), axis=1)).min(axis=0).max())
 
 
 def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -> BoolArray:

@@ -204,8 +204,7 @@ def autocorrelation(x: FloatArray) -> FloatArray:
     n = len(x)
     n_fft = 1 << (2 * n - 1).bit_length()
     valid = np.isfinite(x)
-    X = np.fft.rfft(np.where(valid, x, 0.0), n_fft)
-    product = np.fft.irfft(np.abs(X) ** 2, n_fft)[:n]
+    product = np.fft.irfft(np.abs(np.fft.rfft(np.where(valid, x, 0.0), n_fft)) ** 2, n_fft)[:n]
     if valid.all():
         power = np.cumsum(x**2)
         first, last = power[::-1], power[-1] - np.concatenate([[0.0], power[:-1]])
@@ -347,8 +346,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(valid) - 1 and len(lags) - len(valid) <= 3):
         return None
     shift = shifts.pop()
-    across = lags.index(shift) * L
-    return shift, across + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
+    return shift, lags.index(shift) * L + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
 
 
 def _span(samples: float, log: Log) -> str:

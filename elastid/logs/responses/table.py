@@ -310,9 +310,8 @@ def _length_and_force(path: Path) -> tuple[float, float]:
     units = sets_of(path, 164)
     if not units:
         return 1.0, 1.0
-    code = int(units[0]["units_code"])
     # Of codes other than these the set has the factors, by which numbers are divided.
-    return _UNITS.get(code) or (1 / float(units[0]["length"]), 1 / float(units[0]["force"]))
+    return _UNITS.get(int(units[0]["units_code"])) or (1 / float(units[0]["length"]), 1 / float(units[0]["force"]))
 
 
 def _in_si(
