@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, quotient
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, laplace_variable, quotient
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, installed
 from elastid.base.escape import control_labels
@@ -273,8 +273,7 @@ class Response(Kept):
     @property
     def output_unit(self) -> str:
         """Unit of the outputs; several where some rotate and others slide."""
-        units = dict.fromkeys(motion_unit(self.quantity, place in self.sliding) for place in self.outputs)
-        return " or ".join(units)
+        return " or ".join(dict.fromkeys(motion_unit(self.quantity, place in self.sliding) for place in self.outputs))
 
     @property
     def uncertainty(self) -> Covariance | None:
@@ -396,7 +395,7 @@ def in_quantity(response: Response, quantity: Motion) -> Response:
     k = index_of(quantity, tuple(MOTION_ORDER), "quantity") - MOTION_ORDER[response.quantity]
     if k == 0:
         return response
-    gain = ((2j * np.pi * response.freq_hz) ** k)[:, None, None]
+    gain = (laplace_variable(response.freq_hz) ** k)[:, None, None]
     power = np.abs(gain) ** 2
     return replace(
         response,

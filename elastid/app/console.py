@@ -81,8 +81,7 @@ class Console:
     def notes(self, notes: Iterable[Note], on_page: bool = False) -> None:
         """Notes on data, plan or result, the same from many places as one line; on_page: the page shows them, too."""
         for group in grouped(notes):
-            say = self.detail if on_page else self.say
-            (self.warn if group.first.severity == "warning" else say)(str(group))
+            (self.warn if group.first.severity == "warning" else self.detail if on_page else self.say)(str(group))
 
     def log(self, text: str) -> None:
         """How the work ended, for the log alone; the command prints it on the terminal."""

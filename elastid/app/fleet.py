@@ -172,10 +172,9 @@ def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     dated = [
         row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in names
     ]
-    days = [float(date.fromisoformat(row["date"]).toordinal()) for row in dated]
     return tuple(
         FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_noise"])
-        for row, day in zip(dated, days, strict=True)
+        for row, day in zip(dated, [float(date.fromisoformat(row["date"]).toordinal()) for row in dated], strict=True)
     )
 
 

@@ -177,8 +177,7 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
         if (absent := names - {*row}) and not (may_differ and len(row) == len(first)):
             problem = f"channel {min(absent)} of {logs[0]} is missing. Rename the column, or write one study per log"
             raise DataError("records/channels", problem, path)
-    is_alike = all(names <= {*row} for row in others)
-    return {} if is_alike else {name: i for i, name in enumerate(first, start=1)}
+    return {} if all(names <= {*row} for row in others) else {name: i for i, name in enumerate(first, start=1)}
 
 
 def _controller(path: Path, n_u: int) -> FloatArray | None:
@@ -297,8 +296,7 @@ def _configurations(
         there = (k for k in states if np.all(np.abs(mean - means[k]) < max(MIN_TURN, 5 * by)))
         states.append(next(there, len(states)))  # the first log with equal angles
     firsts = list(dict.fromkeys(states))
-    numbered = [f"state_{firsts.index(k) + 1}" for k in states] if len(firsts) > 1 else ["bench"] * n
-    names = by_name or numbered
+    names = by_name or ([f"state_{firsts.index(k) + 1}" for k in states] if len(firsts) > 1 else ["bench"] * n)
     why, angles = "the joints stand at other angles", dict.fromkeys(firsts, "")
     if robot is not None:
         why = "the means of the positions, or 0 where there are none"

@@ -99,8 +99,7 @@ class Session:
         require_one_robot_in_any_posture(study)
         assert study.excitation is not None
         if robot.tolerances is None:  # a simulated rig is as exact as its file
-            usual = Tolerances(torque_constant=EXACT)
-            robot = replace(robot, tolerances=EXACT if simulate else usual)
+            robot = replace(robot, tolerances=EXACT if simulate else Tolerances(torque_constant=EXACT))
         goal = read_goal(goals, choose(study.fit, robot).free_names)
         outputs = study.experiment.as_simulated().outputs or robot.motor_locations
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)

@@ -64,8 +64,7 @@ def _joint(model: Any, i: int) -> Joint:
     stiffness = float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0
     dof = int(model.jnt_dofadr[i])
     damping = float(model.dof_damping.reshape(model.nv, -1)[dof, 0])
-    is_driven = bool(gears) or not (stiffness or any(_gears(model, j) for j in range(model.njnt)))
-    if is_driven:
+    if gears or not (stiffness or any(_gears(model, j) for j in range(model.njnt))):
         gear = next(iter(gears.values()), 1.0)
         ratio = math.copysign(max(1.0, abs(gear)), gear)  # below 1, gear only scales the control signal
         dry = float(model.dof_frictionloss[dof]) / abs(ratio)

@@ -198,8 +198,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
     def work(result: Result) -> Used:
         """Loops of the fitted robot, with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
-        stated_delay = 0 if today is None else today.delay_samples
-        asked_delay = stated_delay if delay is None else delay
+        asked_delay = (0 if today is None else today.delay_samples) if delay is None else delay
         loops = design_loops(run.study.name, result, family, asked_delay, samples, run.study.seed, today, study_hz)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),

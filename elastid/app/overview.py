@@ -47,7 +47,7 @@ def _experiments(study: Study) -> Iterator[str]:
     yield f"{_plural(Q * L * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
         periods, lines = experiment.periods + experiment.transient_periods, planned_lines(excitation, study.seed or 0)
-        low, high = np.asarray(lines.excited)[[0, -1]] / excitation.period
+        low, high = lines.excited[[0, -1]] / excitation.period
         yield (
             f"  {_plural(periods, 'period')} of {excitation.period:g} s ({experiment.transient_periods} of transient); "
             f"{len(lines.excited)} {excitation.grid} lines from {low:g} to {high:g} Hz"

@@ -206,13 +206,12 @@ class Run:
         """Files of a stage and ways of working on it; without the result of an earlier one that may be missing."""
         row, stamp = self.stages[stage], self.stamps[stage]
         there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
-        sources = {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)}
         return Work(
             stage,
             self.partial(stage),
             stamp if "text" in row.keys.split() else replace(stamp, study=""),
             self.loaded.path.parent,
-            sources,
+            {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)},
             self.jobs,
             self.console,
             "gears" in self.stages,
@@ -239,10 +238,9 @@ class Run:
     def overwritten(self, stage: str) -> dict[str, Path]:
         """Results of later stages that leave a text of this one again, with theirs in it: gone with it."""
         rows = stages_of(self.study.kind)
-        later = list(rows)[list(rows).index(stage) + 1 :]
         return {
             name: self.folder / rows[name].leaves[0]
-            for name in later
+            for name in list(rows)[list(rows).index(stage) + 1 :]
             if {*rows[name].leaves} & {*rows[stage].leaves}
         }  # fmt: skip
 
@@ -350,8 +348,7 @@ def carry_out(run: Run, name: str) -> None:
         result.unlink(missing_ok=True)
     for file, write in artefacts.files.items():
         # A link in place of a file is replaced, one in place of a folder refused.
-        path = run.folder / file if Path(file).suffix else path_below(run.folder, file)
-        write(path, run.stamps[name])
+        write(run.folder / file if Path(file).suffix else path_below(run.folder, file), run.stamps[name])
     shutil.rmtree(run.partial(name), ignore_errors=True)
     artefacts.report(run.console)
     if artefacts.error is not None:

@@ -130,10 +130,10 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
         if joint.spring is None or joint.spring.damping:
             return joint
         return replace(joint, spring=replace(joint.spring, damping=_damping(joint.spring.stiffness)))
-    spring = Spring(*_gear(of_links)) if joint.spring is None else joint.spring
-    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / joint.motor.ratio**2
-    of_file = joint.motor.viscous + joint.viscous / joint.motor.ratio**2
-    is_known = 0 < of_file < (rotor + of_links / joint.motor.ratio**2) / _SOONEST_S
+    squared, spring = joint.motor.ratio**2, Spring(*_gear(of_links)) if joint.spring is None else joint.spring
+    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / squared
+    of_file = joint.motor.viscous + joint.viscous / squared
+    is_known = 0 < of_file < (rotor + of_links / squared) / _SOONEST_S
     viscous = of_file if is_known else float(f"{rotor:.2g}")
     return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring, viscous=0.0)
 

@@ -60,6 +60,11 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
 
 
+def laplace_variable(freq_hz: NDArray[np.floating[Any]]) -> ComplexArray:
+    """Return s = 2 pi j f in rad/s, of the shape of the frequencies."""
+    return (2j * np.pi * freq_hz).astype(np.complex128)
+
+
 def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
     """a / b where b is positive, else a number."""
     out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)
@@ -162,8 +167,7 @@ class LargeArray:
         if not isinstance(part, slice) or (part.step or 1) < 0:
             return np.asarray(self)[index]
         first, last, step = part.indices(len(self))
-        rows = np.asarray(self.rows(first, max(first, last)), dtype=np.float64)
-        return rows[(slice(None, None, step), *columns)]
+        return np.asarray(self.rows(first, max(first, last)), dtype=np.float64)[(slice(None, None, step), *columns)]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self.rows(0, len(self)), dtype=dtype or np.float64)
@@ -192,8 +196,7 @@ def mean_of_rows(array: FloatArray | LargeArray, n: int) -> FloatArray:
     if not isinstance(array, LargeArray):
         return np.asarray(array[:n].mean(axis=0))
     step = max(1, PIECE_VALUES // array.shape[1])
-    total = sum(array[first : min(n, first + step)].sum(axis=0) for first in range(0, n, step))
-    return np.asarray(total / n)
+    return np.asarray(sum(array[first : min(n, first + step)].sum(axis=0) for first in range(0, n, step)) / n)
 
 
 class FileArray(np.memmap):

@@ -158,8 +158,7 @@ class Execution:
         def with_known(done: int, total: int) -> None:
             self.progress(done + n_done, total + n_done)
 
-        execution = replace(self, progress=with_known)
-        for place, value in execution.unordered(function, [items[index] for index in todo]):
+        for place, value in replace(self, progress=with_known).unordered(function, [items[index] for index in todo]):
             results[todo[place]] = self.checkpoint[names[todo[place]]] = value
         return [results[index] for index in range(len(items))]
 

@@ -120,8 +120,7 @@ def check_self_contained(file: Any) -> None:
     file: h5py.File.  Raises DataError with the place inside the file.
     """
     root = file["/"].id
-    members = _members(file.filename, root, "", (_address(root),))
-    if next(islice(members, 100_000, None), None) is not None:
+    if next(islice(_members(file.filename, root, "", (_address(root),)), 100_000, None), None) is not None:
         text = "more than 100000 groups and datasets are in it; export fewer signals"
         raise DataError("files/unsafe", text, file.filename)
 

@@ -133,8 +133,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     unreached = np.isinf(np.diag(covariance))
     axes = principal_axes(covariance)
     # An almost unconstrained number has the slope at the estimate, not the slope across absurd robots.
-    parts = [min(1.0, SLOPE_STEP / float(np.abs(axis).max())) for axis in axes]
-    steps = zip(axes, parts, strict=True)
+    steps = zip(axes, [min(1.0, SLOPE_STEP / float(np.abs(axis).max())) for axis in axes], strict=True)
     shifts = [(np.asarray(function(x + h * axis)) - function(x - h * axis)) / (2 * h) for axis, h in steps]
     unknown = np.zeros(value.shape, bool)
     size = np.abs(value).max(initial=1e-300)

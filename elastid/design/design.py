@@ -95,9 +95,8 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     excitation, experiment = problem.excitation, problem.experiment
     settled = completed_problem(problem)
     selection, choice = ((), "") if problem.design is None else _choose(settled, problem.design, execution)
-    spectra = best_spectra_of(settled, experiment, selection, excitation.torque_rms)
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
-    plan = problem.plan(experiment, selection, spectra)
+    plan = problem.plan(experiment, selection, best_spectra_of(settled, experiment, selection, excitation.torque_rms))
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)

@@ -152,8 +152,7 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     """A note for each undetermined direction (n_b, n)."""
     notes = []
     for direction in blind:
-        largest = np.argsort(-np.abs(direction), kind="stable")
-        parts = [i for i in largest if abs(direction[i]) > MIN_COMPONENT]
+        parts = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
         who = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
         text = f"this plan does not identify {who}. Fix or tie one parameter, or measure an output that depends on it"

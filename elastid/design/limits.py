@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
@@ -177,8 +177,7 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
     crest = 2 * np.log(2 * F * E * M)
     given = np.zeros((0, F, n_u))
     if excitation.torque_rms != "limits":
-        rms = torque_rms(excitation, rig.robot)
-        given = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
+        given = np.repeat(np.diag(1 / (2 * E * torque_rms(excitation, rig.robot) ** 2))[:, None, :], F, axis=1)
     costs = []
     for q, (torque, position, velocity, acceleration, turning_back, *of_reference) in enumerate(room):
         if excitation.torque_rms == "limits":
@@ -196,7 +195,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 
     Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
     """
-    plan, s, parts = rig.plan, 2j * np.pi * rig.plan.freq_hz[:, None, None], list[list[ComplexArray]]()
+    plan, s, parts = rig.plan, laplace_variable(rig.plan.freq_hz[:, None, None]), list[list[ComplexArray]]()
     is_torque = plan.inject == "torque"
     x = np.asarray(s if is_torque else plan.S_inverse[q] / (s if plan.inject == "velocity" else 1.0), np.complex128)
     for gain in ((1.0, 1.0),) if is_torque else GAINS:
@@ -205,7 +204,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
         parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
         if not is_torque:  # the references are for the gains of the study
             changed = np.linalg.solve(loop.reference, plan.S_inverse[q])
-            parts[-1] = [*(np.asarray(signal @ changed) for signal in parts[-1]), x, s * x, s**2 * x]
+            parts[-1] = [*(signal @ changed for signal in parts[-1]), x, s * x, s**2 * x]
     return np.moveaxis(np.array(parts), 2, 0)
 
 

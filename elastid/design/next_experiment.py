@@ -117,9 +117,8 @@ class PriorEstimate:
 
 def _prior_information(parameters: Parameters) -> FloatArray:
     """Information (n_x, n_x) of the priors, with vague priors for all other parameters."""
-    free = parameters.free
     # Without a prior 1 of ln p, or the size of a linear parameter.
-    stds = [p.prior.std if p.prior else 1.0 if p.log else abs(p.value) or 1.0 for p in free]
+    stds = [p.prior.std if p.prior else 1.0 if p.log else abs(p.value) or 1.0 for p in parameters.free]
     return np.diag(1 / np.square(stds))
 
 

@@ -153,15 +153,13 @@ class PowerSource:
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
         """d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""
         eigenvalues, V = np.linalg.eigh(gradient)
-        half = V * np.sqrt(np.maximum(eigenvalues, 0.0))
-        rows = half.T @ as_real(self.J).reshape(len(self.J), -1)
+        rows = (V * np.sqrt(np.maximum(eigenvalues, 0.0))).T @ as_real(self.J).reshape(len(self.J), -1)
         squares = np.sum(rows**2, axis=0).reshape(*self.used.shape, 2).sum(axis=-1)
         per_column = np.einsum("fij,fi->fj", squares * self._weight(P) ** 2, self.error)
         return np.asarray(np.einsum("flj,fj->fl", self.spread, per_column) / P**2)
 
     def _weight(self, P: FloatArray) -> FloatArray:
-        column = np.einsum("flj,fl->fj", self.spread, 1 / P)
-        variance = self.error[:, :, None] * column[:, None, :] + self.fixed
+        variance = self.error[:, :, None] * np.einsum("flj,fl->fj", self.spread, 1 / P)[:, None, :] + self.fixed
         return np.where(self.used, 1 / variance, 0.0)
 
 

@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, quotient
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable, quotient
 from elastid.base.errors import StudyError
 from elastid.base.statistics import mean_of_neighbours
 from elastid.design.optimal import PowerSource
@@ -174,8 +174,7 @@ class Prospect:
         left = (np.swapaxes(np.linalg.inv(self._power(U, sensitivity)), 1, 2) / M).astype(np.complex128)
         right = self._error(U, G, motion)
         noise = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
-        factors = () if self.distortion > 0 else (left, right)
-        return Covariance(noise + distortion, math.inf, *factors)
+        return Covariance(noise + distortion, math.inf, *() if self.distortion > 0 else (left, right))
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
@@ -196,9 +195,8 @@ class Prospect:
 
     def _velocities(self, U: ComplexArray, motion: ComplexArray) -> ComplexArray:
         """Velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""
-        s = 2j * np.pi * self.plan.freq_hz[:, None, None]
-        shafts = self.robot.mixing @ motion
-        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        s = laplace_variable(self.plan.freq_hz[:, None, None])
+        V = ((self.robot.mixing @ motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
         return V.reshape(-1, *V.shape[2:])
 
     def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
@@ -211,8 +209,7 @@ class Prospect:
         if n_u <= E:
             return np.asarray(np.einsum("mefi,mefj->fij", U, U.conj()) / M)
         squares = np.sum(np.abs(self.R) ** 2, axis=(0, 1)) / M
-        nearby = np.clip(np.arange(F) - n_u // 2, 0, F - n_u)[:, None] + np.arange(n_u)
-        mean = squares[nearby].mean(axis=1)
+        mean = squares[np.clip(np.arange(F) - n_u // 2, 0, F - n_u)[:, None] + np.arange(n_u)].mean(axis=1)
         return np.asarray(np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj()), dtype=np.complex128)
 
     def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -225,10 +222,10 @@ class Prospect:
             return np.broadcast_to(np.eye(motion.shape[1], dtype=np.complex128), motion.shape), self.R
         loop = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), controller)
         F, _ = sampled_responses(self.robot.driven_names, loop, controller, freq_hz, rate_hz)
-        to_angle = zero_order_hold(freq_hz / rate_hz) / (2j * np.pi * freq_hz) ** MOTION_ORDER[self.quantity]
+        to_angle = zero_order_hold(freq_hz / rate_hz) / laplace_variable(freq_hz) ** MOTION_ORDER[self.quantity]
         difference = np.eye(len(loop.kp)) + F[:, :, None] * motion * to_angle[:, None, None]
         sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
-        return sensitivity, np.asarray((sensitivity @ self.R[..., None])[..., 0])
+        return sensitivity, (sensitivity @ self.R[..., None])[..., 0]
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""

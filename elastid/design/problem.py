@@ -170,10 +170,9 @@ class DesignProblem:
 
     def fitted(self, plan: Plan) -> list[Measurement]:
         """Prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
-        measured = enumerate(zip(plan.configurations, plan.realisations, strict=True))
         return [
             (replace(self.prospect(plan, q), realisations=M), c)
-            for q, (c, M) in measured
+            for q, (c, M) in enumerate(zip(plan.configurations, plan.realisations, strict=True))
             if c.name not in self.excluded_configurations
         ]
 

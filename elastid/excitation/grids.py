@@ -51,8 +51,7 @@ def grid_lines(
     spacing = rate_hz / period_samples
     # A band edge meant to lie on a line does so in spite of rounding.
     first = max(1, math.ceil(band_hz[0] / spacing - 1e-6))
-    last = min((period_samples - 1) // 2, math.floor(band_hz[1] / spacing + 1e-6))
-    lines = np.arange(first, last + 1)
+    lines = np.arange(first, min((period_samples - 1) // 2, math.floor(band_hz[1] / spacing + 1e-6)) + 1)
     lines = lines[lines % step == 1 % step]
     if lines.size == 0:
         raise StudyError(

@@ -35,8 +35,7 @@ def sweep_spectrum(kind: Sweep, lines: IntArray) -> ComplexArray:
     n = 2 * 64 * int(lines[-1])  # samples of a cycle of the highest line: little above half the rate folds back
     length = n // 2 if odd else n
     signal = _binary(length, int(lines[-1])) if kind == "prbs" else _sweep(kind, length, lines, odd)
-    period = np.concatenate([signal, -signal]) if odd else signal
-    return np.asarray(np.fft.rfft(period)[lines])
+    return np.fft.rfft(np.concatenate([signal, -signal]) if odd else signal)[lines]
 
 
 def _sweep(kind: Sweep, n: int, lines: IntArray, odd: bool) -> FloatArray:
@@ -96,8 +95,7 @@ def experiments(
     between = np.zeros((F, n_u))
     if phases == "optimised":
         base = with_phases(basis, amplitude, between, between)
-        outputs = np.einsum("foi,efi->eof", responses, base)
-        scale = np.sqrt(np.mean(np.sum(np.abs(outputs) ** 2, axis=2), axis=0) / 2)
+        scale = np.sqrt(np.mean(np.sum(np.abs(np.einsum("foi,efi->eof", responses, base)) ** 2, axis=2), axis=0) / 2)
         inside, between = minimise_peaks(Signals(lines, base, responses, scale), rng, is_alone)
     elif phases == "random":
         inside, between = random_phases((2, F, n_u), rng)

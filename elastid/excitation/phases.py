@@ -36,8 +36,7 @@ def schroeder(amplitude: FloatArray) -> FloatArray:
 
     Schroeder, IEEE Transactions on Information Theory 16 (1970) 85, eq. (11).
     """
-    power = amplitude**2 / np.sum(amplitude**2)
-    return -2 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(power))[:-1]])
+    return -2 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(amplitude**2 / np.sum(amplitude**2)))[:-1]])
 
 
 def newman(n_lines: int) -> FloatArray:
@@ -68,8 +67,7 @@ def hadamard(n: int) -> FloatArray:
         residue = np.where(np.isin(np.arange(q), np.arange(1, q) ** 2 % q), 1.0, -1.0)
         residue[0] = 0.0
         Q = residue[(np.arange(q)[:, None] - np.arange(q)) % q]
-        S = np.block([[np.zeros((1, 1)), np.ones((1, q))], [-np.ones((q, 1)), Q]])
-        return np.asarray(np.eye(n) + S)
+        return np.asarray(np.eye(n) + np.block([[np.zeros((1, 1)), np.ones((1, q))], [-np.ones((q, 1)), Q]]))
     if n == 2 or n % 8 == 0:
         half = hadamard(n // 2)
         return np.block([[half, half], [half, -half]])

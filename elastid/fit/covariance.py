@@ -74,8 +74,7 @@ def information(
     every = np.concatenate(freq_hz)
     order = np.argsort(every, kind="stable")
     rising = np.cumsum(np.concatenate(power)[order], axis=0) / total
-    columns = np.nan_to_num(rising.T, nan=1.0)
-    places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
+    places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in np.nan_to_num(rising.T, nan=1.0)])
     band = every[order][np.minimum(places, len(every) - 1)]
     return np.array([lines / (total + load_power) for lines in sums]), band
 
@@ -156,7 +155,7 @@ def estimate_uncertainty(
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
     blocks = block_variance([part.blocks for part in parts], half)
     every = Contributions(
-        noise=noise, widening=np.asarray(small_sample_factors(dof)), residuals=sandwich_variance(sums),
+        noise=noise, widening=small_sample_factors(dof), residuals=sandwich_variance(sums),
         blocks=np.maximum(blocks, jackknife_variance(parts, half)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),

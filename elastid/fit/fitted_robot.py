@@ -120,8 +120,7 @@ def models_by_group(
     """
     models = {}
     for label, (fitted, members) in robots_by_group(result, robot, [G.configuration.name for G in measured]).items():
-        its = [G for G in measured if G.configuration.name in members]
-        of_all = FittedRobot.of(result, fitted, its, spec)
+        of_all = FittedRobot.of(result, fitted, [G for G in measured if G.configuration.name in members], spec)
         models[label] = replace(of_all, model=formulate(fitted, spec), name=f"{name}, {label}" if label else name)
     return models
 

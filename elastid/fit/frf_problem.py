@@ -214,8 +214,7 @@ def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray
         return response
     theta, n = parameters.expand(x, response.configuration.name), len(linearisation.model.parameters)
     linearisation, theta = replace(linearisation, presliding=()), np.append(theta[:n], theta[-1])
-    linear = linear_model(linearisation, response, theta)
-    effect = estimate_motion_bias(linearisation.model, linear, theta, response)
+    effect = estimate_motion_bias(linearisation.model, linear_model(linearisation, response, theta), theta, response)
     return response if effect is None else replace(response, G=response.G - effect)
 
 
@@ -345,7 +344,7 @@ def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, Fl
     Poorly identifiable parameters make F contract slowly. (Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
     """
     f, change = now[1] - now[0], now[1] - now[0] - before[1] + before[0]
-    return np.asarray(now[1] - (f @ change) / max(float(change @ change), 1e-300) * (now[1] - before[1]))
+    return now[1] - (f @ change) / max(float(change @ change), 1e-300) * (now[1] - before[1])
 
 
 def _where_it_stands(

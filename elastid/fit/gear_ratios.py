@@ -76,8 +76,7 @@ def scatter_of_ratios(
         drop = float(2 * h @ e - e @ N @ e)
     explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
     s = np.ones(len(s)) if is_excess and not explains else np.maximum(s, least)
-    covariance = (s[:, None] * shifts).T @ (s[:, None] * shifts)
-    return RatioScatter(covariance, named(names, s), explains)
+    return RatioScatter((s[:, None] * shifts).T @ (s[:, None] * shifts), named(names, s), explains)
 
 
 def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:
@@ -103,7 +102,8 @@ def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -
     for name in [name for name in dict.fromkeys(names) if names.count(name) > 1] * 3:
         own = np.array(names) == name
         power, V = np.linalg.eigh(N[np.ix_(own, own)])
-        V, power = V[:, power > 1e-9 * max(power[-1], 1e-300)], power[power > 1e-9 * max(power[-1], 1e-300)]
+        is_seen = power > 1e-9 * max(power[-1], 1e-300)
+        V, power = V[:, is_seen], power[is_seen]
         across = V.T @ N[np.ix_(own, ~own)] * s[~own]
         others = across @ across.T + c * np.diag(power)
         square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[own], V.T @ h[own])

@@ -264,8 +264,7 @@ def _check_robot(response: Response, robot: Robot) -> None:
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
     """FitError that names the free parameters without effect on the responses that count."""
-    x = fit.parameters.x
-    information = np.diag(replace(fit, inertias=()).evaluate(x).hessian) / 2 - fit.prior_slopes**2
+    information = np.diag(replace(fit, inertias=()).evaluate(fit.parameters.x).hessian) / 2 - fit.prior_slopes**2
     # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
     spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in fit.parameters.free]
     effect = np.sqrt(np.maximum(information, 0.0)) * np.array(spans)
@@ -287,8 +286,7 @@ def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, executi
     if spec.criterion == "complex":
         log = assembly.at(parameters.x, "log")
         if not assembly.is_local:  # far from the end a third of the residuals of a score test lead to the same valley
-            thin = thinning(log, RESIDUALS // 3)
-            log = replace(log, parts=tuple(each_at_home(thin, log.parts, assembly.home)))
+            log = replace(log, parts=tuple(each_at_home(thinning(log, RESIDUALS // 3), log.parts, assembly.home)))
         problems.insert(0, assembly.search_problem(log))
     candidates = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts = feasible_starts(candidates, fit.inertias, parameters)
@@ -397,8 +395,7 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     if of_motors[3].exceeds_noise or any(map(_disagree, compared(of_motors[3]))):
         # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
         # robot may find no rest under its loads.
-        again = fitted(alone, searched=True)
-        of_motors = min(of_motors, again, key=lambda each: (each[3].model_error, each[3].cost))
+        of_motors = min(of_motors, fitted(alone, searched=True), key=lambda each: (each[3].model_error, each[3].cost))
     static, tool = compared(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)

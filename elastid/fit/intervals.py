@@ -99,8 +99,7 @@ class _Source:
         """Return a measured response drawn at random."""
         F, m = self.root.shape[:2]
         z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
-        e = (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape)
-        return np.where(self.used, self.G + e, self.G)
+        return np.where(self.used, self.G + (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape), self.G)
 
 
 def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:

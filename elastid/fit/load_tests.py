@@ -161,8 +161,7 @@ class Agreement:
         if not self.dof:
             return f"no line of the {what} counts: none is more than noise"
         text = f"{count} {what}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"
-        is_sized = math.isfinite(self.ratio)
-        return f"{text}, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large" if is_sized else text
+        return f"{text}, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large" if math.isfinite(self.ratio) else text
 
 
 @dataclass(frozen=True)

@@ -175,8 +175,7 @@ def _starred(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -
             "fit/parameters", f"a tie to {rule.tie.to} needs exactly one * in the key", f"fit.parameters.{key}"
         )
     before, after = key.split("*")
-    star = name[len(before) : len(name) - len(after)]
-    return replace(rule, tie=replace(rule.tie, to=rule.tie.to.replace("*", star)))
+    return replace(rule, tie=replace(rule.tie, to=rule.tie.to.replace("*", name[len(before) : len(name) - len(after)])))
 
 
 def _ratio(name: str, ratio: RatioSpec) -> Parameter:
@@ -254,8 +253,7 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     Parameters that spec.parameters frees, ties or fixes do not change.  Coordinates of zero stay fixed, except centres
     of mass: an offset of an axis acts in second order.
     """
-    has_references = channel_name(DELAY, "r") in parameters.names
-    unused = ("gain_u_",) if has_references else ("gain_kp_", "gain_kd_")
+    unused = ("gain_u_",) if channel_name(DELAY, "r") in parameters.names else ("gain_kp_", "gain_kd_")
     tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
     by_name = {parameter.name: parameter for parameter in parameters}
     of_study = {p.stands_for for p in parameters if p.is_free or p.tie is not None}

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, laplace_variable, named
 from elastid.base.errors import FitError, Note, notes_of
 from elastid.base.execution import HERE
 from elastid.base.statistics import chi_square_limit
@@ -220,20 +220,18 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
 def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """The fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
-    thin = each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)
-    fit = replace(whole, parts=tuple(thin), home=HERE)
+    fit = replace(whole, parts=tuple(each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)), home=HERE)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
 def _columns(evaluated: Evaluated, rates: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """dr/ds (n_a, N) of the springs of each motor whose motion is in a response, by its joint."""
     kernel, G = evaluated.part.kernel, evaluated.G
-    model, s = kernel.model, 2j * np.pi * kernel.freq_hz[:, None, None]
+    model, s = kernel.model, laplace_variable(kernel.freq_hz[:, None, None])
     for j, place in enumerate(model.inputs):
         if place in model.outputs:
             by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
-            dG = np.stack([-by_angle * s / (s + a) for a in rates])
-            yield place.removeprefix("motor "), -evaluated.whitened(dG)
+            yield place.removeprefix("motor "), -evaluated.whitened(np.stack([-by_angle * s / (s + a) for a in rates]))
 
 
 def _torque_per_angle(responses: Sequence[Response], place: str) -> float:

@@ -466,8 +466,7 @@ class Result:
         from elastid.fit.posture import PredictionPorts, as_configuration
 
         ports = PredictionPorts(tuple(inputs), tuple(outputs), motors, payload, frame, axes, quantity, controller)
-        where = posture if isinstance(posture, str) else getattr(posture, "name", "")
-        family = self.family(ports, where)
+        family = self.family(ports, posture if isinstance(posture, str) else getattr(posture, "name", ""))
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
     def family(self, ports: "PredictionPorts", where: str = "") -> "Family":

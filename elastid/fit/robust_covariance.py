@@ -92,8 +92,7 @@ def triangle(
 ) -> FloatArray:
     """Return R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
     blocks = (with_factors(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
-    triangles = [np.linalg.qr(_rows(J), mode="r") @ T.T for J, T in blocks]
-    return np.asarray(np.linalg.qr(np.vstack(triangles), mode="r"))
+    return np.asarray(np.linalg.qr(np.vstack([np.linalg.qr(_rows(J), mode="r") @ T.T for J, T in blocks]), mode="r"))
 
 
 def sum_lines(
@@ -161,8 +160,7 @@ def _rows(J: ComplexArray) -> FloatArray:
 def autocovariance(residual: ComplexArray) -> FloatArray:
     """Return Re sum_k r_k^* r_{k+l} (F,) of residuals (F, n), l = 0 ... F - 1."""
     F = len(residual)
-    spectrum = np.sum(np.abs(np.fft.fft(residual, 2 * F, axis=0)) ** 2, axis=1)
-    return np.fft.ifft(spectrum)[:F].real
+    return np.fft.ifft(np.sum(np.abs(np.fft.fft(residual, 2 * F, axis=0)) ** 2, axis=1))[:F].real
 
 
 def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) -> float:
@@ -277,8 +275,7 @@ def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray
     n = int(np.count_nonzero(np.any(changes != 0, axis=1)))
     if n < 2:
         return np.zeros(half.shape[1])
-    t = small_sample_factors(n - 1)
-    return np.asarray(t**2 * n / (n - 1) * np.sum(changes**2, axis=0))
+    return np.asarray(small_sample_factors(n - 1) ** 2 * n / (n - 1) * np.sum(changes**2, axis=0))
 
 
 def disagreement(of_each: Iterable[tuple[float, int]], n_x: int) -> float:

@@ -99,8 +99,7 @@ def separable_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], metho
     block, R = data.all_experiments, data.all_experiments.R
     if method == "joint" and R is not None:  # what the instruments explain of U; twice the level, as lines are pooled
         _, n_u, E = block.U.shape
-        explained = block.U @ np.linalg.pinv(R) @ R
-        block = replace(block, U=explained, input_noise=MIN_SNR * n_u / E * block.input_noise)
+        block = replace(block, U=block.U @ np.linalg.pinv(R) @ R, input_noise=MIN_SNR * n_u / E * block.input_noise)
     return _separated(block, groups[0])
 
 

@@ -181,8 +181,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     response = measured_response(first, spec.quantity, freq_hz, fitted.G, quality=quality)
     inside, levels = (detection > lines[0]) & (detection < lines[-1]), None
     if inside.any():
-        unexcited = everything.on(~excited).on(inside)
-        levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
+        levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, everything.on(~excited).on(inside))
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
     notes += [
         *input_notes(first.inputs, data, quality),
@@ -234,9 +233,8 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
             "local_rational", f"{total} experiments separate {n_u} inputs only together with neighbouring lines"
         )
     if any(len(group) < n_u for group in groups):
-        has_references = all(record.r is not None for group in groups for record in group)
         return method_choice(
-            "joint" if has_references else "errors_in_variables",
+            "joint" if all(record.r is not None for group in groups for record in group) else "errors_in_variables",
             "jointly over all realisations, since one has fewer experiments than inputs, and h1 is biased by noise "
             "and friction fed back into u",
         )

@@ -201,5 +201,4 @@ def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
 def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) -> Covariance:
     """Return a covariance of vec G (F, n_y n_u, n_y n_u) with its variances in the shape (F, n_y, n_u) of G."""
     F, n_y, n_u = shape
-    variance = power(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
-    return Covariance(variance, dof, matrix=matrix)
+    return Covariance(power(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1), dof, matrix=matrix)

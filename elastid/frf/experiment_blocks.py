@@ -271,8 +271,7 @@ def _mean(
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
-    sample = lines[excited][::step]
-    used = trusted(period_spectra(spectra, sample, spec.quantity), spec)
+    used = trusted(period_spectra(spectra, lines[excited][::step], spec.quantity), spec)
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
     used_groups = (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
     return used, add_periods(sums, used_groups), None

@@ -76,8 +76,7 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
         return np.zeros(len(lines), dtype=np.bool_)
     excited = clear > _MIN_SHARE_OF_NEIGHBOURS * _envelope(lines, clear)
     gaps = np.diff(lines[excited])
-    step = int(gaps.min()) if gaps.size else 1
-    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), excited, step)
+    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), excited, int(gaps.min()) if gaps.size else 1)
 
 
 def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
@@ -159,8 +158,7 @@ def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tupl
     """
     record = spectra.record
     size = (lines / lines[0]) ** (2 if record.inputs[0].startswith(REFERENCE) else 0)
-    scale = np.outer(size, np.full(len(record.inputs), 2 / record.repeat_samples))
-    sums = FullSum(scale.astype(np.complex128))
+    sums = FullSum(np.outer(size, np.full(len(record.inputs), 2 / record.repeat_samples)).astype(np.complex128))
 
     def groups() -> Iterator[PeriodSpectra]:
         first = 0
@@ -169,5 +167,4 @@ def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tupl
             yield PeriodSpectra(record, first + np.arange(len(X)), X, sums.scale).only(used)
             first += len(X)
 
-    mean = add_periods(sums, groups())
-    return mean, sums.power() / max(sums.dof, 1) / (sums.dof + 1)
+    return add_periods(sums, groups()), sums.power() / max(sums.dof, 1) / (sums.dof + 1)

@@ -93,11 +93,9 @@ class Compared:
         of_good = self.X[:, good]
         V = of_good - of_good.mean(axis=1, keepdims=True)
         noise = np.einsum("cpk,cpk->kc", V, V).reshape(n // 2, 2, c).sum(axis=1)
-        size = self.power[:, good].sum(axis=1) / (n // 2)
-        smooth = mean_of_neighbours(noise) + NEGLIGIBLE_DISTANCE**2 * size
+        smooth = mean_of_neighbours(noise) + NEGLIGIBLE_DISTANCE**2 * (self.power[:, good].sum(axis=1) / (n // 2))
         weight = np.repeat(1 / np.sqrt(np.maximum(smooth, 1e-300)), 2, axis=0).T
-        compared = self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma)
-        return replace(compared, is_weighed=True)
+        return replace(self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma), is_weighed=True)
 
     @cached_property
     def agree(self) -> bool:
@@ -123,8 +121,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
             "frf/periods", "fewer than two periods remain after its correction. Measure more", f"record {record.name}"
         )
     compared = Compared.from_spectra(spectra, spec.outlier_sigma)
-    bounds = [0, *np.searchsorted(spectra.periods, record.starts).tolist(), P]
-    logs = [np.arange(a, b) for a, b in pairwise(bounds)]
+    logs = [np.arange(a, b) for a, b in pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])]
     if spec.transient_periods == "auto":
         leading, notes = _transient(spectra, compared, logs)
     else:
@@ -172,8 +169,7 @@ def _decays(difference: FloatArray, size: float) -> bool:
         return False
     rows = np.lib.stride_tricks.sliding_window_view(difference, PREDICTION_ORDER + 1)
     X, half = np.column_stack([rows[:, :-1], np.ones(len(rows))]), len(rows) // 2
-    prediction = np.linalg.lstsq(X[half:], rows[half:, -1], rcond=None)[0]
-    power = (rows[:, -1] - X @ prediction) ** 2
+    power = (rows[:, -1] - X @ np.linalg.lstsq(X[half:], rows[half:, -1], rcond=None)[0]) ** 2
     late = float(power[half:].mean())
     return late > 0 and float(power[: len(power) // 8].mean()) > MAX_SETTLING * late
 
@@ -244,8 +240,7 @@ def _leading(
         measured = replace(measured, limit=np.maximum(measured.limit, MIN_DISTANCE * measured.typical))
     if len(logs) == 1:  # a slow wander is as far from the other half at its end
         backwards = MAX_ASYMMETRY * distances(compared, P - 1 - later).D[-1]
-        wander = replace(measured, limit=np.maximum(measured.limit, backwards))
-        if not np.any(wander.far & _flags(P, halves)):
+        if not np.any(replace(measured, limit=np.maximum(measured.limit, backwards)).far & _flags(P, halves)):
             return none, ()
     lengths = [int(np.argmin(np.append(measured.far[half], False))) for half in halves]
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])

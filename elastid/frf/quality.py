@@ -98,10 +98,8 @@ def coherences_of_powers(
     .. math:: \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}, \quad
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
     """
-    both = yy[:, :, None] * uu[:, None, :]
-    ordinary = quotient(cross, both)
-    multiple = quotient(explained, yy)
-    return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
+    ordinary = quotient(cross, yy[:, :, None] * uu[:, None, :])
+    return np.clip(ordinary, 0.0, 1.0), np.clip(quotient(explained, yy), 0.0, 1.0)
 
 
 def described_lines(lines: IntArray, record: Record) -> str:
@@ -134,8 +132,7 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
     """Return a note on every input that was barely excited, and one where the inputs moved nearly together."""
-    signal_power = power(data.UU) / len(data.periods)
-    weak = signal_power < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
+    weak = power(data.UU) / len(data.periods) < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
     notes = [
         Note(
             "frf/low-signal-to-noise",

@@ -20,6 +20,7 @@ from elastid.base.arrays import (
     ComplexArray,
     FloatArray,
     IntArray,
+    laplace_variable,
     mean_of_rows,
     quotient,
     release,
@@ -132,8 +133,7 @@ class RecordSpectra:
         ends = np.cumsum([0, *(getattr(self.record, role).shape[1] for role in roles)])
         keeps_all = isinstance(index, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
         # Spectra of two channels a power of two apart would share few places of the cache.
-        size = n_spectrum + 27 if keeps_all else len(lines)
-        dft = np.empty((self.record.n_repeats, ends[-1], size), np.complex128)
+        dft = np.empty((self.record.n_repeats, ends[-1], n_spectrum + 27 if keeps_all else len(lines)), np.complex128)
         if keeps_all:
             dft = dft[:, :, :n_spectrum]
         for role, first, last in zip(roles, ends, ends[1:], strict=False):
@@ -250,7 +250,7 @@ def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> Comple
 def unit_scale(record: Record, freq_hz: FloatArray, quantity: Motion) -> ComplexArray:
     r"""Return [(j omega)^k, H] (F, n_y + n_u): outputs to `quantity`, torques as they act between their samples."""
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[logged] for logged in record.quantities])
-    return np.concatenate([(2j * np.pi * freq_hz[:, None]) ** order, record.hold_response(freq_hz)], axis=1)
+    return np.concatenate([laplace_variable(freq_hz[:, None]) ** order, record.hold_response(freq_hz)], axis=1)
 
 
 def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray | None:

@@ -137,8 +137,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
     lengths = [record.n_samples for record in records]
 
     def segments_of(L: int) -> Segments:
-        window = np.asarray(get_window(spec.window, L), dtype=np.float64)
-        return Segments(window, max(1, L - L // 2))
+        return Segments(np.asarray(get_window(spec.window, L), dtype=np.float64), max(1, L - L // 2))
 
     where = f"configuration {first.configuration.name}: "
     if spec.segment != "auto":
@@ -151,8 +150,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
         segments = segments_of(L)
     else:
         wanted = max(16, 8 * n_u)
-        most = _MAX_NUMBERS // (len(first.outputs) + n_u)
-        L = 2 ** int(np.log2(min(max(lengths), most)))
+        L = 2 ** int(np.log2(min(max(lengths), _MAX_NUMBERS // (len(first.outputs) + n_u))))
         segments = segments_of(L)
         while L > 8 and sum(map(segments.count, lengths)) < wanted:
             L //= 2
@@ -370,8 +368,7 @@ def _covariances(
     beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
     scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
     by_noise, by_leverage = power(C_V), power(C_h)
-    excess = local_mean(quotient(by_leverage, by_noise, 1.0))
-    factor = np.sqrt(np.maximum(excess, 1.0))
+    factor = np.sqrt(np.maximum(local_mean(quotient(by_leverage, by_noise, 1.0)), 1.0))
     C_total = factor[:, :, None] * C_V * factor[:, None] + scaled @ scaled.mT.conj()
     noise, total = (kronecker(left, C, dof) for C in (C_V, C_total))
     return noise, total, beta, C_V
@@ -385,8 +382,7 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
         return np.zeros_like(G)
     lines = np.pad(G, ((m, m), (0, 0), (0, 0)), "reflect", reflect_type="odd")
     beta = np.sum([weight * lines[i : i + F] for i, weight in enumerate(weights)], axis=0)
-    fraction = 1 - noise * variance / np.maximum(np.abs(beta) ** 2, 1e-300)
-    return np.asarray(beta * np.sqrt(np.maximum(fraction, 0.0)))
+    return np.asarray(beta * np.sqrt(np.maximum(1 - noise * variance / np.maximum(np.abs(beta) ** 2, 1e-300), 0.0)))
 
 
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:

@@ -114,8 +114,7 @@ class MaxwellElements:
         arrives = sign * trial >= bound
         stuck = ca.if_else(arrives, sign * bound, trial)
         direction = ca.if_else(ca.logic_or(slips, arrives), sign, 0.0)
-        last_direction = ca.if_else(sign == 0, z[len(self.nu) :], direction)
-        return ca.vertcat(ca.if_else(slips, slid, stuck), last_direction)
+        return ca.vertcat(ca.if_else(slips, slid, stuck), ca.if_else(sign == 0, z[len(self.nu) :], direction))
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """Return stiffness and damping to ground at rest, where all elements stick."""

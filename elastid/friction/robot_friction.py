@@ -55,9 +55,10 @@ class PlacedLaw:
         F_c, F_s, nu_s, alpha_T = spec.coulomb, spec.break_away, spec.stribeck_velocity, 0.0
         F_l, inverse_nu_l = 0.0, 0.0
         if spec.load is not None:
-            F_c += spec.load.coulomb * abs(load) / n
+            by_load = spec.load.coulomb * abs(load) / n
+            F_c += by_load
             excess = (spec.load.of_stiction - spec.load.coulomb) * abs(load) / n
-            F_s += spec.load.coulomb * abs(load) / n
+            F_s += by_load
             if spec.load.stribeck_velocity is None:
                 F_s += excess
             else:
@@ -113,8 +114,7 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
             laws.append(PlacedLaw(f"motor {joint.name}", _law(spec, n), spec, n, reverses=motor.ratio < 0))
     for joint in robot.joints:
         if joint.friction is not None:
-            law = _law(joint.friction, 1.0)
-            laws.append(PlacedLaw(f"joint {joint.name}", law, joint.friction, 1.0, joint.slides))
+            laws.append(PlacedLaw(f"joint {joint.name}", _law(joint.friction, 1.0), joint.friction, 1.0, joint.slides))
         for element in () if joint.gear is None else joint.gear.hysteresis:
             stiffness = element.torque / element.deflection
             spring: Law = Stop(stiffness) if element.edge == "sharp" else Bristle(stiffness)
@@ -134,8 +134,7 @@ def coulomb_torques(robot: Robot) -> FloatArray:
     """
     levels = {place.place: float(place.curve()[0]) for place in frictions(robot)}
     rigid = [0.0 if joint in robot.flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
-    motors = [levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven]
-    return np.add(motors, rigid)
+    return np.add([levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven], rigid)
 
 
 def _law(spec: Friction, n: float) -> Law:

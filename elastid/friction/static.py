@@ -194,8 +194,7 @@ def slopes(
     linear_terms, step = {name: value for name, value in linear.items() if name in LINEAR}, 1e-100
     steps = ({**eta, name: eta.get(name, 0.0) + 1j * step} for name in names)
     torques = [columns(conditions, tuple(linear_terms), at, T_0) @ [*linear_terms.values()] for at in steps]
-    slopes = [torque.imag / step for torque in torques]
-    return np.reshape(slopes, (len(names), len(conditions.speed))).T
+    return np.reshape([torque.imag / step for torque in torques], (len(names), len(conditions.speed))).T
 
 
 def _nu(eta: Mapping[str, Any], theta: FloatArray) -> FloatArray:

@@ -29,8 +29,7 @@ class Path:
     def of(cls, q: FloatArray) -> "Path":
         """Return the turning points of q (n,), its ends among them."""
         rising = np.diff(q)
-        is_turning = rising[1:] * rising[:-1] <= 0
-        turning = np.concatenate([[0], np.flatnonzero(is_turning) + 1, [len(q) - 1]])
+        turning = np.concatenate([[0], np.flatnonzero(rising[1:] * rising[:-1] <= 0) + 1, [len(q) - 1]])
         counts = np.diff(turning)
         last = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
         return cls(np.diff(q[turning]), last, np.asarray(q - q[turning[last]]))

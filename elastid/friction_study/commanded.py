@@ -171,8 +171,7 @@ class _Problem:
             logs[0].is_zoh
         )  # fmt: skip
         highest = max(_upper_end(log) for log in logs)
-        window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
-        return cls(tuple(logs), joints, commanded, window)
+        return cls(tuple(logs), joints, commanded, max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest))))
 
     @property
     def index(self) -> list[int]:
@@ -213,8 +212,7 @@ def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) 
     problem = _Problem.of([log])
     values = [named(joints[name].names, joints[name].values) for name in log.joints]
     numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
-    late = np.array([values[0][DELAY]])
-    return problem.commanded.simulate(numbers[None], late)[:, 0]
+    return problem.commanded.simulate(numbers[None], np.array([values[0][DELAY]]))[:, 0]
 
 
 def _upper_end(log: CommandedLog) -> float:

@@ -108,8 +108,7 @@ class PassRegression:
         if not has_ripple:
             return regression
         first, others = regression._with_waves(np.arange(2)), np.arange(2, N_WAVES)
-        residual = first.y - first.A @ first.solve()[0]
-        return first._with_waves(others[harmonic_peaks(residual, first.waves[:, others])])
+        return first._with_waves(others[harmonic_peaks(first.y - first.A @ first.solve()[0], first.waves[:, others])])
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
         """Return numbers (n_x,) and covariance (n_x, n_x)."""

@@ -363,8 +363,7 @@ def estimate_noise(
     options: dict[str, Any] = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150}
     bounds = [(least, math.log(1e3)) for least in lowest.tolist()]
     for start in (np.zeros(n), np.log([{"torque": 0.2, "slip": 4.0}.get(name, 1.0) for name in names])):
-        simplex = np.vstack([start, start + 1.1 * np.eye(n)])
-        options["initial_simplex"] = simplex
+        options["initial_simplex"] = np.vstack([start, start + 1.1 * np.eye(n)])
         ends.append(minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options))
     end = ends[int((ends[0].fun - ends[1].fun) * settled.sum() > 20.0)]
     return noise_at(end.x), float(end.fun)

@@ -87,8 +87,7 @@ def _restless(track: Track, first: int) -> tuple[str, ...]:
         for lag in (max(1, min(lag, len(x) // 4)) for lag in lags):
             square = (x[lag:] - x[:-lag]) ** 2
             over_band = np.mean(square / (variance[lag:] + variance[:-lag]))
-            drifted = drift[k] * (time_s[lag:] - time_s[:-lag])
-            over_noise = np.mean(square / (spread[lag:] + spread[:-lag] + drifted))
+            over_noise = np.mean(square / (spread[lag:] + spread[:-lag] + drift[k] * (time_s[lag:] - time_s[:-lag])))
             restless[k] |= over_band > MAX_MOVEMENT[0] and over_noise > MAX_MOVEMENT[1]
     return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
 

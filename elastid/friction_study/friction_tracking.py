@@ -101,10 +101,9 @@ def track_friction(
         np.stack([track.values(name, stds)[ends] for name in joint.followed], axis=1)
         for stds in (0.0, -QUANTILE_95, QUANTILE_95)
     )
-    notes = tuple(filter_notes(f"joint {name}", track, judged))
     return TrackedFriction(
         name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
-        judged, noise, joint, rate_hz, notes
+        judged, noise, joint, rate_hz, tuple(filter_notes(f"joint {name}", track, judged))
     )  # fmt: skip
 
 

@@ -204,8 +204,7 @@ def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz
     bands, texts = tuple[list[MotionLog], ...](), list[str]()
     halvings = round(math.log2(widest_hz / fit.passband_hz))
     for band_hz in (widest_hz / 2**k for k in range(halvings, -1, -1)):
-        logs = [MotionLog({"": MotionSignals.of(motion, band_hz)}) for motion in motions]
-        if bands := both_bands(logs, NARROW_BAND):
+        if bands := both_bands([MotionLog({"": MotionSignals.of(motion, band_hz)}) for motion in motions], NARROW_BAND):
             fit, text = _by_spring(fit, [log.first for log in bands[1]])
             texts.append(text)
     fit = assess_motion(fit, "", _noise_free_differences(bands, fit), widest_hz)

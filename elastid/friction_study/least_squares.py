@@ -229,10 +229,9 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, float(independent.sum()) - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
-    influences = tuple(part @ bread / size for part in parts)
     return Solution(
-        logs[0].names, beta, pi, pi_std, np.asarray(covariance), relative, squares, independent, dof, widening,
-        influences
+        logs[0].names, beta, pi, pi_std, covariance, relative, squares, independent, dof, widening,
+        tuple(part @ bread / size for part in parts)
     )  # fmt: skip
 
 
@@ -278,7 +277,7 @@ def _expected(
         truth += squares.sum(axis=0)
         mean += 2 / count * np.einsum("jjx->x", M)
         variance += (2 / count) ** 2 * np.einsum("jkx,jkx->x", M, M)
-    return np.maximum(mean / np.maximum(truth, 1e-300), _LEAST_MEAN), np.asarray(mean**2 / np.maximum(variance, 1e-300))
+    return np.maximum(mean / np.maximum(truth, 1e-300), _LEAST_MEAN), mean**2 / np.maximum(variance, 1e-300)
 
 
 def state_widening(
@@ -288,8 +287,7 @@ def state_widening(
     used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), small_sample_factors(_TERMS)
     limit = fdtri(_TERMS, dof, 1 - _STATE_CHANCE) * (student / small_sample_factors(dof)) ** 2
     for state in states.T:
-        ordered = scores[used][np.argsort(state[used])]
-        by_states = np.diag(bread @ long_run(ordered, _TERMS) @ bread) * student**2
+        by_states = np.diag(bread @ long_run(scores[used][np.argsort(state[used])], _TERMS) @ bread) * student**2
         ratio = by_states / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
     return widening

@@ -332,7 +332,7 @@ class MotionSignals:
         variance = np.mean(np.diff(self.motion.position, 5)[inner] ** 2) / comb(10, 5)
         slopes = np.convolve(self.taps, [0.5, 0.0, -0.5]), np.convolve(self.taps, [1.0, -2.0, 1.0])
         gains = [np.sum((slope * self.motion.rate_hz**order) ** 2) for order, slope in enumerate(slopes, start=1)]
-        return np.asarray(variance * np.array(gains))
+        return variance * np.array(gains)
 
     @property
     def decimated_hz(self) -> float:

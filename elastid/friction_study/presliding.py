@@ -66,16 +66,14 @@ class Elements:
 
     def torque(self, position: FloatArray) -> FloatArray:
         """Return tau_f (n,) along positions, the elements at rest at the first."""
-        states = operators(position, self.threshold)
-        return states @ self.stiffness + self.offset
+        return operators(position, self.threshold) @ self.stiffness + self.offset
 
     def to_maxwell_slip(self) -> MaxwellSlip:
         """Return Maxwell slip as a robot's file has it."""
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
-        fractions = k * D / float(k @ D)
         # A hundred times the torque: an element that slips reaches its level at once.
-        return MaxwellSlip(tuple(k.tolist()), tuple(fractions.tolist()), 100.0 * float(k @ D))
+        return MaxwellSlip(tuple(k.tolist()), tuple((k * D / float(k @ D)).tolist()), 100.0 * float(k @ D))
 
 
 def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: int | None = None) -> Elements:
@@ -122,8 +120,7 @@ def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray
     yield loops.position
     for band in (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) if loops.resolution > 0 else ():
         if (hz := band * frequency_hz) < 0.45 * loops.rate_hz:
-            filter_ = butter(4, hz, fs=loops.rate_hz, output="sos")
-            yield np.asarray(sosfiltfilt(filter_, loops.position))
+            yield np.asarray(sosfiltfilt(butter(4, hz, fs=loops.rate_hz, output="sos"), loops.position))
 
 
 def operators(q: FloatArray, thresholds: FloatArray) -> FloatArray:
@@ -143,8 +140,7 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
 
 def _element_fit(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
     torque = np.cumsum(spectrum.stiffness * spectrum.threshold)
-    fractions = (np.arange(count) + 0.5) / count * torque[-1]
-    start = np.log(np.interp(fractions, torque, spectrum.threshold))
+    start = np.log(np.interp((np.arange(count) + 0.5) / count * torque[-1], torque, spectrum.threshold))
     start = start + 1e-3 * np.arange(count)  # no two the same
     low, high = np.log(spectrum.threshold[0] / 2), np.log(spectrum.threshold[-1])
     within = np.clip(start, low + 1e-6, high - 1e-6)

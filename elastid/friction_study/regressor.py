@@ -109,8 +109,7 @@ def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTer
     fit = regress(signals, wider)
     chance = min(fit.chance(name, 0) for name in ANGLE)
     change = np.ptp(legval(np.linspace(-1, 1, 101), [0.0, *(fit[name] for name in ANGLE)]))
-    matters = change > MIN_CHANGE * abs(fit["coulomb"])
-    return wider if matters and chance * len(ANGLE) < FALSE_ALARM else terms
+    return wider if change > MIN_CHANGE * abs(fit["coulomb"]) and chance * len(ANGLE) < FALSE_ALARM else terms
 
 
 def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
@@ -142,8 +141,7 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
         unseen = regress(signals, replace(settled, stribeck_velocity=velocity), steps=0)
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
-    change = max(changes, key=lambda shift: float(abs(shift[place])))
-    return fit.widened(change)
+    return fit.widened(max(changes, key=lambda shift: float(abs(shift[place]))))
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:

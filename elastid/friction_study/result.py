@@ -300,8 +300,7 @@ def identify_friction(
     if not any(map(any, parts)) or not any(joint.has_number for joint in joints):
         status, misfits = "failed", [f"joint {j.joint}: {term.reason}" for j in joints for term in j.missing]
     numbers = () if status == "failed" else (f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)
-    message = "; ".join([*misfits, *numbers])
-    return FrictionResult(joints, measured.notes, status, message)
+    return FrictionResult(joints, measured.notes, status, "; ".join([*misfits, *numbers]))
 
 
 def _joint(
@@ -400,8 +399,7 @@ def _numbers(
         yield from table(learnt, identified, names, joint.values, joint.covariance)
     if at_rest is not None:
         learnt, names = f"responses at rest, {at_rest.amplitudes} amplitudes", ("lugre.stiffness", "lugre.damping")
-        values = np.array([at_rest.sigma_0, at_rest.sigma_1])
-        yield from table(learnt, names, names, values, at_rest.covariance)
+        yield from table(learnt, names, names, np.array([at_rest.sigma_0, at_rest.sigma_1]), at_rest.covariance)
 
 
 def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] | None:

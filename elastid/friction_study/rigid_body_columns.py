@@ -160,8 +160,7 @@ class RigidColumns:
     def _function(self) -> tuple[ca.Function, IntArray, list[int]]:
         """Rigid body's columns from q, v, a; indices of the others among `chosen`; places of the rows."""
         n_l, names = len(self.robot.joints), [joint.name for joint in self.robot.joints]
-        every = np.arange(len(column_names(self.robot, self.joints)))
-        chosen = every if self.chosen is None else self.chosen
+        chosen = np.arange(len(column_names(self.robot, self.joints))) if self.chosen is None else self.chosen
         places = [names.index(joint) for joint in self.rows]
         q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
         columns = regressor(self.robot)(q, v, a)[places, chosen[chosen < 10 * n_l].tolist()]
@@ -208,8 +207,7 @@ def ridge_estimate(logs: Sequence[Equations], solution: Solution, ridges: Sequen
 
     def numbers(rows: IntArray, ridge: float) -> FloatArray:
         flat = np.concatenate([(R[rows] / size).reshape(-1, n_b), ridge * np.eye(n_b)])
-        y = np.append(target[rows], np.zeros(n_b))
-        return np.asarray(np.linalg.lstsq(flat, y, rcond=RANK_TOLERANCE)[0] / size)
+        return np.asarray(np.linalg.lstsq(flat, np.append(target[rows], np.zeros(n_b)), rcond=RANK_TOLERANCE)[0] / size)
 
     def error(ridge: float) -> float:
         folds = np.array_split(every, 5)

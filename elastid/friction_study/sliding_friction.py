@@ -220,7 +220,7 @@ def simulated_commands(
     Sangiovanni-Vincentelli, IEEE Trans. CAD 1, 1982).
     """
     commanded, records = commanded_log(robot, log), list(log.values())
-    positions = np.asarray(simulate_commanded(commanded, joints))
+    positions = simulate_commanded(commanded, joints)
     for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
         before, (load, carried) = positions, rigid_loads(robot, records, positions)
         positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=carried), joints)

@@ -178,8 +178,7 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
     cost, dof = float(residual @ residual), curve.n_conditions - n_numbers
     values = named(terms.linear, linear) | eta
     J = derivative(curve.conditions, terms, values, T_0) / curve.std[:, None]
-    covariance = inverse_normal(J) * excess(cost, dof)
-    return StaticLaw(curve, terms, T_0, values, covariance, cost, dof)
+    return StaticLaw(curve, terms, T_0, values, inverse_normal(J) * excess(cost, dof), cost, dof)
 
 
 def excess(cost: float, dof: int) -> float:
@@ -189,8 +188,7 @@ def excess(cost: float, dof: int) -> float:
 
 def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
     """Return d s tau_f / d numbers (n, n_linear + n_searched)."""
-    linear = {name: values[name] for name in terms.linear}
-    searched = slopes(conditions, linear, terms.searched, values, T_0)
+    searched = slopes(conditions, {name: values[name] for name in terms.linear}, terms.searched, values, T_0)
     return np.hstack([columns(conditions, terms.linear, values, T_0), searched])
 
 

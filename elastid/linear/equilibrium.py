@@ -127,8 +127,7 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
     stiffness, modes = np.linalg.eigh(K)
     pull, size = modes.T @ torque, np.abs(stiffness)
     floor = 1e-13 * size.max() or 1.0
-    moving = (size > floor) | (np.abs(pull) > rounding)
-    return -modes @ np.where(moving, pull / np.maximum(size, floor), 0.0)
+    return -modes @ np.where((size > floor) | (np.abs(pull) > rounding), pull / np.maximum(size, floor), 0.0)
 
 
 def _shortened(

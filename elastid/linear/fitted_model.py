@@ -265,8 +265,7 @@ class FittedModel:
     @cached_property
     def linear(self) -> LinearModel:
         """The linear model between inputs and outputs."""
-        n = len(self.whole.outputs) - len(FRAME_AXES)
-        return self.whole.with_outputs(range(n)) if self.frame else self.whole
+        return self.whole.with_outputs(range(len(self.whole.outputs) - len(FRAME_AXES))) if self.frame else self.whole
 
     @property
     def display(self) -> Display:

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import polynomial
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled, laplace_variable
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
 from elastid.base.escape import control_labels
@@ -327,7 +327,7 @@ class StateSpace:
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """Return G (F, n_y, n_u) = [C (s I - A)^-1 B + D] exp(-s T_d) on the lines freq_hz (F,)."""
-        s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
+        s = laplace_variable(np.asarray(freq_hz)[:, None, None])
         X = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B.astype(complex))
         return np.asarray((self.C @ X + self.D) * np.exp(-s * self.delay))
 
@@ -344,8 +344,7 @@ class StateSpace:
         labels = control_labels(self.configuration.name, self.inputs, self.outputs)
         system = control.ss(self.A, self.B, self.C, self.D)
         if pade is not None and self.delay > 0:
-            late = control.tf2ss(*control.pade(self.delay, pade))
-            system = system * control.append(*[late] * len(self.inputs))
+            system = system * control.append(*[control.tf2ss(*control.pade(self.delay, pade))] * len(self.inputs))
         return control.ss(system, **labels)
 
 
@@ -386,8 +385,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
                 "of the robot's chain, and estimate and export another quantity",
                 f"chain.{element.name}",
             )
-        T = model.number(theta, element.name)
-        A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, T)
+        A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, model.number(theta, element.name))
     delay = model.number(theta, DELAY) if DELAY in model.parameters else 0.0
     return StateSpace(model.configuration, A, B, C, D_y, delay, model.inputs, model.outputs, model.quantity)
 

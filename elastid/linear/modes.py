@@ -37,8 +37,7 @@ class Modes:
     @property
     def poles(self) -> ComplexArray:
         """lambda (n_m,) in 1/s of each mode, with positive imaginary part."""
-        swinging = 1j * np.sqrt(np.maximum(1 - self.zeta**2, 0.0))
-        return 2 * np.pi * self.freq_hz * (swinging - self.zeta)
+        return 2 * np.pi * self.freq_hz * (1j * np.sqrt(np.maximum(1 - self.zeta**2, 0.0)) - self.zeta)
 
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:
@@ -82,8 +81,7 @@ def normalised(shapes: ComplexArray) -> ComplexArray:
     """Scale the columns of shapes (n, n_m) to a largest entry of 1."""
     if not shapes.size:
         return shapes
-    largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    return shapes / largest
+    return shapes / np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
 
 
 @frozen_value

@@ -78,8 +78,7 @@ def estimate_motion_bias(
         bias = _MotionBias.of(expansion, motion, measured, at, mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
         changes = interpolated(omega, nodes, np.stack([bias.change(node) for node in nodes]))
-        dG = expansion.response_change(omega, changes)[:, :, inputs]
-        return change_of_angles(linear, theta, lines_hz, dG)
+        return change_of_angles(linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs])
 
     if noise is not None:
         few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
@@ -191,7 +190,7 @@ class _MotionBias:
         total[np.ix_(rows, unknowns)] += np.sum(
             weighted.reshape(K, len(rows), n_k * m) @ x.reshape(K, n_k * m, n_k), axis=0
         )
-        return np.asarray(total)
+        return total
 
     @cached_property
     def _curved_parts(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:
@@ -271,8 +270,7 @@ def _shift_slope(expansion: _Expansion, covariance: FloatArray, shift: FloatArra
     """R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
     n, x = expansion.n, expansion.B @ shift
     torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ x
-    mean = x - expansion.locked_inverse(0.0).real @ torque
-    return np.tensordot(mean, expansion.curvature[:n], axes=1)
+    return np.tensordot(x - expansion.locked_inverse(0.0).real @ torque, expansion.curvature[:n], axes=1)
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:

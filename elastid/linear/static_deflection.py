@@ -116,8 +116,7 @@ class LoadedRobot:
         r, K = self._at(self.statics, z, theta)
         for _ in range(MAX_STEPS):
             step = -self._solve(K, r)[:, :, 0]
-            free = step[:, : step.shape[1] - self.model.n_c]
-            largest = np.abs(free).max(axis=1, initial=0.0)
+            largest = np.abs(step[:, : step.shape[1] - self.model.n_c]).max(axis=1, initial=0.0)
             if not np.isfinite(step).all():
                 break
             if largest.max() < ROUNDING_GAP:  # convergence is quadratic
@@ -157,9 +156,7 @@ def evaluate_rows(function: ca.Function, *rows: FloatArray) -> tuple[FloatArray,
     return tuple(values.swapaxes(1, 2) for values in results)
 
 
-@lru_cache(maxsize=16)
-def _for_rows(function: ca.Function, count: int) -> ca.Function:
-    return function.map(count)
+_for_rows = lru_cache(maxsize=16)(ca.Function.map)
 
 
 def _size(r: FloatArray, K: FloatArray) -> FloatArray:
@@ -180,8 +177,7 @@ def _functions(
     named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
     layout = tree(model.robot, {name: symbol for name, symbol in named.items() if name in model.robot.geometry})
     joint_turns, names = turns(layout, q[: len(model.robot.joints)]), [frame.name for frame in model.robot.frames]
-    Phi = model.constraint_jacobian(q, theta)
-    forces = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
+    forces = model.potential_gradient(q, theta) + (model.constraint_jacobian(q, theta).T @ lambda_ if model.n_c else 0)
     rates = model.frame_velocity(q, theta)
     points = []
     for i, name in enumerate(frames):

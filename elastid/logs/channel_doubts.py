@@ -233,8 +233,7 @@ def _sensor_doubts(joint: JointSignals) -> Iterator[Doubt]:
         gain, std = inertias[0] / max(inertias[1], 1e-300), 0.0 if min(inertias) > 0 else np.inf
     is_other = abs(np.log(gain)) > MAX_EFFICIENCY if is_certain else gain < np.exp(-MAX_EFFICIENCY)
     if MIN_GAIN_OVER_STD * std < gain and is_other and joint.channels[joint.torque].quantity != "current":
-        far = [(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)]
-        for distance, keys in sorted(far)[:1]:
+        for distance, keys in sorted([(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)])[:1]:
             text = f"the motor torque is {gain:.3g} times the sensor's ({names})"
             if distance < MAX_EFFICIENCY or not is_certain:
                 yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")

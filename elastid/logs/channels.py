@@ -263,8 +263,7 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
         f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
     )
     log.report("channels brought to another rate", len(names), text)
-    at_rate = at_times(signals, times, period, 1 / ratio)
-    return replace(group, rate_hz=rate_hz, signals=at_rate, rows=None)
+    return replace(group, rate_hz=rate_hz, signals=at_times(signals, times, period, 1 / ratio), rows=None)
 
 
 def _align(groups: Sequence[_Group], period: float | None, experiment: _Experiment) -> list[_Group]:
@@ -284,8 +283,7 @@ def _align(groups: Sequence[_Group], period: float | None, experiment: _Experime
                 members[i] = replace(group, signals=at_times(group.signals, times, whole))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
-        x_2 = _signals(members, N, channels)
-        shift, cue = _file_delay(base[0], members[0], x_1, x_2, N, paths[number - 1])
+        shift, cue = _file_delay(base[0], members[0], x_1, _signals(members, N, channels), N, paths[number - 1])
         shifts[number] = shift
         others += members
         up_to = "" if N is None else " (up to whole periods)"
@@ -352,8 +350,7 @@ def _file_delay(
             whole = "" if is_exact else ", to whole samples: log r in both files, or name delay in fit.parameters"
             lag = delays[best][0]
             return lag if is_exact else float(round(lag)), f"{best[0]} at {best[1]}{whole}"
-    has_excitation = any(place[0] == "r" for place in x_1)
-    shift = None if sent else _clock_shift(first, second, has_excitation)
+    shift = None if sent else _clock_shift(first, second, any(place[0] == "r" for place in x_1))
     motions = {place: x for place, x in x_2.items() if place[0] == "y" and ("u", place[1], "") in x_1}
     if motions and not sent:
         u, y = _stack([x_1["u", at, ""] for _, at, _ in motions]), _stack([*motions.values()])

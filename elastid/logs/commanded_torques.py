@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import CascadeSpec
 from elastid.logs.repair import Log
@@ -43,8 +43,7 @@ class Drives:
         path = controller.reference or ReferencePathSpec(1 / rate_hz, "hold")
         ticks = controller.ticks if controller.reference is not None else 1
         alpha = controller.velocity_feedforward or path.velocity_feedforward
-        drives = cls(replace(controller, reference=path, ticks=ticks), robot, torques, rate_hz)
-        return drives.with_feedforward(alpha)
+        return cls(replace(controller, reference=path, ticks=ticks), robot, torques, rate_hz).with_feedforward(alpha)
 
     def with_feedforward(self, alpha: float) -> "Drives":
         """Return drives with another velocity feedforward."""
@@ -59,12 +58,12 @@ class Drives:
         joints, tick_hz = self.robot.driven_names, controller.tick_hz
         C_fb, C_ff = sampled_responses(joints, loop, controller.spec, f, tick_hz, "position")
         T = TORQUE_LAG_S / 2 if controller.low_pass_hz else TORQUE_LAG_S
-        lag = low_pass_response((2j * np.pi * f[:, None]).astype(np.complex128), T)
+        lag = low_pass_response(laplace_variable(f[:, None]), T)
         return C_fb * lag, C_ff * lag
 
     def low_passes(self, f: FloatArray) -> ComplexArray:
         """Return filters (F, n_u) of the channels."""
-        s = (2j * np.pi * f).astype(np.complex128)
+        s = laplace_variable(f)
         times = [sum(error.low_pass for error in channel.errors) for channel in self.torques]
         return np.stack([low_pass_response(s, T) for T in times], axis=1)
 
@@ -78,7 +77,7 @@ class Drives:
             f_m = f + m * self.rate_hz
             C_fb, C_ff = self.controlled(f_m)
             S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
-            yield m, np.asarray(S * C_ff * self.low_passes(f_m) / filters)
+            yield m, S * C_ff * self.low_passes(f_m) / filters
 
     @property
     def is_subtracted(self) -> bool:
@@ -136,8 +135,7 @@ def match_torques(
     """
     stated_alpha = drives.controller.velocity_feedforward
     above = freq_hz > lowest_hz
-    largest = np.abs(R[above]).max(initial=0.0)
-    lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * largest))
+    lines = np.flatnonzero(above & (np.abs(R).max(axis=1) > _SMALLEST * np.abs(R[above]).max(initial=0.0)))
     if not lines.size:
         return None
     signals = freq_hz[lines], U[lines], R[lines], None if Q is None else Q[lines]

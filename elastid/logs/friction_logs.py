@@ -193,7 +193,7 @@ class _LogReader:
         load_torque = np.zeros(len(angles))  # Nm, N: holds each driven joint, the payload at the last frame
         if self.file.load:
             model = formulate(with_point_mass(self.robot, self.payload))
-            load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, np.asarray(model.theta), posture).u))
+            load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, model.theta, posture).u))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
         path = None if self.recorded.controller is None else self.recorded.controller.reference
         command_hold: Hold = "zero-order" if path is None or path.interpolation == "hold" else "band-limited"

@@ -48,8 +48,7 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, units.get(name, ""))
             guess = guess_by_name(heading, number, unit)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
-                is_position = [True] if guess.quantity == "position" else []
-                x = without_lone(x[:, None], RepairLog("", ("",)), is_position)[:, 0]
+                x = without_lone(x[:, None], RepairLog("", ("",)), [True] if guess.quantity == "position" else [])[:, 0]
             is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)
             if is_measured and (np.ptp(whole := bridged(x)) > 0 or with_constant):
                 result.append((replace(_with_counts(guess, whole), name=name), whole))
@@ -69,8 +68,7 @@ def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
     """Return message on the first cell of a text without a number: first among the signals, then in other columns."""
     if not isinstance(log, TextLog) or log.sample_ms:
         return []
-    columns = enumerate(name for name, _ in log.named_columns())
-    groups = [[i for i, name in columns if name in names]]
+    groups = [[i for i, name in enumerate(name for name, _ in log.named_columns()) if name in names]]
     groups += [[*range(log.n_columns)]] if not groups[0] else []
     return [cell for cell in [log.wrong_cell(groups[-1], slice(0, most))] if cell]
 

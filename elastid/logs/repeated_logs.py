@@ -70,8 +70,7 @@ def _align_record(first: Record, record: Record, claim: str) -> Record:
     delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
     best = max(range(len(delays)), key=lambda i: delays[i][1])
     lag = delays[best][0]
-    turns = np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)
-    b = np.fft.irfft(np.fft.rfft(b, axis=0) * turns[:, None], N, axis=0)
+    b = np.fft.irfft(np.fft.rfft(b, axis=0) * np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)[:, None], N, axis=0)
     for i, place in enumerate(first.inputs):
         noise = var_a[i] + var_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.

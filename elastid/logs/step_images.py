@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.logs.commanded_torques import Drives, match_torques, positive, report_controller
@@ -55,14 +55,12 @@ def without_step_images(
     drives = Drives.of(controller, robot, [channels[i] for i in u], rate_hz)
     positions = {channels[i].at: i for i in roles["y"] if channels[i].quantity == "position"}
     is_referenced = len(roles["r"]) == len(u) and all(channels[i].quantity == "position" for i in roles["r"])
-    if not has_images and not (is_referenced and all(channels[i].at in positions for i in u)):
+    has_positions = all(channels[i].at in positions for i in u)
+    if not has_images and not (is_referenced and has_positions):
         return signals
     U, R = np.fft.rfft(signals[:, u], axis=0), _without_jump(signals[:, roles["r"]])
-    Q = None
-    if all(channels[i].at in positions for i in u):
-        Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]])
-    lowest_hz = _LOWEST * rate_hz if has_images else 0.0
-    match = match_torques(drives, freq_hz, U, R, Q, lowest_hz) if is_referenced else None
+    Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]]) if has_positions else None
+    match = match_torques(drives, freq_hz, U, R, Q, _LOWEST * rate_hz if has_images else 0.0) if is_referenced else None
     if match is not None and Q is not None:
         report_controller(match, log)
     if not has_images:
@@ -73,7 +71,7 @@ def without_step_images(
             return _subtract(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
         if match is not None and match.explained > _MIN_EXPLAINED:
             images, _ = match.drives.per_reference(freq_hz, match.delay_s)
-            return _subtract(signals, u, np.asarray(images * R * match.scale), text, log)
+            return _subtract(signals, u, images * R * match.scale, text, log)
         if match is not None:
             fraction = f"{100 * match.explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
             text = f"{text}. They are not subtracted: the logged references and the controller explain {fraction}"
@@ -102,7 +100,7 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
     drives = Drives.of(controller, robot, [torques[place] for place in response.inputs], rate_hz)
     f, rows = response.freq_hz, [response.outputs.index(place) for place in response.inputs]
     C_fb, C_ff = drives.controlled(f)
-    s = 2j * np.pi * f[:, None]
+    s = laplace_variable(f[:, None])
     P = response.G[:, rows] * s[..., None] ** -MOTION_ORDER[response.quantity]
     fed_back, unit = C_fb[:, :, None] * P, np.eye(len(rows))
     images = drives.per_reference(f)[0]
@@ -119,7 +117,7 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
 
 def _without_jump(x: FloatArray) -> ComplexArray:
     """Compute the DFT of motions x (n, c) without the line between their ends."""
-    return np.asarray(np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0))
+    return np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0)
 
 
 def _subtract(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: Log) -> FloatArray:

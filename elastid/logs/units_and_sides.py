@@ -191,8 +191,7 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
     C = np.cov(signals, rowvar=False)
     compared = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
     for a, b in combinations(compared, 2):
-        is_one = C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]
-        if channels[a].role == channels[b].role and is_one:
+        if channels[a].role == channels[b].role and C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]:
             text = (
                 f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the "
                 "signal of its motor. Check channel and column in the study, and the wiring of the logger"

@@ -94,8 +94,7 @@ def has_variance(response: Response) -> bool:
 def floor_variance(variance: FloatArray, power: FloatArray) -> FloatArray:
     """Return variance (F, n_y, n_u), at least the positive variance of rounding; power (F, n_y, n_u): |G|^2."""
     mean = power.mean(axis=0)
-    floor = MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)
-    return np.asarray(np.maximum(variance, floor))
+    return np.asarray(np.maximum(variance, MIN_RELATIVE_VARIANCE * (power + mean) + np.where(mean > 0, 0.0, 1.0)))
 
 
 def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
@@ -109,8 +108,7 @@ def by_differences(freq_hz: FloatArray, G: ComplexArray) -> FloatArray:
 def _differences(freq_hz: FloatArray, G: ComplexArray) -> ComplexArray:
     """Return d (F - 4, n_y, n_u), of the variance of a line where neighbours are independent."""
     x = np.lib.stride_tricks.sliding_window_view(freq_hz, 5) / (freq_hz[-1] / len(freq_hz))
-    gaps = x[:, :, None] - x[:, None, :] + np.eye(5)
-    c = 1 / gaps.prod(axis=2)
+    c = 1 / (x[:, :, None] - x[:, None, :] + np.eye(5)).prod(axis=2)
     c /= np.linalg.norm(c, axis=1, keepdims=True)
     return np.asarray(np.einsum("ki,k...i->k...", c, np.lib.stride_tricks.sliding_window_view(G, 5, axis=0)))
 
@@ -175,8 +173,7 @@ def estimate_modes(
             response, orders, fit = inverted, others, other
             text = f"the phases have the opposite sign: the conjugate leaves {percent(remaining)} of the power"
             notes = (Note("modal/phase", f"{text}; elastid uses it", response.configuration.name),)
-    shift = 0.0 if exponential_s is None else 1 / exponential_s
-    modes = _modes(response, fit, stabilisation(orders), shift, poles_hz)
+    modes = _modes(response, fit, stabilisation(orders), 0.0 if exponential_s is None else 1 / exponential_s, poles_hz)
     return replace(modes, notes=(*modes.notes, *notes))
 
 
@@ -223,16 +220,16 @@ def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
     keep = response.freq_hz > 0
     if band_hz is not None:
         keep &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
-    lost = ~_reached(response)
-    if np.sum(keep & ~lost) < LIMITS.lines:
+    used = keep & _reached(response)
+    if np.sum(used) < LIMITS.lines:
         where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
         raise DataError(
             "modal/lines",
-            f"{int(np.sum(keep & ~lost))} lines{where} have excitation "
+            f"{int(np.sum(used))} lines{where} have excitation "
             f"and coherence, modes need {LIMITS.lines} or more; take a wider band, a longer period or record",
             f"configuration {response.configuration.name}",
         )
-    return response.lines(keep & ~lost)
+    return response.lines(used)
 
 
 def _refuse_overload(response: Response) -> None:
@@ -309,8 +306,7 @@ def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) ->
     for f in poles_hz:
         size = 2 * np.pi * f / data.basis.scale
         gap = np.abs(np.abs(candidates) - size) / size
-        near = len(gap) > 0 and gap.min() < 0.02
-        chosen.append(candidates[np.argmin(gap)] if near else size * complex(-0.01, 1.0))
+        chosen.append(candidates[np.argmin(gap)] if len(gap) > 0 and gap.min() < 0.02 else size * complex(-0.01, 1.0))
     return np.unique(np.array(chosen, complex))
 
 
@@ -349,16 +345,16 @@ def _collect_modes(
         std = mode.residue_std
         U, s, Vh = np.linalg.svd(mode.residue)
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
-        for k in range(count):
-            largest = U[np.argmax(np.abs(U[:, k])), k]
-            shape, participation = U[:, k] / largest, Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
+        for u, size, v in zip(U.T[:count], s, Vh, strict=False):
+            largest = u[np.argmax(np.abs(u))]
+            shape, participation = u / largest, v / v[np.argmax(np.abs(v))]
             members.append(mode)
             numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std))
             shapes.append(shape)
-            participations.append(Vh[k] * s[k] * largest)
+            participations.append(v * size * largest)
             # By the entries of a residue along the input, or output, that goes with it.
-            stds.append(_relative_std(shape, np.sqrt(std**2 @ np.abs(Vh[k]) ** 2) / (s[k] * np.abs(U[:, k]).max())))
-            noise = np.sqrt(np.abs(U[:, k]) ** 2 @ std**2) / (s[k] * np.abs(Vh[k]).max())
+            stds.append(_relative_std(shape, np.sqrt(std**2 @ np.abs(v) ** 2) / (size * np.abs(u).max())))
+            noise = np.sqrt(np.abs(u) ** 2 @ std**2) / (size * np.abs(v).max())
             participation_stds.append(_relative_std(participation, noise))
     n_y, n_u = response.G.shape[1:]
     f, f_std, zeta, zeta_std = np.array(numbers).reshape(-1, 4).T

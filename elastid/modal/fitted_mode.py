@@ -223,8 +223,7 @@ class Influences:
         """rho (n,) at the lags 1, 2 ... over which the estimator correlates lines; empty for independent lines."""
         if self.correlated_lines <= 1:
             return np.empty(0, complex)
-        size = np.abs(self._normalised)
-        residual = self._normalised * np.minimum(1.0, 3.0 / np.maximum(size, 1e-300))
+        residual = self._normalised * np.minimum(1.0, 3.0 / np.maximum(np.abs(self._normalised), 1e-300))
         power = float(np.vdot(residual, residual).real)
         lags = range(1, min(int(np.ceil(CORRELATION_LAGS * self.correlated_lines)), len(residual) // 4) + 1)
         return np.array([np.vdot(residual[lag:], residual[:-lag]) / power for lag in lags])

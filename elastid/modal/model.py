@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -53,13 +53,12 @@ class Basis:
         """Return the columns for a response, smoothed where its segments had a window."""
         correlation = window_correlation(response) if response.window else None
         scale = 2 * np.pi * float(response.freq_hz[-1])
-        order = MOTION_ORDER[response.quantity]
-        return cls(response.freq_hz, order, scale, correlation, response.segment_s)
+        return cls(response.freq_hz, MOTION_ORDER[response.quantity], scale, correlation, response.segment_s)
 
     @property
     def s(self) -> ComplexArray:
         """j omega (F,) over the scale."""
-        return np.asarray(2j * np.pi * self.freq_hz / self.scale)
+        return np.asarray(laplace_variable(self.freq_hz) / self.scale)
 
     def poles(self, poles: ComplexArray, derivative: bool = False) -> ComplexArray:
         """Return 1 / (s - lambda) (F, n) for poles (n,) over the scale, or its derivative by lambda."""
@@ -216,8 +215,7 @@ class ModalFit:
     @property
     def residues(self) -> ComplexArray:
         """R (n, C) in the elements' units times the frequency scale."""
-        n = len(self.poles)
-        parts = self.coefficients[: 2 * n]
+        parts = self.coefficients[: 2 * len(self.poles)]
         return np.asarray((parts[0::2] + 1j * parts[1::2]) * self.data.scale)
 
     @cached_property
@@ -282,5 +280,4 @@ class ModalFit:
 
     def synthesis(self) -> ComplexArray:
         """Return G (F, C) of the model."""
-        model = self.Q @ (self.Q.T @ self.data.y)
-        return complex_columns(model) * self.data.scale / self.data.weight[:, None]
+        return complex_columns(self.Q @ (self.Q.T @ self.data.y)) * self.data.scale / self.data.weight[:, None]

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled, laplace_variable
 from elastid.base.display import Display, as_html, as_text, digits, number, percent
 from elastid.base.errors import Note
 from elastid.base.escape import control_labels
@@ -111,8 +111,7 @@ class Modes:
     @property
     def poles(self) -> ComplexArray:
         """lambda (n,) in 1/s."""
-        omega = 2 * np.pi * self.freq_hz
-        return omega * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
+        return 2 * np.pi * self.freq_hz * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
 
     def state_space(self, residual: bool = True) -> StateSpace:
         r"""Return the modes as a real state space, two states a mode, and the residual of the modes outside the band.
@@ -140,7 +139,7 @@ class Modes:
     def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
         """Return fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
         freq_hz, G = self.at_hz, self.synthesis
-        s = 2j * np.pi * freq_hz
+        s = laplace_variable(freq_hz)
         ends = 2 * np.pi * np.array([freq_hz[0] * _OUTSIDE[0], *(freq_hz[-1] * x for x in _OUTSIDE[1:])])
         polynomials = [(1.0, 2 * _OUTSIDE_DAMPING * w, w**2) for w in ends.tolist()]
         columns = [np.ones(len(s), complex)]
@@ -160,8 +159,7 @@ class Modes:
         Coefficients of more than some ten modes exceed the precision of numbers; prefer `state_space`.
         """
         D, sections = self._residual() if residual else (np.zeros((len(self.outputs), len(self.inputs))), [])
-        R = np.einsum("ir,jr->rij", self.shapes, self.participation)
-        for pole, residue in zip(self.poles, R, strict=True):
+        for pole, residue in zip(self.poles, np.einsum("ir,jr->rij", self.shapes, self.participation), strict=True):
             offset = -2 * (residue * pole.conjugate()).real
             sections = [*sections, ((1.0, -2 * pole.real, abs(pole) ** 2), 2 * residue.real, offset)]
         factors = [np.array(section[0]) for section in sections]

@@ -78,8 +78,7 @@ def poles_over_orders(
     n_y, n_u = G.shape[1:]
     max_order = max(2, min(max_order, MAX_ROWS // n_u, len(freq_hz) // 2))
     step_s = HIGHEST / (2 * freq_hz[-1])
-    z = np.exp(-2j * np.pi * freq_hz * step_s)
-    powers = z[:, None] ** np.arange(max_order + 1)
+    powers = np.exp(-2j * np.pi * freq_hz * step_s)[:, None] ** np.arange(max_order + 1)
     products = weights[:, None, None] ** 2 * np.einsum("fou,fov->fuv", G.conj(), G)
     R = scipy.linalg.toeplitz(((weights**2) @ powers).real)
     # sum_f w^2 z^(s-r) G_ov, blocks of r (numerator) and s, v (denominator); likewise of products.
@@ -153,8 +152,7 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
             else:
                 members.append([complex(pole)])
     kept = [cluster for cluster in members if len(cluster) >= LIMITS.runs]
-    middle = [np.median(np.real(group)) + 1j * np.median(np.imag(group)) for group in kept]
-    return np.array(middle, complex)
+    return np.array([np.median(np.real(group)) + 1j * np.median(np.imag(group)) for group in kept], complex)
 
 
 def p_value(drops: FloatArray, noise_levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
@@ -165,8 +163,7 @@ def p_value(drops: FloatArray, noise_levels: FloatArray, lines: FloatArray, tria
     from scipy.special import fdtrc
 
     ratio = (drops / np.maximum(noise_levels, 1e-300)).max(axis=1, initial=0.0) / 2
-    tail = fdtrc(4.0, np.maximum(2 * lines, 2.0), ratio)
-    return np.asarray(np.minimum(1.0, tail * trials * drops.shape[1]))
+    return np.asarray(np.minimum(1.0, fdtrc(4.0, np.maximum(2 * lines, 2.0), ratio) * trials * drops.shape[1]))
 
 
 def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
@@ -268,8 +265,7 @@ def pursue_poles(fit: ModalFit, candidates: ComplexArray, correlated_lines: floa
     while len(candidates) and len(fit.poles) < LIMITS.max_poles:
         drop = drops(fit, candidates)
         noise = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
-        chance = p_value(drop, noise, np.full(len(drop), 1e9), trials)
-        good = chance < LIMITS.records_with_false_modes
+        good = p_value(drop, noise, np.full(len(drop), 1e9), trials) < LIMITS.records_with_false_modes
         if not good.any():
             break
         candidates, drop = candidates[good], drop[good].sum(axis=1)
@@ -312,8 +308,7 @@ def _unresolved(fit: ModalFit) -> int | None:
 
 def residual_peaks(fit: ModalFit) -> ComplexArray:
     """Return candidates (n,), rad/s, at the six highest residual peaks, each with three dampings."""
-    power = np.mean(np.abs(complex_columns(fit.residual)) ** 2, axis=1)
-    smooth = np.convolve(power, np.ones(3), "same")
+    smooth = np.convolve(np.mean(np.abs(complex_columns(fit.residual)) ** 2, axis=1), np.ones(3), "same")
     tops = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
     tops = tops[np.argsort(-smooth[tops])][:6]
     omega, spacing = fit.data.basis.s.imag, float(np.median(np.diff(fit.data.basis.s.imag)))

@@ -49,8 +49,7 @@ class Mechanism:
     def lever(self, q: FloatArray) -> float:
         """The longest way (m) that an end goes per radian of a passive joint, at q (n_l,)."""
         _, _, gaps = self.function(q)
-        ways = np.array(gaps.full()[:, self.passive])
-        length = np.sqrt((ways.reshape(-1, 3, len(self.passive)) ** 2).sum(axis=1))
+        length = np.sqrt((np.array(gaps.full()[:, self.passive]).reshape(-1, 3, len(self.passive)) ** 2).sum(axis=1))
         return float(length.max(initial=0.0))
 
 

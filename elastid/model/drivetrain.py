@@ -81,9 +81,7 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, 
     theta maps every name of robot.parameters() to its symbol.
     """
     n_q = len(robot.joints) + len(robot.flexible)
-    inertia: list[tuple[str, FloatArray]] = []
-    damping: list[tuple[str, FloatArray]] = []
-    stiffness: list[tuple[str, FloatArray]] = []
+    inertia, damping, stiffness = (list[tuple[str, FloatArray]]() for _ in range(3))
     for joint, rate in zip(robot.joints, np.eye(n_q), strict=False):
         damping.append((f"f_{joint.name}", rate))
         if joint.spring is not None and not joint.is_flexible:
@@ -258,6 +256,5 @@ def rotors(
 def _coriolis(Y: ca.SX, J: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
     """c (n_q,), by differentiating the scalar rates w = Y v along the motion and to q, the momenta p = J w held."""
     w, p = Y @ v, ca.SX.sym("p", J.size1())
-    momentum = Y.T @ p
-    bias = ca.jtimes(momentum, q, v) - ca.gradient(ca.dot(p, w), q)
+    bias = ca.jtimes(Y.T @ p, q, v) - ca.gradient(ca.dot(p, w), q)
     return Y.T @ (J * ca.jtimes(w, q, v)) + ca.substitute(bias, p, J * w)

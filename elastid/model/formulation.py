@@ -169,8 +169,7 @@ def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Clo
         y = ca.gradient(ca.norm_2(closure.gap), equations.q)[lever]
         if constant:
             q_l = equations.q[: len(robot.joints)]
-            angles = np.array([driven.start for driven in robot.driven])
-            y = ca.substitute(y, q_l, ca.DM(assembled(robot, angles)))
+            y = ca.substitute(y, q_l, ca.DM(assembled(robot, np.array([driven.start for driven in robot.driven]))))
         k, d, k_rod = theta[f"k_{joint}"], theta[f"d_{joint}"], theta[f"k_{name}"] * y**2
         k_eff = k * k_rod / (k + k_rod)
         d_eff = (k_rod / (k + k_rod)) ** 2 * d + (k / (k + k_rod)) ** 2 * theta[f"d_{name}"] * y**2
@@ -225,8 +224,7 @@ def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint |
     angles (n_u,): posture in which the other joints are locked, with stiff springs, as in undriven joints.
     Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.
     """
-    names = [part.name for part in robot.joints]
-    index = names.index(joint)
+    index = [part.name for part in robot.joints].index(joint)
     spec = robot.joints[index]
     if spec.motor is None or not spec.is_flexible or index in robot.joints_in_loops:
         return None

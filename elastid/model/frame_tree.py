@@ -83,16 +83,14 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
     frames: list[BodyFrame] = []
     seats = {BASE: ON_BASE}
     for body in robot.all_bodies:
-        xyz = located(f"p_{body.name}", body.placement.xyz, theta)
-        seat = seats[body.parent].placed(body.placement.rotation, xyz)
+        seat = seats[body.parent].placed(body.placement.rotation, located(f"p_{body.name}", body.placement.xyz, theta))
         for joint in body.joints:
             axis, align = _aligned(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
             at_point = seat.placed(align, point)
             zero = theta.get(f"zero_{joint.name}", joint.zero)
             frames.append(BodyFrame(at_point.frame, at_point.R, at_point.p, axis, joint.slides, zero))
-            back = Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point)
-            seat = replace(back, R=align.T)
+            seat = replace(Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point), R=align.T)
         seats[body.name] = seat.placed(body.mounting.rotation, np.array(body.mounting.xyz))
     placements = ((seats[frame.body], frame.placement) for frame in robot.frames)
     named = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
@@ -113,8 +111,7 @@ def _aligned(joint: Joint) -> tuple[int, FloatArray]:
     largest = int(np.argmax(np.abs(direction)))
     if direction[largest] == 1.0:
         return largest, np.eye(3)
-    helper = np.eye(3)[(largest + 1) % 3]
-    x = np.cross(helper, direction)
+    x = np.cross(np.eye(3)[(largest + 1) % 3], direction)
     x /= np.linalg.norm(x)
     return 2, _clean(np.column_stack([x, np.cross(direction, x), direction]))
 

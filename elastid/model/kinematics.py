@@ -47,19 +47,18 @@ def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[fl
     points += _points(ON_BASE, BASE, 0, further)
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         # A body's joints start from one origin, but for those at a point of their own.
-        first = seat.frame - len(body.joints) + 1
+        above, first = origin[body.parent], seat.frame - len(body.joints) + 1
         for i, joint in enumerate(body.joints):
             if i == 0 or any(joint.point):
-                above = origin.get(body.name, origin[body.parent])
                 points.append(Knot("joint", joint.name, first + i, np.zeros(3), above))
-                origin[body.name] = len(points) - 1
+                above = len(points) - 1
         if not body.joints or any(body.mounting.xyz) or any(any(joint.point) for joint in body.joints):
-            above = origin.get(body.name, origin[body.parent])
             points.append(Knot("body", body.name, seat.frame, seat.p, above))
-            origin[body.name] = len(points) - 1
+            above = len(points) - 1
+        origin[body.name] = above
         center = seat.p + seat.R @ np.array(body.center_of_mass)
-        points.append(Knot("center of mass", body.name, seat.frame, center, origin[body.name]))
-        points += _points(seat, body.name, origin[body.name], further)
+        points.append(Knot("center of mass", body.name, seat.frame, center, above))
+        points += _points(seat, body.name, above, further)
     for frame, seat in zip(robot.frames, layout.named, strict=True):
         points.append(Knot("frame", frame.name, seat.frame, seat.p, origin[frame.body]))
     return points
@@ -161,8 +160,7 @@ def frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArr
     for i, frame in enumerate(layout.frames):
         parent_R, parent_p = (R[frame.parent], p[frame.parent]) if frame.parent >= 0 else base
         slid = q[:, i, None] * frame.R[:, frame.axis] if frame.slides else np.zeros_like(base[1])
-        turn = np.eye(3) if frame.slides else _turn(frame.axis, frame.angle(q[:, i]))
-        R.append(parent_R @ frame.R @ turn)
+        R.append(parent_R @ frame.R @ (np.eye(3) if frame.slides else _turn(frame.axis, frame.angle(q[:, i]))))
         p.append(parent_p + (parent_R @ (frame.p + slid)[..., None])[..., 0])
     return R, p
 

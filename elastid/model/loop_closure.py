@@ -114,26 +114,24 @@ def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure
             continue
         m, a, inertia = (theta[f"{letter}_{name}"] for letter in "maI")
         first, second = closure.ends
+        center = (1 - a) * first + a * second
         if lumped:
             masses = ((1 - a) * m, first), (a * m, second)
         else:
-            masses = (m, (1 - a) * first + a * second), (inertia / closure.length**2, second - first)
+            masses = (m, center), (inertia / closure.length**2, second - first)
         for mass, point in masses:
             equations = _with_mass(equations, mass, point)
-        equations = with_energies(
-            equations, -m * ca.dot(gravity, (1 - a) * first + a * second), ca.SX(*equations.D.shape)
-        )
+        equations = with_energies(equations, -m * ca.dot(gravity, center), ca.SX(*equations.D.shape))
     return equations
 
 
 def _with_mass(equations: Equations, mass: ca.SX, point: ca.SX) -> Equations:
     """T = mass |p'|^2 / 2 more: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
     J = ca.jacobian(point, equations.q)
-    velocity = J @ equations.v
     return replace(
         equations,
         M=equations.M + mass * J.T @ J,
-        f=equations.f + mass * J.T @ ca.jtimes(velocity, equations.q, equations.v),
+        f=equations.f + mass * J.T @ ca.jtimes(J @ equations.v, equations.q, equations.v),
     )
 
 

@@ -69,8 +69,7 @@ def composites(
         R = ca.DM(frame.R)
         h, tensor = R @ joint_turns[i].forth(body.h), R @ joint_turns[i].tensor(body.I) @ R.T
         # Steiner's theorem twice over: I - [p x][h x] - [h x][p x] - m [p x][p x], by way of g = 2 h + m p.
-        g = 2 * h + body.m * p
-        product = p @ g.T
+        product = p @ (2 * h + body.m * p).T
         tensor += ca.trace(product) * ca.DM.eye(3) - (product + product.T) / 2
         total[frame.parent] += BodyInertia(body.m, h + body.m * p, tensor)
     return tuple(total)
@@ -156,8 +155,7 @@ def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...])
         (angular, linear, g), R = readings[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         linear = turn.back(ca.densify(R @ (linear - ca.skew(turn.origin) @ angular)))
         angular = turn.back(ca.densify(R @ angular))
-        axes = linear if frame.slides else angular
-        axes[frame.axis, i] += 1
+        (linear if frame.slides else angular)[frame.axis, i] += 1
         readings.append((angular, linear, turn.back(R @ g)))
     readings.append(still)
     turning = [ca.DM(seat.R.T) @ readings[seat.frame][0] for seat in layout.attachments]

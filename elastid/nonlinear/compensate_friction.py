@@ -22,7 +22,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.statistics import interpolated
 from elastid.fit.parameter_selection import local_ratio_std
@@ -162,7 +162,7 @@ def _coefficient_errors(
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
     errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
-    late = 2j * np.pi * data.freq_hz[on, None] * (TURNING_ERROR / records[0].rate_hz)
+    late = laplace_variable(data.freq_hz[on, None]) * (TURNING_ERROR / records[0].rate_hz)
     for j, L in enumerate(factors):
         coulomb_errors = np.einsum("fik,ib->fbk", data.Phi[on], L)
         reversal_errors = late * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
@@ -227,15 +227,13 @@ def to_links(record: Record, E: FloatArray | None) -> Record:
     """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
-    columns = [record.outputs.index(place) for place in record.inputs]
-    return _turned(record, columns, E, np.asarray(np.linalg.inv(E).T))
+    return _turned(record, [record.outputs.index(place) for place in record.inputs], E, np.asarray(np.linalg.inv(E).T))
 
 
 def _turned(record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray) -> Record:
     y = record.y.copy()
     y[:, columns] = record.y[:, columns] @ motion_matrix
-    r = None if record.r is None else record.r @ torque_matrix
-    return replace(record, u=record.u @ torque_matrix, y=y, r=r)
+    return replace(record, u=record.u @ torque_matrix, y=y, r=None if record.r is None else record.r @ torque_matrix)
 
 
 def shaft_couplings(robot: Robot | None) -> FloatArray | None:

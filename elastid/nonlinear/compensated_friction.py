@@ -97,8 +97,7 @@ class CompensatedFriction:
         )
 
     def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        mask = np.array([shape.place == place for shape in self.shapes])
-        rows = np.stack(values, axis=1) * mask
+        rows = np.stack(values, axis=1) * np.array([shape.place == place for shape in self.shapes])
         variance = np.einsum("ni,ij,nj->n", rows, self.covariance, rows)
         return rows @ self.coulomb_torque, np.sqrt(np.maximum(variance, 0.0))
 

@@ -89,8 +89,7 @@ class BasisFunction:
             return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
         if self.is_damping:
             return np.zeros(len(velocity))
-        gradual = self.kind == "sign" and self.threshold > 0
-        return np.tanh(velocity / self.threshold) if gradual else np.sign(velocity)
+        return np.tanh(velocity / self.threshold) if self.kind == "sign" and self.threshold > 0 else np.sign(velocity)
 
     def integral(self, speed: FloatArray) -> FloatArray:
         """Return the integral (n,) over velocity of a sign or Stribeck curve in steady sliding, up to speeds (n,)."""
@@ -118,7 +117,7 @@ def amplitudes(
         mean = weights @ friction_means(record, motion, [(shapes[i], 1.0)], states).reshape(len(weights), -1)
         dft[i] = rfft(np.concatenate([mean, -mean]) if record.half_wave else mean)[lines]
     delay = np.exp(-2j * np.pi * record.rate_hz / N * np.outer([shape.delay_s for shape in shapes], lines))
-    return np.asarray(dft * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay)
+    return dft * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay
 
 
 @lru_cache(maxsize=16)
@@ -213,4 +212,4 @@ def _hold(record: Record, channel: int, basis: WeightedBasis) -> ComplexArray:
     """Return H e^(s delay) (n // 2 + 1,) of a torque at the lines of all whole periods, on the time of the motions."""
     n = whole_samples(record)
     H = record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))[:, channel]
-    return np.asarray(H * np.exp((basis[0][0].delay_s if basis else 0.0) * laplace(len(H), n, record.rate_hz)))
+    return H * np.exp((basis[0][0].delay_s if basis else 0.0) * laplace(len(H), n, record.rate_hz))

@@ -163,8 +163,7 @@ def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
     groups: dict[tuple[object, ...], list[int]] = {}
     for i, effect in enumerate(effects):
         if effect.edge is not None:
-            at_motor = effect.kind in ("friction", "load")
-            groups.setdefault(("motor", effect.joint) if at_motor else (i,), []).append(i)
+            groups.setdefault(("motor", effect.joint) if effect.kind in ("friction", "load") else (i,), []).append(i)
     return list(groups.values())
 
 

@@ -194,8 +194,7 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     if best.weighted_cost < ranged.weighted_cost < best.weighted_cost + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
-        second = replace(first, scale=APART * first.scale)
-        best = min(best, tried(ranged, (*ranged.effects, second)), key=cost)
+        best = min(best, tried(ranged, (*ranged.effects, replace(first, scale=APART * first.scale))), key=cost)
     if best is not estimate:  # scales of the other effects stayed
         best = estimate_gear_parameters(data, best, best.effects, tolerance=_ROUGH)
     return _as_gap_or_range(data, best, joint)
@@ -308,8 +307,7 @@ def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[fl
     data: as the effects were found in.
     """
     families = {family_of(effect) for effect in estimate.effects}
-    every = candidate_groups(data, estimate, tuple(orders))
-    groups = [group for group in every if family_of(group[0]) not in families]
+    groups = [group for group in candidate_groups(data, estimate, tuple(orders)) if family_of(group[0]) not in families]
     (A, b, _), prior_equations = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     A, b = A.sum(axis=0) + prior_equations[0], b.sum(axis=0) + prior_equations[1]
     bounds, n = dict[Group, float](), len(estimate.x) + len(estimate.magnitudes)

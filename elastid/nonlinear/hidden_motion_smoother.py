@@ -106,8 +106,7 @@ def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArra
     CH = drive.C @ drive.H
     size = _sizes(lines)
     P = np.concatenate([drive.B.T, drive.places["link"]]).T
-    weights = np.resize(size, P.shape[1])
-    W = P * weights @ P.T
+    W = P * np.resize(size, P.shape[1]) @ P.T
     noise = np.diag(lines.noise)
     angle_covariance = CH @ W @ CH.conj().swapaxes(1, 2)
     power = np.einsum("fii->f", S).real - lines.noise.sum()
@@ -186,8 +185,7 @@ class _Problem:
         previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
         start = np.array([previous.get(signal, default) for signal, default in zip(self.signals, x_0, strict=True)])
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.near)
-        torque = lines.amplitudes(force).T
-        return base - (self.force_response @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
+        return base - (self.force_response @ (rows.T @ lines.amplitudes(force).T[:, :, None]))[:, :, 0], x, force
 
     @cached_property
     def _rows(self) -> FloatArray:
@@ -210,8 +208,7 @@ class _Problem:
 
     def _static_deflection(self, m: int) -> FloatArray:
         """Return deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
-        arm_mean = 0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real
-        return (self.drive.torque + arm_mean) / self.drive.k
+        return (self.drive.torque + (0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real)) / self.drive.k
 
     def _unmoved(self, base: ComplexArray, m: int) -> FloatArray:
         """Return the unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""
@@ -340,6 +337,5 @@ def _newton_step(
         return v + (linear(x_slope * v.reshape(x_0.shape)) * part).ravel()
 
     operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
-    start = (x_0 / size).astype(np.float32).ravel()
-    step = gmres(operator, start, rtol=near, restart=40, maxiter=1)[0]
+    step = gmres(operator, (x_0 / size).astype(np.float32).ravel(), rtol=near, restart=40, maxiter=1)[0]
     return np.asarray(step.reshape(x_0.shape) * size)

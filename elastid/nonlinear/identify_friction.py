@@ -6,7 +6,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray, laplace_variable
 from elastid.base.errors import Note, Severity
 from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
@@ -184,7 +184,7 @@ class _FrictionFit:
             on = on[-max(1, len(on) // 20) :]
             friction = compensation_torque(self.sums[0], data.Phi[on], self.choice.motor_of, data.U.shape[1])
             G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
-            s = 2j * np.pi * data.freq_hz[on, None]
+            s = laplace_variable(data.freq_hz[on, None])
             tops.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
         return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 

@@ -43,8 +43,7 @@ class Motion:
     @property
     def swings(self) -> FloatArray:
         """Distances from one reversal to the next."""
-        turning = np.flatnonzero(self.velocity[1:] * self.velocity[:-1] < 0)
-        return np.abs(np.diff(self.angle[turning]))
+        return np.abs(np.diff(self.angle[np.flatnonzero(self.velocity[1:] * self.velocity[:-1] < 0)]))
 
     @property
     def speed(self) -> float:
@@ -81,8 +80,7 @@ def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexA
     if by_torque is not None:
         above = np.arange(len(Y)) > np.flatnonzero(fraction > _KNOWN).max(initial=0)
         for _ in range(2):
-            by_both = velocity + above * (1 - fraction) * s * by_torque(motion)
-            motion = replace(motion, velocity=_fine(by_both, n))
+            motion = replace(motion, velocity=_fine(velocity + above * (1 - fraction) * s * by_torque(motion), n))
     return motion
 
 
@@ -125,8 +123,7 @@ def _wiener_gain(power: FloatArray, noise: float) -> FloatArray:
 @lru_cache(maxsize=16)
 def _velocity_power(lines: int, n: int, rate_hz: float, order: int) -> FloatArray:
     """Return power of a velocity over the power of each line of a motion (lines,), a derivative of that order."""
-    integrator = integrated(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)
-    return frozen(np.abs(integrator) ** 2)
+    return frozen(np.abs(integrated(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)) ** 2)
 
 
 def whole_samples(record: Record) -> int:
@@ -166,5 +163,5 @@ def laplace(lines: int, n: int, rate_hz: float) -> ComplexArray:
 def integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
     """Return Y / s^order; a mean has no integral."""
     if order <= 0:
-        return Y if order == 0 else np.asarray(Y * s**-order)
+        return Y if order == 0 else Y * s**-order
     return np.concatenate([np.zeros(1, dtype=np.complex128), Y[1:] / s[1:] ** order])

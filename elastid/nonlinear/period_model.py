@@ -136,8 +136,7 @@ def drive_lines(
     rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
     places = {place: row @ link_rows for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
-    torque = k * (rows["gear"] @ rest.q)
-    joint_numbers = driven, ratios, places, k, d, torque
+    joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ rest.q)
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
 
 
@@ -161,8 +160,7 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
         return feed_forward(model, q0, *(part * x for x in states)).T
 
     h = 1e-3
-    first = (tau(h) - tau(-h)) / (2 * h)
-    distortion = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
+    distortion = (tau(1.0) - (tau(h) - tau(-h)) / (2 * h) - tau(0.0)).reshape(n, -1, M)
     line_weights = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / distortion.shape[1]
     return rfft(distortion, axis=1)[:, : F + 1].swapaxes(0, 1) * line_weights
 
@@ -195,5 +193,4 @@ def _signals(X: ComplexArray) -> FloatArray:
     N = 8 * (F + 1)
     padded = np.zeros((N // 2 + 1, n, M), complex)
     padded[1 : F + 1] = X
-    x = irfft(padded, N, axis=0) * (N / 2)
-    return np.asarray(x.swapaxes(0, 1).reshape(n, -1))
+    return np.asarray((irfft(padded, N, axis=0) * (N / 2)).swapaxes(0, 1).reshape(n, -1))

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, laplace_variable
 from elastid.base.errors import DataError
 from elastid.base.statistics import interpolated, smallest_step
 from elastid.excitation.grids import line_frequencies
@@ -78,8 +78,7 @@ class ConfigurationSpectra:
         net = self.U - friction
         pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
         G = self.Y[on] @ pseudo
-        everywhere = interpolated(self.lines, self.lines[on], G)
-        e, X = self.U - np.linalg.solve(everywhere, self.Y), self.Phi.copy()
+        e, X = self.U - np.linalg.solve(interpolated(self.lines, self.lines[on], G), self.Y), self.Phi.copy()
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
         for signal in (e, X):
             signal[on] -= (signal[on] @ pseudo) @ net[on]
@@ -177,7 +176,7 @@ class PeriodLines:
     @cached_property
     def s(self) -> ComplexArray:
         """j omega (F,)."""
-        return np.asarray(2j * np.pi * self.freq_hz)
+        return laplace_variable(self.freq_hz)
 
     def fine(self, X: ComplexArray) -> FloatArray:
         """Return the signals (..., n) of amplitudes (..., F) on the fine grid of a period."""

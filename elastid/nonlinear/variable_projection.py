@@ -270,8 +270,7 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
         both = np.append(acting, column), acting
         powers.append([residual_power(equations, motor, part, lambda A, b: inverse(A) @ b) for part in both])
     late_power, power_at_0 = np.array(powers).T
-    ratios = quotient(late_power, power_at_0, 1.0)
-    return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-12)))))
+    return float(np.exp(np.mean(np.log(np.maximum(quotient(late_power, power_at_0, 1.0), 1e-12)))))
 
 
 def delayed(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:
@@ -431,6 +430,5 @@ def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velo
 def basis_error_covariance(choice: Basis, coefficients: FloatArray) -> FloatArray:
     """Return the covariance (n_f, n_f) of coefficients (n_f,) by missing basis functions, one factor per motor."""
     others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (coefficients > 0)
-    with_others = np.isin(choice.motor_of, choice.motor_of[others])
-    error = np.where(with_others, SHAPE_ERROR, SIGN_ERROR) * coefficients
+    error = np.where(np.isin(choice.motor_of, choice.motor_of[others]), SHAPE_ERROR, SIGN_ERROR) * coefficients
     return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)

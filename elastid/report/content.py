@@ -162,8 +162,7 @@ def model_lines(
     every = np.unique(np.concatenate([between, *about]))
     further = np.setdiff1d(every[(every > low) & (every < high)], freq_hz)
     room = min(max(most - len(freq_hz), 0), len(further))
-    thinned = np.linspace(0, len(further) - 1, room).astype(int)
-    return np.union1d(freq_hz, further[thinned])
+    return np.union1d(freq_hz, further[np.linspace(0, len(further) - 1, room).astype(int)])
 
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]:

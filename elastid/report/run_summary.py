@@ -179,12 +179,12 @@ def residual_sentence(result: Result, agreements: Sequence[FrfError]) -> str:
     if not result.noise_is_known:
         return "Unknown: without a measured noise no residual test is possible."
     test = f" {capital(result.residual_test)}."
-    if result.cause[0]:
-        if result.cause[0].startswith(REQUIRED):
+    if cause := result.cause[0]:
+        if cause.startswith(REQUIRED):
             ratio = result.residual_test.partition(": residuals ")[2]
             users = "The fit" + " and the validation" * any(agreement.is_validation for agreement in agreements)
-            return f"{capital(result.cause[0])}. {users} used the value that the data require: residuals {ratio}."
-        return f"{capital(result.cause[0])}.{test if result.exceeds_noise else ''}"
+            return f"{capital(cause)}. {users} used the value that the data require: residuals {ratio}."
+        return f"{capital(cause)}.{test if result.exceeds_noise else ''}"
     if "error" in (noise := _noise_and_error(result, agreements)):
         return f"No error beyond {noise}.{test}"
     if DISTORTED in result.verdicts:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.robot.measurement_chain import Channel, low_pass_response
 
 _REFLECTED = 2048  # samples at each end: the fractional delay of a step decays with their inverse
@@ -40,7 +40,7 @@ def _filter(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power: i
     extended = np.pad(x, m, mode="reflect", reflect_type="odd")
     slope = (extended[-1] - extended[0]) / (len(extended) - 1)
     line = extended[0] + slope * np.arange(len(extended))
-    s = (2j * np.pi * np.fft.rfftfreq(len(extended), 1 / rate_hz)).astype(np.complex128)
+    s = laplace_variable(np.fft.rfftfreq(len(extended), 1 / rate_hz))
     H: ComplexArray = np.prod([_response(s, channel) ** power for channel in delays], axis=0)
     filtered = np.fft.irfft(np.fft.rfft(extended - line) * H, len(extended)) + line - slope * rate_hz * lag_s
     return np.asarray(gain * filtered[m : m + len(x)])

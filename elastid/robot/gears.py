@@ -115,8 +115,7 @@ class Gearbox:
         """X^-1 (n_s, n_g): deflection of each spring per deflection of the gears, where springs are not in series."""
         length = np.linalg.norm(self.X, axis=0)
         square = len(self.springs) == len(self.gears)
-        inverse = np.linalg.inv(self.X) if square else np.linalg.pinv(self.X / length) / length[:, None]
-        return frozen(inverse)
+        return frozen(np.linalg.inv(self.X) if square else np.linalg.pinv(self.X / length) / length[:, None])
 
     @cached_property
     def _directions(self) -> tuple[FloatArray, int]:

@@ -21,8 +21,6 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from typing import Annotated, Literal
 
-import numpy as np
-
 from elastid.base.arrays import ComplexArray
 from elastid.base.section import Key, section
 from elastid.base.units import Time
@@ -69,7 +67,7 @@ def channel_meaning(name: str) -> str:
 
 def low_pass_response(s: ComplexArray, T: float) -> ComplexArray:
     """Return the response of a low pass of first order with time constant T in s, of its inverse if T is negative."""
-    return np.asarray(1 / (1 + s * T) if T >= 0 else 1 - s * T)
+    return 1 / (1 + s * T) if T >= 0 else 1 - s * T
 
 
 MAX_DELAY_S = 0.05  # s, of a channel: four cycles of the slowest controllers

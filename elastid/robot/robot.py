@@ -327,10 +327,9 @@ class Robot:
         count = 0
         for body in self.bodies:
             paths[body.name] = (*paths[body.parent], *range(count, count := count + len(body.joints)))
-        ends = [[paths[end.body] for end in loop.ends] for loop in self.loops]
         return tuple(
             (tuple(i for i in reversed(first) if i not in second), tuple(i for i in reversed(second) if i not in first))
-            for first, second in ends
+            for first, second in [[paths[end.body] for end in loop.ends] for loop in self.loops]
         )
 
     @cached_property
@@ -383,10 +382,9 @@ class Robot:
         """Return value and SI unit of every named number; of geometry and channels only the stated names, last."""
         geometric = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
         table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | geometric).items()}
-        channels = self.channel_numbers.items() if geometry else ()
         return table | {
             name: (getattr(channel, kind), CHANNEL_NUMBERS[kind][0])
-            for name, (channel, kind) in channels
+            for name, (channel, kind) in (self.channel_numbers.items() if geometry else ())
             if name in geometry
         }
 

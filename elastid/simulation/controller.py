@@ -111,8 +111,7 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
     angles = np.vstack([start, position])
     q = np.zeros((len(angles), model.n_q))
     q[:, :n_l] = followed(model.robot, angles, start)
-    driven = [model.index(place) for place in model.inputs]
-    q[:, driven] = angles
+    q[:, [model.index(place) for place in model.inputs]] = angles
     return np.asarray(q0 + q[1:] - q[0])
 
 

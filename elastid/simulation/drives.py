@@ -94,23 +94,20 @@ class Drives:
         if self.lag is None:
             return u, w
         A, b = self.lag.step(step)
-        n_u = u.numel()
-        after = ca.reshape(w, n_u, len(self.lag.coefficients)) @ ca.DM(A.T) + u @ ca.DM(b[None])
+        after = ca.reshape(w, u.numel(), len(self.lag.coefficients)) @ ca.DM(A.T) + u @ ca.DM(b[None])
         return after[:, 0], ca.vec(after)
 
     def on_motors(self, torque: ca.SX, angle: ca.SX) -> ca.SX:
         """Return torque (n_u,) with its ripple at motor angles (n_u,)."""
         for ripple in self.torque_ripple:
-            sine = ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
-            torque = torque + ca.DM(ripple.amplitude) * sine
+            torque = torque + ca.DM(ripple.amplitude) * ca.sin(ca.DM(ripple.periods) * angle + ca.DM(ripple.phase))
         return torque
 
 
 def gear_forces(model: ElasticModel, q: ca.SX, v: ca.SX, numbers: ca.SX | None = None) -> ca.SX:
     """Return F (n_q,) at q, v (n_q,).  numbers (n_theta,): symbols of the parameters; the model's own by default."""
     robot, force = model.robot, ca.SX(model.n_q, 1)
-    values = model.theta.tolist() if numbers is None else ca.vertsplit(numbers)
-    theta = dict(zip(model.parameters, values, strict=True))
+    theta = dict(zip(model.parameters, model.theta.tolist() if numbers is None else ca.vertsplit(numbers), strict=True))
     shafts = dict(zip(robot.driven_names, robot.mixing @ model.B.T, strict=True))
     springs = spring_deflections(robot)
     for joint in robot.driven:

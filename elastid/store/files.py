@@ -141,8 +141,7 @@ def _checksums(folder: Path) -> dict[str, str]:
     """Return checksum by name; a damaged line names no file, or reports an intact file as changed."""
     path = folder / CHECKSUMS
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
-    pairs = (line.partition("  ") for line in lines)
-    return {name: digest for digest, _, name in pairs if name and "\0" not in name}
+    return {name: digest for digest, _, name in (line.partition("  ") for line in lines) if name and "\0" not in name}
 
 
 def _files(folder: Path, names: Iterable[str]) -> Iterator[str]:

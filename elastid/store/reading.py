@@ -83,8 +83,7 @@ def _read_mapping(item: Any, kind: Kind, label: Label) -> dict[str, Any]:
 
 
 def _read_union(item: Any, kind: Kind, _: Label) -> Any:
-    types = {part.__name__: part for part in kind.parts}
-    return read_dataclass(item, types[item.attrs["type"]])
+    return read_dataclass(item, {part.__name__: part for part in kind.parts}[item.attrs["type"]])
 
 
 _READERS: dict[str, Callable[..., Any]] = {

@@ -88,8 +88,7 @@ class Numbers:
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
             for p in asked
         ]  # fmt: skip
-        columns = np.array(rows).reshape(-1, 7).T
-        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
+        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *np.array(rows).reshape(-1, 7).T)
 
 
 def write_fit(

@@ -36,8 +36,7 @@ def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
     entries = loads.get("tests") or []
     if not isinstance(entries, list):
         return source
-    robot = source.data.get("robot")
-    tests = list(_tests(path, _joints(robot)))
+    tests = list(_tests(path, _joints(source.data.get("robot"))))
     places: dict[KeyPath, tuple[Place, Place]] = {
         ("loads", "tests", i): (place, place) for i, (place, _) in enumerate(tests, start=len(entries))
     }

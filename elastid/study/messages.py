@@ -72,8 +72,7 @@ def _find_booleans(data: Any, value: Any, root: type, path: KeyPath = ()) -> lis
     if isinstance(data, dict | list):
         entries = data.items() if isinstance(data, dict) else enumerate(data)
         return [problem for key, entry in entries for problem in _find_booleans(entry, value, root, (*path, key))]
-    is_boolean = not isinstance(data, bool) or isinstance(value_at(value, path), bool)
-    kind = Any if is_boolean else type_at(root, path)
+    kind = Any if not isinstance(data, bool) or isinstance(value_at(value, path), bool) else type_at(root, path)
     if kind is Any or "true or false" in describe(kind):
         return []
     return [Problem(path, f"expected {describe(kind)}")]
@@ -104,8 +103,7 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
         return Problem(path, "this key is required", at_key=True)
     if kind == "unexpected_keyword_argument":
         names = names_in(type_at(root, path[:-1]))
-        text = renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), names)}"
-        return Problem(path, text, at_key=True)
+        return Problem(path, renamed_key(path) or f"unknown key; {did_you_mean(str(path[-1]), names)}", at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])
         if error["loc"][-1:] == (_OF_KEY,):

@@ -211,8 +211,7 @@ def description(
     ET.SubElement(ET.SubElement(root, "LogCategories"), "Category", name="logStatusError")
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step_s))
     variables = ET.SubElement(root, "ModelVariables")
-    structure = ET.SubElement(root, "ModelStructure")
-    (_describe_2 if is_2 else _describe_3)(variables, structure, layout, configurations)
+    (_describe_2 if is_2 else _describe_3)(variables, ET.SubElement(root, "ModelStructure"), layout, configurations)
     return _text(root)
 
 
@@ -391,14 +390,13 @@ def _library_path(version: int) -> str:
 
 def _sizes(subject: Subject, n_z: int, functions: tuple[ca.Function, ...], variables: Layout) -> str:
     equations_of = subject.model
-    places = {"OUTPUTS": variables.places["ANGLE"], **variables.places}
     numbers = {
         "N_Q": equations_of.n_q, "N_U": equations_of.n_u, "N_L": len(equations_of.robot.joints), "N_Z": n_z,
         "N_P": 3 * len(framed(equations_of.robot).frames),
         "N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables),
         "HAS_LOOPS": int(equations_of.n_c > 0), "HAS_MOVE": int(subject.move is not None),
         **{f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")},
-        **{f"OF_{name}": place for name, place in places.items()},
+        **{f"OF_{name}": place for name, place in {"OUTPUTS": variables.places["ANGLE"], **variables.places}.items()},
         "START_REFUSED": '"no such configuration, or a rate or step that is not positive"',
         "LOST": '"the motion has left all bounds: take a smaller largest_step, or gentler inputs"',
     }  # fmt: skip

@@ -204,8 +204,7 @@ def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
         hinges[name].set("stiffness", repr(float(spring.inner_stiffness)))
         outer, gap = float(spring.stiffness - spring.inner_stiffness), in_full((-spring.backlash, spring.backlash))
         names = {"name": f"lost motion {joint.name}", "stiffness": repr(outer), "springlength": gap}
-        fixed = ET.SubElement(_tendon_list(root), "fixed", names)
-        ET.SubElement(fixed, "joint", joint=name, coef="1")
+        ET.SubElement(ET.SubElement(_tendon_list(root), "fixed", names), "joint", joint=name, coef="1")
 
 
 def _rub(root: ET.Element, robot: Robot) -> None:

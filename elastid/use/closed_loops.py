@@ -151,12 +151,11 @@ class PostureFamily:
         )
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
         # A pendulum under gravity has less than half of its strain energy in springs.
-        sprung = np.flatnonzero(energy.load <= 0.5).tolist()
         return tuple(
             PlantMode(
                 float(modal.freq_hz[m]), energy.springs[int(energy_of[:, m].argmax())], tuple(parts[:, m].tolist())
             )
-            for m in sprung
+            for m in np.flatnonzero(energy.load <= 0.5).tolist()
         )
 
     def _plants(self, x: FloatArray) -> Plants:
@@ -202,8 +201,7 @@ def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
     freq_hz, zeta = np.abs(s) / (2 * np.pi), -s.real / np.maximum(np.abs(s), 1e-300)
     top = 0.499 * plants.rate_hz
     counts = (s.imag > 1e-6 * np.abs(s)) & (zeta < 0.5) & (zeta > 0) & (freq_hz < top)
-    slowest = freq_hz[counts].min(initial=0.2 * top)
-    base = np.geomspace(max(slowest / 300, top / 5000), top, lines)
+    base = np.geomspace(max(freq_hz[counts].min(initial=0.2 * top) / 300, top / 5000), top, lines)
     spread = np.sinh(np.linspace(-3, 3, per_mode)) / np.sinh(3)
     most = int(counts.sum(axis=1).max(initial=0))
     rows = []
@@ -270,8 +268,7 @@ class Closed:
     @cached_property
     def stable(self) -> BoolArray:
         """True (N,) of loops that are stable."""
-        poles = closed_loop_poles(self.scene.plants, self.gains, self.filters)
-        return np.asarray(np.abs(poles).max(axis=1) < STABLE)
+        return np.asarray(np.abs(closed_loop_poles(self.scene.plants, self.gains, self.filters)).max(axis=1) < STABLE)
 
     @property
     def peaks_db(self) -> FloatArray:

@@ -63,7 +63,7 @@ class LockedPostures:
         i, j = np.tril_indices(self.M.shape[1])
         products = left[..., i] * right[..., j] + (i != j) * (left[..., j] * right[..., i])
         weights = np.concatenate([s[..., None] ** 2 * products, s[..., None] * products, products], axis=2)
-        return np.asarray(weights.real @ self.triangles + 1j * (weights.imag @ self.triangles))
+        return weights.real @ self.triangles + 1j * (weights.imag @ self.triangles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,7 @@ from elastid.base.arrays import (
     empty_in_file,
     frozen_value,
     labelled,
+    laplace_variable,
     release,
 )
 from elastid.base.errors import StudyError
@@ -106,7 +107,7 @@ def answers(
     freq_hz, zeta, shifts = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles), e.axes @ slopes_of_x.T
     peak_hz, chatter_hz = _extremes(at, freq_hz, zeta, lines_hz, cut)
     static_hz = 1e-5 * np.nanmin(freq_hz, axis=1, initial=lines_hz[0])  # a force so slow finds the robot at rest
-    s = (2j * np.pi * np.column_stack([static_hz, peak_hz, chatter_hz])).astype(complex)
+    s = laplace_variable(np.column_stack([static_hz, peak_hz, chatter_hz]))
     X = at.motions(s, np.eye(3)[None])
     H = at.J[:, None] @ X
 
@@ -144,7 +145,7 @@ def answers(
     u = np.linalg.solve(at.K, at.J.mT @ softest[:, :, None])
     energy = (u.mT @ at.K @ u)[:, :, 0]
     fractions = at.stiffness * (at.deflection @ u)[:, :, 0] ** 2 / np.where(energy > 0, energy, np.inf)
-    s = (2j * np.pi * curve_hz[None]).astype(complex)
+    s = laplace_variable(curve_hz[None])
     x = at.motions(s, softest[:, :, None])[..., 0]
     G, slopes = (x @ at.J.mT @ softest[:, :, None])[..., 0], at.response_slopes(s, softest, softest, x, x)
     magnitude = np.maximum(np.abs(G), 1e-300)

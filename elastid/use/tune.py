@@ -216,8 +216,7 @@ class _MoveTask:
         planned, r, errors, most = self._within_limits(progress)
         target = self._path(r.time_s)
         distances = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in robots.draws]
-        ends = planned.q.t[[0, -1]]
-        at = self.commanded.poses(planned.q(np.clip(r.time_s, *ends))).position
+        at = self.commanded.poses(planned.q(np.clip(r.time_s, *planned.q.t[[0, -1]]))).position
         error = np.linalg.norm(at - target, axis=1)
         advice = ""
         if error.max() > robots.error_m:
@@ -255,8 +254,7 @@ class _MoveTask:
             planned = best_plan(commanded, self.move, narrowed, self.margin_s)
             references = sampled(commanded, planned, robots.rate_hz, SETTLING_S)
             # Gravity deflects the robot at rest: its motors may stand beyond their limits.
-            at_rest = references.use(limits)["angle"][[0, -1]]
-            if not planned.is_feasible or np.any(at_rest > 1):
+            if not planned.is_feasible or np.any(references.use(limits)["angle"][[0, -1]] > 1):
                 raise DataError(
                     "use/move",
                     f"no motion within the limits makes the move in {self.move.duration:.4g} s; give it more time, as "

@@ -280,8 +280,7 @@ def fix(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
         for name in names
         if name in free
     }
-    patterns = spec.parameters or dict.fromkeys(free, ParameterSpec())
-    return replace(spec, parameters={**patterns, **still})
+    return replace(spec, parameters={**(spec.parameters or dict.fromkeys(free, ParameterSpec())), **still})
 
 
 def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:

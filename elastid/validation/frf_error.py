@@ -91,8 +91,7 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
     request = PredictionPorts(*places, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(request, measured.configuration.name)
-    where = as_configuration(measured.configuration, family.robot, ())
-    band = family.at(where).response_band(measured.freq_hz, LEVEL)
+    band = family.at(as_configuration(measured.configuration, family.robot, ())).response_band(measured.freq_hz, LEVEL)
     predicted = replace(band.response, configuration=measured.configuration)
     return PredictedResponse(measured, predicted, band.std, band.pointwise, motors, band.by, is_fitted)
 
@@ -258,8 +257,7 @@ def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArra
     if noise is None:
         return 1.0
     ratio = np.divide(noise.measured.variance, sigma**2, out=np.zeros(sigma.shape), where=sigma > 0)
-    own = np.maximum(1 - noise.own_variance / noise.measured.dof, 0.1)
-    return _mean(ratio / own[:, None, None], sigma > 0)
+    return _mean(ratio / np.maximum(1 - noise.own_variance / noise.measured.dof, 0.1)[:, None, None], sigma > 0)
 
 
 def _tests(

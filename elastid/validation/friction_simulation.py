@@ -125,7 +125,7 @@ class _Log:
         values = np.full((self.n, len(self.posture)), self.E @ others if np.ndim(others) else others)
         for i, column in zip(self.moving_motors, columns, strict=True):
             values[:, i] = column[: self.n]
-        return np.asarray(np.linalg.solve(self.E, values.T).T)
+        return np.linalg.solve(self.E, values.T).T
 
     def torques(self, columns: Iterable[FloatArray]) -> FloatArray:
         """Return torques (n, n_u) on all joints from the moving motors."""

@@ -55,8 +55,7 @@ def simulate_log(
     spec: equations and controller of its plant.  moved: the signals of that, without limits, at rest at the start.
     """
     try:
-        plant = true_plant(robot, spec, empty.rate_hz, start, is_free=True)
-        return replace(empty, signals=tuple(moved(plant)))
+        return replace(empty, signals=tuple(moved(true_plant(robot, spec, empty.rate_hz, start, is_free=True))))
     except (DataError, StudyError) as error:
         return replace(empty, lost=str(error))
 

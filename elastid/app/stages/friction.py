@@ -74,8 +74,7 @@ def simulate_motions(study: Study, work: Work) -> Artefacts:
     records, report = measure_parts(
         work, rig.plan.motions, rig.measure, lambda path: stored.read_friction_records(path).records, write, "motions"
     )
-    files = {"records.h5": lambda path, stamp: write(path, records, stamp, rig.warm_ups())}
-    return Artefacts(files, report)
+    return Artefacts({"records.h5": lambda path, stamp: write(path, records, stamp, rig.warm_ups())}, report)
 
 
 def import_motions(study: Study, work: Work) -> Artefacts:

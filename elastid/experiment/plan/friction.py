@@ -126,8 +126,7 @@ def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> 
     """Compute trapezoids of velocity with smooth ramps, there and back, at rest at both ends."""
     ramp_s = ramp_time(planned.speed, limits)
     settling_s = limits.settling_s(planned.speed)
-    steady_s = planned.plateau_s + settling_s
-    n_ramp, n_steady, n_pause = (max(2, round(t * rate_hz)) for t in (ramp_s, steady_s, PAUSE_S))
+    n_ramp, n_steady, n_pause = (max(2, round(t * rate_hz)) for t in (ramp_s, planned.plateau_s + settling_s, PAUSE_S))
     x = (np.arange(n_ramp) + 0.5) / n_ramp
     rise = x**3 * (10 - 15 * x + 6 * x**2)
     way = np.concatenate([rise, np.ones(n_steady), rise[::-1], np.zeros(n_pause)])

@@ -64,8 +64,7 @@ def max_excursion(carrier: CarrierSpec, n_u: int, period_s: float, before_s: flo
     before_s: at full velocity from the start of a run to the middle of its measured periods.
     """
     v = np.abs(carrier.velocities(n_u))
-    swing = v * before_s if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
-    return swing + carrier.amplitudes(n_u)
+    return (v * before_s if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)) + carrier.amplitudes(n_u)
 
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
@@ -167,8 +166,7 @@ class Reference:
 
 
 def _repeat(period: FloatArray, scale: FloatArray, first_sample: int) -> FloatArray:
-    sample = np.arange(-first_sample, len(scale) - first_sample)
-    return scale[:, None] * period[sample % len(period)]
+    return scale[:, None] * period[np.arange(-first_sample, len(scale) - first_sample) % len(period)]
 
 
 def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, factor: float = 1.0) -> FloatArray:
@@ -180,8 +178,7 @@ def references(plan: Plan, carrier: CarrierSpec | None, experiment: Experiment, 
         return np.zeros((0, len(plan.inputs)))
     path = movement(carrier, plan)
     signal = experiment.configuration.angles + path.position if plan.inject == "position" else path.velocity
-    period = factor * plan.reference(experiment)
-    return (signal + _repeat(period, path.scale, plan.first_sample))[:: plan.cycle_samples]
+    return (signal + _repeat(factor * plan.reference(experiment), path.scale, plan.first_sample))[:: plan.cycle_samples]
 
 
 def reference(

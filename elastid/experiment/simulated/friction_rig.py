@@ -150,8 +150,7 @@ def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits
 
 
 def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
-    velocity = np.abs(pass_reference(planned, limits, 100.0).velocity)
-    return np.quantile(velocity, (np.arange(16) + 0.5) / 16)
+    return np.quantile(np.abs(pass_reference(planned, limits, 100.0).velocity), (np.arange(16) + 0.5) / 16)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, laplace_variable
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.simulated import NoiseSpec, TorqueRippleSpec
 from elastid.linear.equilibrium import OperatingPoint
@@ -110,8 +110,7 @@ def _second_derivative(p: FloatArray, rate_hz: float, period_samples: int) -> Fl
     before = p[0] - np.arange(_REACH, 0, -1)[:, None] * (p[1] - p[0])
     after = p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])
     padded = np.concatenate([before, p, after])
-    weighted = sum(weight * padded[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE))
-    return np.asarray(weighted * rate_hz**2)
+    return np.asarray(sum(weight * padded[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE)) * rate_hz**2)
 
 
 @dataclass(frozen=True)
@@ -202,7 +201,7 @@ def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
         if isinstance(element, LagElement) and T is not None:
             half = np.concatenate([y, 2 * y[-1] - y[::-1]])
             period = np.concatenate([half, half[::-1]]) - y[0]
-            s = (2j * np.pi * np.fft.rfftfreq(len(period), 1 / rate_hz)).astype(np.complex128)
+            s = laplace_variable(np.fft.rfftfreq(len(period), 1 / rate_hz))
             spectrum = np.fft.rfft(period, axis=0) * element.response(s, T)[:, None]
             y = y[0] + np.fft.irfft(spectrum, len(period), axis=0)[: len(y)]
     return y

@@ -16,7 +16,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import Quantity, to_si
 from elastid.excitation.multisine import synthesise
@@ -57,8 +57,7 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
     """Return the robot with the true parameters; StudyError for a name that it does not have."""
     if not truth:
         return robot
-    numbers = robot.parameters(robot.on_demand) | friction_numbers(robot)
-    unit = {name: unit for name, (_, unit) in numbers.items()}
+    unit = {name: unit for name, (_, unit) in (robot.parameters(robot.on_demand) | friction_numbers(robot)).items()}
     try:
         # A name that the robot does not have gets any number; with_parameters refuses it and says which there are.
         return with_numbers(
@@ -73,9 +72,7 @@ def model_of(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
     return _model_of(robot, spec)  # a cache takes a default and the same value for two keys
 
 
-@lru_cache(maxsize=4)
-def _model_of(robot: Robot, spec: ModelSpec) -> ElasticModel:
-    return formulate(robot, spec)
+_model_of = lru_cache(maxsize=4)(formulate)
 
 
 @lru_cache(maxsize=4)
@@ -194,7 +191,7 @@ def _closed_loop_response(
     # The controller reads motions without the errors of the log.
     linear = replace(linear, chain=torque_elements(robot.chain), channel_numbers=())
     loop = gains_of(model, equilibrium(model, model.theta, configuration).q, controller)
-    s = 2j * np.pi * freq_hz[:, None, None]
+    s = laplace_variable(freq_hz[:, None, None])
     P = zero_order_hold(freq_hz / rate_hz)[:, None, None] * frequency_response(linear, linear.theta_ref, freq_hz)
     F, entry = sampled_responses(robot.driven_names, loop, controller, freq_hz, rate_hz, inject)
     difference, torque = np.eye(model.n_u) + F[:, :, None] * P, np.eye(model.n_u, dtype=np.complex128)

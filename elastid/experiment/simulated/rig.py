@@ -171,17 +171,14 @@ class SimulatedRig:
         """
         plan, path, experiment = self.plan, run.reference, run.experiment
         if plan.inject == "torque":
-            injected = path.injected(factor * plan.torque(experiment))
-            return path.position, path.velocity, path.feed_forward + injected
+            return path.position, path.velocity, path.feed_forward + path.injected(factor * plan.torque(experiment))
         spec = self.simulated.controller.reference
         assert spec is not None  # refused by the plan
-        rows = references(plan, self.simulated.carrier, experiment, factor)
-        x = ReferencePath(spec, plan.rate_hz).played(rows)
+        x = ReferencePath(spec, plan.rate_hz).played(references(plan, self.simulated.carrier, experiment, factor))
         holding = np.broadcast_to(path.feed_forward[0], x.shape)
         if plan.inject == "velocity":
             return path.position[0] + np.cumsum(x, axis=0) / plan.rate_hz, x, holding
-        velocity = np.diff(x, axis=0, prepend=x[:1]) * plan.rate_hz
-        return x, spec.velocity_feedforward * velocity, holding
+        return x, spec.velocity_feedforward * (np.diff(x, axis=0, prepend=x[:1]) * plan.rate_hz), holding
 
     def _trajectory(self, run: _Run, factor: float, n: int) -> Trajectory:
         """Simulate n samples of a run, the multisine times `factor`, from rest where the reference begins."""

@@ -119,8 +119,7 @@ class ChannelSpec:
     @property
     def name_in_file(self) -> str:
         """The channel as it is called in the file."""
-        column = "" if self.column is None else f"column {self.column}"
-        return " ".join(filter(None, (self.channel, column)))
+        return " ".join(filter(None, (self.channel, "" if self.column is None else f"column {self.column}")))
 
     @property
     def full_name(self) -> str:
@@ -233,8 +232,7 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
     if not channel.unit and dimensions[0] != turning:
         choice = f"give unit: {dimensions[0]} or {turning}"
         return "unit", f"without a robot, '{channel.at}' may rotate or translate. {choice}"
-    measures = dimension_and_size(channel.unit)[0]
-    if dimensions[0] != turning and measures not in dimensions and channel.unit != "g":
+    if dimensions[0] != turning and dimension_and_size(channel.unit)[0] not in dimensions and channel.unit != "g":
         units = ", ".join(name for dimension in dimensions for name in units_of(dimension))
         return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {units}"
     turning_too = [c for c in channels if c.at == channel.at and not c.drive and not _translates(c)]

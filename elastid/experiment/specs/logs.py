@@ -331,8 +331,7 @@ class ResponsesSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        roles = {channel.role for channel in self.channels}
-        if self.channels and roles != {"u", "y"}:
+        if self.channels and {channel.role for channel in self.channels} != {"u", "y"}:
             raise ValueError("channels need at least one role u (input) and one role y (output), and no other role")
         if any(
             self.hold_of(channel) != "band-limited" and not (channel.rate_hz or self.rate_hz)

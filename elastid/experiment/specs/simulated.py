@@ -215,5 +215,4 @@ class SimulatedSpec:
 
         That is the relative error of a frequency by the steps of the rig (`Tableau`).
         """
-        least = 2 * math.pi * highest_hz / rate_hz / (4e-6 / 3.7e-4) ** (1 / 6)
-        return self.substeps or max(2, math.ceil(least))
+        return self.substeps or max(2, math.ceil(2 * math.pi * highest_hz / rate_hz / (4e-6 / 3.7e-4) ** (1 / 6)))

@@ -79,8 +79,7 @@ def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
     base = evidence.assembly
     robot, parameters = base.linearisation.model.robot, base.parameters
     for name, family, varied, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
-        about = _about(parameters, numbers)
-        yield AlternativeModel(name, family, _with_robot(base, varied, about))
+        yield AlternativeModel(name, family, _with_robot(base, varied, _about(parameters, numbers)))
 
 
 def _with_robot(base: Assembly, robot: Robot, parameters: Parameters) -> Assembly:

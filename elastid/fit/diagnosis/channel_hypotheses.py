@@ -17,7 +17,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
@@ -59,8 +59,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         if len(followed) >= LIMITS.followed or cost > LIMITS.predicted_ratio * costs.sum():
             break
         if misreading.name not in followed:
-            near = settle(misreading, problem, start, free)[1]
-            V, x_end = settle(misreading, problem, near, every)
+            V, x_end = settle(misreading, problem, settle(misreading, problem, start, free)[1], every)
             followed[misreading.name] = (of_all * V, x_end, misreading)
     as_read = min(of_all * float(costs.sum()), scores.cost)
     excess = max(as_read - scores.noise, 1e-300)
@@ -178,8 +177,7 @@ def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
 
 
 def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
-    s = 2j * np.pi * evaluated.part.kernel.freq_hz
-    return values * (s**power)[:, None, None]
+    return values * (laplace_variable(evaluated.part.kernel.freq_hz) ** power)[:, None, None]
 
 
 # The family of a misreading, its changes, the error, the fault that shows it, and the advice.

@@ -57,9 +57,8 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
         if candidate.directions.shape[1] > 1 or not is_exact:
             continue
         direction = candidate.directions[:, 0]
-        effects = np.abs(test.response[:n, places] @ direction)
         # A parameter that the data do not reach is not moved.
-        changes = quotient(effects, std)
+        changes = quotient(np.abs(test.response[:n, places] @ direction), std)
         worst = int(np.argmax(changes))
         if changes[worst] == 0:
             continue

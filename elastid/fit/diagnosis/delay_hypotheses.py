@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.limits import LIMITS
@@ -45,7 +45,7 @@ def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
 
 def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
     """Return L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
-    return low_pass_response((2j * np.pi * freq_hz).astype(np.complex128), T)
+    return low_pass_response(laplace_variable(freq_hz), T)
 
 
 FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}

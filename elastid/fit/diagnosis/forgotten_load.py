@@ -70,8 +70,7 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
     if abs(p[0]) < LEAST * mass:
         return None
     change = A @ _moments(p)
-    drop = float(-change @ (2 * g + S @ change))
-    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ J)
+    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(float(-change @ (2 * g + S @ change)), 0.0), J.T @ J)
 
 
 def _moments(p: FloatArray) -> FloatArray:
@@ -100,8 +99,7 @@ def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
     """Return the changes of mass, common centre and inertia, as ln p if log."""
     mass = numbers[0].value
     changes, both = _parameter_changes(numbers) @ _moments(p), mass / (mass + p[0])
-    inertial = np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)
-    changes = changes * inertial
+    changes = changes * np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)
     log = np.array([n.log for n in numbers])
     return np.where(log, np.log1p(np.where(log, np.maximum(changes, -0.99), 0.0)), changes)
 

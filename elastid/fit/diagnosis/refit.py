@@ -166,5 +166,4 @@ def settle(misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArr
 
 def logarithmic(part: Part) -> Part:
     """Return the part with the logarithmic criterion, element by element, no line with a weight above 10."""
-    gain = np.minimum(part.gain * np.abs(part.measured), 10.0)
-    return replace(part, criterion="log", gain=gain, whitening=None)
+    return replace(part, criterion="log", gain=np.minimum(part.gain * np.abs(part.measured), 10.0), whitening=None)

@@ -15,7 +15,7 @@ from itertools import permutations
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable, named
 from elastid.fit.diagnosis.extended_model import ModelResponse
 from elastid.linear.linear_model import DELAY
 from elastid.robot import Body, Robot, channel_name
@@ -28,7 +28,7 @@ NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
 
 def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return the derivatives with respect to the delay (s) of each output and input, or to a single one of all."""
-    s, model, columns = 2j * np.pi * response.freq_hz[:, None, None], response.model, dict[str, ComplexArray]()
+    s, model, columns = laplace_variable(response.freq_hz[:, None, None]), response.model, dict[str, ComplexArray]()
     for role, places, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
         for i, place in enumerate(places if len(places) > 1 else ()):
             mask = np.zeros((1, len(model.outputs), len(model.inputs)))
@@ -103,7 +103,7 @@ def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
 
 def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return the derivatives with respect to turns of motor i per turn of joint j, if no gear couples them."""
-    robot, model, G, s = response.robot, response.model, response.G, 2j * np.pi * response.freq_hz[:, None, None]
+    robot, model, G, s = response.robot, response.model, response.G, laplace_variable(response.freq_hz[:, None, None])
     driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
     places = model.outputs
     if model.inputs != places or model.quantity != "acceleration" or not set(places) <= set(robot.motor_locations):

@@ -94,8 +94,7 @@ class ScoreTest:
         along = places[np.argmax(D != 0, axis=0)]  # the first number of each direction
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else D @ self._bounded(along, S, g)
         steps = steps * self._plausible(candidate, steps)
-        drop = -steps @ (2 * self.g[places] + self.S[np.ix_(places, places)] @ steps)
-        return steps, max(float(drop), 0.0)
+        return steps, max(float(-steps @ (2 * self.g[places] + self.S[np.ix_(places, places)] @ steps)), 0.0)
 
     def most(self, candidate: Candidate) -> float:
         """Return the drop of V by the best step of a candidate, plausible or not."""
@@ -115,8 +114,7 @@ class ScoreTest:
                 D[candidate.places, i] = candidate.directions[:, 0]
         products = D.T @ self.S @ D
         size = np.diag(products)
-        norms = np.outer(size, size)
-        return quotient(products**2, norms)
+        return quotient(products**2, np.outer(size, size))
 
     def effects(self, candidate: Candidate, steps: FloatArray) -> FloatArray:
         """Return the change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""

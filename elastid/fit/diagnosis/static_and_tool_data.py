@@ -18,7 +18,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, laplace_variable
 from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
@@ -126,8 +126,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     compared, least = agreement(now, alone)
     if compared.disagrees and np.isfinite(least):
         why = "stiffer under static load (gear friction)" if compared.ratio < 1 else "softer (gear hysteresis)"
-        cause = f"check the scale of loads and gauge; if it is right, all springs are {why}"
-        compared = replace(compared, cause=cause)
+        compared = replace(compared, cause=f"check the scale of loads and gauge; if it is right, all springs are {why}")
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
@@ -188,7 +187,7 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
     def turned(sign: float, power: int) -> tuple[Response, ...]:
         every = []
         for G in responses:
-            s = 2j * np.pi * G.freq_hz[:, None, None]
+            s = laplace_variable(G.freq_hz[:, None, None])
             noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
             every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
         return tuple(every)

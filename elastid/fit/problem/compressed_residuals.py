@@ -69,7 +69,7 @@ class Full:
         """Return the sums of a block of lines. precision: data type of the moments."""
         R, slope = self.R[part.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
-        weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
+        weight = R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0]
         weight = weight if slope is None else weight * slope
         U = part.columns(scale, precision)
         if slope is not None:
@@ -268,8 +268,7 @@ class NormalEquations:
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
-        A = sign * moments.take(places)
-        return V, pieces.sigma.T @ g, sigma.T @ A @ sigma
+        return V, pieces.sigma.T @ g, sigma.T @ (sign * moments.take(places)) @ sigma
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:

@@ -124,8 +124,7 @@ class Part(Kept):
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return dr (n, F, n_y, n_u) by changes dG of a response G."""
         # A logarithm of an element that is left out because it is zero has no slope.
-        slope = np.where(self.gain > 0, error_gain(self.criterion, G), 0.0)
-        return mixed(mixing, -self.gain * slope * dG)
+        return mixed(mixing, -self.gain * np.where(self.gain > 0, error_gain(self.criterion, G), 0.0) * dG)
 
 
 def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
@@ -196,8 +195,7 @@ class ElasticFit:
     @property
     def n_residuals(self) -> int:
         """Real residuals that count."""
-        of_loads = 0 if self.loads is None else self.loads.n_residuals
-        return sum(part.n_residuals for part in self.parts) + of_loads
+        return sum(part.n_residuals for part in self.parts) + (0 if self.loads is None else self.loads.n_residuals)
 
     @property
     def problem(self) -> LeastSquares:
@@ -335,10 +333,8 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
     acting = response.controller.motors if response.controller is not None and is_closed else response.inputs
-    inputs = [model.inputs.index(name) for name in acting]
-    B = model.B if model.controller is not None else model.B[:, inputs]
-    outputs = [model.outputs.index(name) for name in response.outputs]
-    model, loop = model.with_outputs(outputs), response.controller
+    B = model.B if model.controller is not None else model.B[:, [model.inputs.index(name) for name in acting]]
+    model, loop = model.with_outputs([model.outputs.index(name) for name in response.outputs]), response.controller
     return replace(model, B=B, inputs=response.inputs, hold=response.hold, controller=loop)
 
 

@@ -50,8 +50,7 @@ class BodyInertia:
 
     def second_moment(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """Return sigma (3, 3)."""
-        theta = parameters.expand(x, self.configuration)
-        return np.tensordot(theta[list(self.places)], self.directions, axes=1)
+        return np.tensordot(parameters.expand(x, self.configuration)[list(self.places)], self.directions, axes=1)
 
     def roundness(self, parameters: Parameters, x: FloatArray) -> float:
         """Smallest principal second moment over their sum: 1/3 of a ball, 0 of a plate, negative if impossible."""
@@ -62,8 +61,7 @@ class BodyInertia:
     def directions(self) -> FloatArray:
         """d Sigma / d entry (n_entries, 3, 3)."""
         tensors = (np.arange(len(self.places))[:, None, None] == TENSOR).astype(float)
-        traces = np.trace(tensors, axis1=1, axis2=2)
-        return np.asarray(0.5 * traces[:, None, None] * np.eye(3) - tensors)
+        return np.asarray(0.5 * np.trace(tensors, axis1=1, axis2=2)[:, None, None] * np.eye(3) - tensors)
 
 
 def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, ...]:
@@ -74,8 +72,7 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
             if set(names) & set(parameters.dependent_names(where)):
-                places = tuple(parameters.index(name) for name in names)
-                inertia = BodyInertia(body.name, places, where)
+                inertia = BodyInertia(body.name, tuple(parameters.index(name) for name in names), where)
                 is_flat = abs(inertia.roundness(parameters, parameters.x)) < BORDER
                 inertias.append(replace(inertia, beyond=BORDER * is_flat))
     return tuple(inertias)

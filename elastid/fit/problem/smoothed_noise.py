@@ -110,8 +110,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
     floor = MIN_VARIANCE_SHARE * np.eye(n_y)
     a = 1 / np.maximum(shapes.own.mean(axis=1), MIN_GAIN) / (2 * len(shapes.own))
-    reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
-    b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), reached)
+    b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2))
     for _ in range(30):
         W = inverse(_sum(a, b, shapes, g) + floor)
         WS = W @ S
@@ -129,7 +128,7 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
     C = (g * (shapes.torque.T @ b)[:, None, :]) @ g.mT.conj()
     diagonal = np.arange(g.shape[1])
     C[:, diagonal, diagonal] += np.einsum("pfa,pa->fa", shapes.own, a)
-    return np.asarray(C)
+    return C
 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -169,8 +168,7 @@ class SmoothedNoise(Kept):
     @property
     def repeats(self) -> float:
         """Normalised variance of sum tr(C~^-1 S) divided by the normalised variance of the error power."""
-        n_u = self.variance.shape[2] if self.measured.form == "kronecker" else 1
-        return n_u / self.measured.dof
+        return (self.variance.shape[2] if self.measured.form == "kronecker" else 1) / self.measured.dof
 
 
 def smooth_noise(response: Response) -> SmoothedNoise | None:
@@ -313,8 +311,7 @@ def without_gaps(variance: FloatArray) -> FloatArray:
 
 def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
     """c l (F, ...) of levels of `dof` degrees of freedom each; loud lines keep their own."""
-    geometric = np.exp(moving_mean(np.log(variance), width))
-    mean = geometric / math.exp(log_moment(1, dof, width))
+    mean = np.exp(moving_mean(np.log(variance), width)) / math.exp(log_moment(1, dof, width))
     # A sample variance exceeds that factor over its mean once in a thousand lines.
     by_chance = chi_square_limit(2 * dof, 1e-3) / (2 * dof) if width > 1 else math.inf
     loud = variance > mean * by_chance

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home, mixed
 from elastid.fit.problem.least_squares import as_real
 from elastid.linear.linear_model import LinearModel
@@ -52,7 +52,7 @@ def ratio_errors(
     J_j, f_j: of the motor at theta (n_theta,), which the ratio of the file refers to the link side as the angles; o: of
     the derivative of the motion.  They widen intervals and are not estimated (`fit.gear_ratios`).
     """
-    errors, s = dict[str, ComplexArray](), np.asarray(2j * np.pi * response.freq_hz)
+    errors, s = dict[str, ComplexArray](), laplace_variable(response.freq_hz)
     late = np.exp(s * sum(parameter_value(part.kernel.model, theta, name) for name in ("delay", "delay_u")))
     G = part.kernel.response(theta)  # noise of the measured one would be correlated with the residuals
     for j, std in enumerate(response.ratio_std.tolist()):

@@ -40,7 +40,7 @@ class Whitening(Kept):
         factors = used_factors(self.noise, used, is_split=self.floor == 0)
         self.noise.release()
         if len(factors) == 2:
-            return np.asarray(inverse_triangle(factors[::-1]) * s)
+            return inverse_triangle(factors[::-1]) * s
         diagonal = np.arange(n_y * n_u)
         row_by_row = diagonal.reshape(n_u, n_y).T.ravel()
         C = factors[0][:, row_by_row[:, None], row_by_row]
@@ -69,8 +69,7 @@ def used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> t
     flat = vec(used)
     lines = flat.all(axis=1)
     if is_split and noise.left is not None and noise.right is not None and np.array_equal(lines, flat.any(axis=1)):
-        parts = (noise.left, noise.right)
-        return tuple(np.where(lines[:, None, None], part, np.eye(part.shape[1])) for part in parts)
+        return tuple(np.where(lines[:, None, None], part, np.eye(part.shape[1])) for part in (noise.left, noise.right))
     C = np.where(flat[:, :, None] & flat[:, None, :], noise.full(), 0.0)
     C[:, range(C.shape[1]), range(C.shape[1])] += ~flat
     return (C,)

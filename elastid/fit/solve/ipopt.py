@@ -107,8 +107,7 @@ class _ScaledProblem:
 
     def gradient(self, arguments: Sequence[ca.DM]) -> "_Outputs":
         """Return V / N and its gradient as a column."""
-        gradient = self.guarded(arguments[0]).gradient
-        return [self.objective(arguments)[0], ca.DM(self.weight * self.scale * gradient)]
+        return [self.objective(arguments)[0], ca.DM(self.weight * self.scale * self.guarded(arguments[0]).gradient)]
 
     def hessian(self, arguments: Sequence[ca.DM]) -> "_Outputs":
         """The upper triangle of the Hessian of the Lagrangian, Gauss-Newton's in z times the multiplier of V / N."""

@@ -216,8 +216,7 @@ def solve(
     message = f"{outcome}, {off:.1e} standard deviations from the stationary point"
     # A tenth of a deviation moves no interval. One that creeps far from any noise has converged, too: the model is
     # wrong, and not the search.
-    converged = off < ROUGH or end.status == CREEPING
-    return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)
+    return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, off < ROUGH or end.status == CREEPING, message)
 
 
 # A start has converged if its V exceeds the best by less than this fraction of the cost of one standard deviation.
@@ -234,8 +233,7 @@ def spread(parameters: Parameters, starts: int, factor: float, seed: int) -> Flo
     lower, upper = parameters.x_bounds
     n, n_x = starts - 1, len(parameters.free)
     rng = np.random.default_rng(seed)
-    strata = np.array([rng.permutation(n) for _ in range(n_x)]).reshape(n_x, n).T
-    cube = 2 * (strata + rng.random((n, n_x))) / n - 1
+    cube = 2 * (np.array([rng.permutation(n) for _ in range(n_x)]).reshape(n_x, n).T + rng.random((n, n_x))) / n - 1
     reach = [
         math.log(factor) * (2 if p.unit in DAMPING_UNITS else 1) if p.log else 0.1 * (p.upper - p.lower)
         for p in parameters.free

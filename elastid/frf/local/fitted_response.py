@@ -158,11 +158,9 @@ def with_model_error(
         is_informative = variance <= MAX_VARIANCE_RATIO * total.variance
         difference = np.where(is_informative, difference, 0.0)
         both = total.variance + np.where(is_informative, variance, 0.0)
-        ratio = quotient(np.abs(difference) ** 2, both)
-        g = local_mean(ratio)
+        g = local_mean(quotient(np.abs(difference) ** 2, both))
         error = np.maximum(error, np.where(g > MAX_RATIO, (g - 1) * both, 0.0))
-    relative = quotient(error, total.variance)
-    factor = np.sqrt(1 + relative.mean(axis=2))
+    factor = np.sqrt(1 + quotient(error, total.variance).mean(axis=2))
     right = None if total.right is None else factor[:, :, None] * total.right * factor[:, None, :]
     return replace(total, variance=total.variance * factor[:, :, None] ** 2, right=right)
 

@@ -52,8 +52,7 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
     [[0, 1, 2], [1, 2, 3]]
     """
     n_w = min(n_w, len(available))
-    middle = np.searchsorted(available, lines)
-    start = np.clip(middle - n_w // 2, 0, len(available) - n_w)
+    start = np.clip(np.searchsorted(available, lines) - n_w // 2, 0, len(available) - n_w)
     index = start[:, None] + np.arange(n_w)
     distance = available[index] - lines[:, None]
     return Windows(
@@ -68,8 +67,7 @@ def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
     n_w = where.index.shape[1]
     bins = np.einsum("ebu,ebv->buv", R, R.conj())
     # Sums from the first bin to the one before the last, which may be the end of the array.
-    bounds = where.index[:, [0, -1]].ravel()
-    sums = np.add.reduceat(bins, bounds, axis=0)[::2] if n_w > 1 else 0.0
+    sums = np.add.reduceat(bins, where.index[:, [0, -1]].ravel(), axis=0)[::2] if n_w > 1 else 0.0
     return np.asarray((sums + bins[where.index[:, -1]]) / n_w)
 
 
@@ -244,8 +242,7 @@ def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTer
     # Rows are (experiment, bin) pairs.
     rows = np.moveaxis(Z[:, where.index], 0, 1).reshape(f, E * n_w, n_z)
     powers = np.tile(where.offset, (1, E))[:, None] ** np.arange(1, terms.poles + 1)[:, None]
-    solution = _iterated(Phi / size, rows, powers)
-    return _local_fit(solution, size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
+    return _local_fit(_iterated(Phi / size, rows, powers), size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
 
 
 def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
@@ -258,8 +255,7 @@ def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Soluti
         scale = np.maximum(_rms(V), least)
         A = np.abs(1 + np.einsum("fp,fpr->fr", a, powers))
         # A pole that moves onto a bin would otherwise take all weight from the others.
-        floor = 0.1 if iteration < iterations else 1e-12
-        w = 1 / np.maximum(A, floor * A.max(axis=1, keepdims=True))
+        w = 1 / np.maximum(A, (0.1 if iteration < iterations else 1e-12) * A.max(axis=1, keepdims=True))
         Q, L = np.linalg.qr(Phi * w[..., None])
         W_Z, W_X = w[..., None] * Z, w[:, None, :, None] * X
         V, V_X = W_Z - Q @ (Q.mT.conj() @ W_Z), W_X - Q[:, None] @ (Q.mT.conj()[:, None] @ W_X)
@@ -296,8 +292,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     """Return the fit from a solution whose regressors were divided by size (f, 1, columns)."""
     Q, L, n_u = solution.Q, solution.L, terms.n_u
     diagonal = np.abs(np.einsum("fcc->fc", L))
-    smallest = diagonal.min(axis=1)
-    condition = quotient(diagonal.max(axis=1), smallest, np.inf)
+    condition = quotient(diagonal.max(axis=1), diagonal.min(axis=1), np.inf)
     L = np.where(np.isfinite(condition)[:, None, None], L, np.eye(L.shape[1]))
     # The columns at r^0: the inputs, and one constant for each experiment's transient.
     constants = terms.columns + (terms.order + 1) * np.arange(E if terms.transient else 0)
@@ -327,11 +322,12 @@ def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexAr
     normal = np.einsum("fprz,fqrz->fpq", X.conj(), X, optimize=True)
     size = np.sqrt(np.einsum("fpp->fp", normal).real)
     size = np.where(size > 0, size, 1.0)
-    normal = normal / (size[:, :, None] * size[:, None, :]) + _ROUNDING * np.eye(d)
+    sizes = size[:, :, None] * size[:, None, :]
+    normal = normal / sizes + _ROUNDING * np.eye(d)
     C = C_V / (scale[:, :, None] * scale[:, None, :])
-    meat = np.einsum("fprz,fzy,fqry->fpq", X.conj(), C, X, optimize=True) / (size[:, :, None] * size[:, None, :])
+    meat = np.einsum("fprz,fzy,fqry->fpq", X.conj(), C, X, optimize=True) / sizes
     inverse = np.linalg.inv(normal)
-    return np.asarray(inverse @ meat @ inverse.mT.conj() / (size[:, :, None] * size[:, None, :]))
+    return np.asarray(inverse @ meat @ inverse.mT.conj() / sizes)
 
 
 def _rms(Z: ComplexArray) -> FloatArray:

@@ -262,8 +262,7 @@ def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
     if all(spectrum.is_steady for spectrum in spectra):
         C_Z = np.sum([part.noise[every] * (part.dof * part.n_periods / dof) for part in spectra], axis=0)
-    periods = np.array([spectrum.n_periods for spectrum in spectra])
-    return Experiments(spectra[0].Y.shape[1], closed, periods, C_Z, dof)
+    return Experiments(spectra[0].Y.shape[1], closed, np.array([spectrum.n_periods for spectrum in spectra]), C_Z, dof)
 
 
 def _fits(
@@ -318,8 +317,7 @@ def _refuse_dead_inputs(first: Record, spectra: Sequence[SteadySpectra]) -> None
     """Raise DataError where an input stands out of its noise at too few lines, whatever the reference was."""
     n_y = len(first.outputs)
     signal = np.sum([np.abs(spectrum.U) ** 2 for spectrum in spectra], axis=0)
-    noise = np.sum([power(spectrum.noise)[:, n_y:] for spectrum in spectra], axis=0)
-    clear = signal > MIN_INPUT_SNR * noise
+    clear = signal > MIN_INPUT_SNR * np.sum([power(spectrum.noise)[:, n_y:] for spectrum in spectra], axis=0)
     for i in np.flatnonzero(clear.mean(axis=0) < EXCITED_FRACTION):
         raise DataError(
             "frf/lines",
@@ -347,9 +345,8 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
     parts = np.array_split(R, max(1, F // n_w), axis=1)
     grams = np.array([np.einsum("efu,gfu->eg", part, part.conj()) for part in parts])
     powers = np.einsum("cee->ce", grams).real
-    both = np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0)
     # Where the inputs are strong counts most.
-    correlation = quotient(np.abs(grams).sum(axis=0), both)
+    correlation = quotient(np.abs(grams).sum(axis=0), np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0))
     leaders: list[int] = []
     for e in range(E):
         if all(correlation[e, leader] < MAX_CORRELATION for leader in leaders):

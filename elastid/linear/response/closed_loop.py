@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.record import ReferenceLoop, ZohTorque, zero_order_hold
 from elastid.robot import channel_name
@@ -45,7 +45,7 @@ def closed(
     assert model.controller is not None
     loop, names = model.controller.at(freq_hz), model.controller.motors
     H = zero_order_hold(freq_hz / loop.rate_hz)[:, None, None]
-    of_outputs, of_inputs = model.channel_factors(theta, (2j * np.pi * freq_hz).astype(np.complex128))
+    of_outputs, of_inputs = model.channel_factors(theta, laplace_variable(freq_hz))
     gains = [[channel_name("gain", role, motor) for motor in names] for role in GAINS]
     numbers = np.array([[model.number(theta, n) if n in model.channel_numbers else 1.0 for n in row] for row in gains])
     feedback, feedforward = (np.einsum("gm,gfm->fm", numbers, C) for C in (loop.feedback, loop.feedforward))

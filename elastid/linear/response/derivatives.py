@@ -90,8 +90,7 @@ class Sensitivity:
         spread[:, self.outputs, self.inputs] = self.gain[:, None] * weight
         powers = np.stack([np.ones_like(self.omega), 1j * self.omega, -(self.omega**2)])
         rows, n_1, r = spread @ self.right, len(self.sign), self.S.shape[2]
-        products = self.left[:, :, :n_1] * rows[:, :, :n_1]
-        flat = products.reshape(len(rows), rows.shape[1] * n_1)
+        flat = (self.left[:, :, :n_1] * rows[:, :, :n_1]).reshape(len(rows), rows.shape[1] * n_1)
         single = (powers @ flat).reshape(3, rows.shape[1], n_1).sum(axis=1) * self.sign
         many = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
         between = self.left[:, :, n_1:].reshape(many.shape[1:]).T @ many
@@ -184,10 +183,9 @@ class Columns(Kept):
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
         n, wanted = self.kernel.model.n, self.kernel.wanted
-        slopes = [self.kernel.model.slopes.get(name) or Slope() for name in wanted]
         terms = [
             (place, power, matrix)
-            for place, slope in enumerate(slopes)
+            for place, slope in enumerate([self.kernel.model.slopes.get(name) or Slope() for name in wanted])
             for power, matrix in enumerate((slope.K, slope.D, slope.M))
             if matrix is not None and np.any(matrix)
         ]

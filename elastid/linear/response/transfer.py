@@ -24,7 +24,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen, laplace_variable
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import ClosedLoop, closed, open_loops
 from elastid.record import MOTION_ORDER
@@ -58,9 +58,9 @@ def zoh_aliases(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
     before = tuple(element for element in model.chain if element.name == TORQUE_LAG)
     behind = tuple(element for element in model.chain if element.name != TORQUE_LAG)
     plant = replace(model, quantity="acceleration", chain=before, hold=None, channel_numbers=())
-    of_outputs, of_inputs = model.channel_factors(theta, (2j * np.pi * freq_hz).astype(np.complex128))
+    of_outputs, of_inputs = model.channel_factors(theta, laplace_variable(freq_hz))
     is_delay = np.array([name == DELAY for name in model.parameters])
-    s, rates = (2j * np.pi * freq_hz).astype(complex), np.array(model.hold.rates_hz)
+    s, rates = laplace_variable(freq_hz), np.array(model.hold.rates_hz)
     gain = (factor(replace(model, chain=behind), theta, s) / s**2)[:, None, None]
     for rate in np.unique(rates[rates > 0]).tolist():
         lowest = 1.0 - min(float(freq_hz.max(initial=0.0)) / rate, 0.5)
@@ -103,7 +103,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     if model.controller is not None:
         return closed_loop(model, theta, freq_hz).T + folded_images(model, theta, freq_hz)
     M, D, K = model.matrices(theta)
-    s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
+    s = laplace_variable(freq_hz[:, None, None])
     drift = 0.0 if model.integral is None else model.integral / s
     X = np.linalg.solve(s**2 * M + s * D + K + drift, model.acting(theta).astype(complex))
     C, T = model.readout(theta)
@@ -137,7 +137,7 @@ def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) ->
 
 def change_of_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray) -> ComplexArray:
     """Return dG by a change (F, n_y, n_u) of the angles by torques; with loops (F, n_y + n_m, n_m), motors last."""
-    s = (2j * np.pi * freq_hz).astype(np.complex128)
+    s = laplace_variable(freq_hz)
     of_outputs, of_inputs = model.channel_factors(theta, s)
     of_y = of_outputs[..., None] * factor(model, theta, s)[:, None, None]
     if model.controller is None:

@@ -25,8 +25,7 @@ def open_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
     variables = loadmat(path)
     values = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
-    arrays = dict(leaf for name, value in values.items() for leaf in _leaves_of_matlab(name, value))
-    yield _in_memory(path, arrays)
+    yield _in_memory(path, dict(leaf for name, value in values.items() for leaf in _leaves_of_matlab(name, value)))
 
 
 def _in_memory(path: Path, arrays: Mapping[str, NDArray[Any]]) -> ArrayLog:
@@ -205,15 +204,15 @@ def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "")
         name = f"{prefix}{key}"
         if isinstance(item, h5py.Group) and not key.startswith("#"):
             yield from _datasets(item, separator, is_transposed, f"{name}{separator}")
-        elif isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:
+        elif not isinstance(item, h5py.Dataset) or "MATLAB_object_decode" in item.attrs:
             continue  # an object of a class: the numbers refer to its members elsewhere
-        elif isinstance(item, h5py.Dataset) and is_transposed and item.attrs.get("MATLAB_class") == b"cell":
+        elif is_transposed and item.attrs.get("MATLAB_class") == b"cell":
             cells = [item.file[reference] for reference in np.ravel(item[()])]
             whole = [(i, cell) for i, cell in enumerate(cells, start=1) if isinstance(cell, h5py.Dataset)]
             yield from ((f"{name}{{{i}}}", _dataset(cell, "", True)) for i, cell in whole if cell.dtype.kind in "fiu")
-        elif isinstance(item, h5py.Dataset) and item.dtype.names is not None:
+        elif item.dtype.names is not None:
             yield from ((f"{name}.{field}", _dataset(item, field, is_transposed)) for field in item.dtype.names)
-        elif isinstance(item, h5py.Dataset):
+        else:
             yield name, _dataset(item, "", is_transposed)
 
 

@@ -71,7 +71,6 @@ _MARKS |= {codecs.BOM_UTF16_BE: "utf-16"}
 def wide_encoding(raw: bytes) -> str:
     """Return UTF-16 or 32 by the byte order mark, UTF-16 of Latin letters also by its zeros; else an empty text."""
     marked = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "")
-    sides = raw[1:200:2], raw[:200:2]
-    zeros = [len(side) > 20 and side.count(0) > 0.9 * len(side) for side in sides]
+    zeros = [len(side) > 20 and side.count(0) > 0.9 * len(side) for side in (raw[1:200:2], raw[:200:2])]
     unmarked = "utf-16-le" if zeros[0] else "utf-16-be" if zeros[1] else ""
     return marked or (unmarked if sum(zeros) == 1 else "")

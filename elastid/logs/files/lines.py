@@ -57,8 +57,7 @@ class FileLines(Sequence[str]):
         with self.path.open("rb") as file:
             file.seek(start)
             content = file.read(stop - start).decode(self.encoding, errors="replace")
-        lines = self.plain(content).replace("\r\n", "\n").split("\n")
-        return lines[first - block * _STEP : end - block * _STEP]
+        return self.plain(content).replace("\r\n", "\n").split("\n")[first - block * _STEP : end - block * _STEP]
 
 
 @lru_cache(maxsize=8)

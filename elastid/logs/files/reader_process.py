@@ -82,11 +82,12 @@ def _ask(file: _File, name: str = "", span: slice | None = None) -> Any:
     with _one_request:
         try:
             reply = _exchange(_reader(where), (file, name, span))
-        except EOFError:
+        except (
+            BaseException
+        ) as error:  # Ctrl-C, say: a reply that is lost would be taken for that to the next request
             code = _end(_readers.pop((os.getpid(), where)))
-            raise ValueError(f"the reading process ended with exit code {code}") from None
-        except BaseException:  # Ctrl-C, say: the reply that is lost would be taken for that to the next request
-            _end(_readers.pop((os.getpid(), where)))
+            if isinstance(error, EOFError):
+                raise ValueError(f"the reading process ended with exit code {code}") from None
             raise
     if isinstance(reply, Exception):
         raise reply

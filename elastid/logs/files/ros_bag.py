@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from elastid.base.errors import installed
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.log import ArrayLog, StoredArray
 
+# Of a column the messages that hold it, and its values.
+_Columns: TypeAlias = dict[str, tuple[list[int], list[NDArray[Any]]]]
 _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 
 
@@ -75,10 +77,10 @@ class _Topic:
             yield f"{self.name}.{column}", _stored((len(values),), partial(np.array, values), unit, time)
 
     @cached_property
-    def _columns(self) -> tuple[list[int], dict[str, tuple[list[int], list[NDArray[Any]]]]]:
+    def _columns(self) -> tuple[list[int], _Columns]:
         """Stamps (n,) in ns, and for each column the messages that hold it, and its values."""
         stamps: list[int] = []
-        columns: dict[str, tuple[list[int], list[NDArray[Any]]]] = {}
+        columns: _Columns = {}
         for number, (stamp, message) in enumerate(self._messages()):
             stamps.append(stamp)
             for column, value in (_of_joints if self.is_joint_state else _numbers)(message).items():
@@ -99,8 +101,7 @@ class _Topic:
         for connection, received, raw in self.bag.messages(self.connections):
             message = self.bag.deserialize(raw, connection.msgtype)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
-            stamped = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
-            yield stamped or received, message
+            yield (0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec) or received, message
 
 
 def _of_joints(message: Any) -> dict[str, NDArray[Any]]:

@@ -117,8 +117,7 @@ class TextLog(Log):
         filled = fill_empty(lines, delimiter_of(self.format))
         data, wrong = self._with_missing_cells(selection, filled[:most])
         if wrong > max(1.0, MAX_WRONG_FRACTION * len(data)) or 2 * wrong >= len(data):
-            complaint = self._complaint(selection, filled, first)
-            raise DataError("records/text", complaint or f"{self.path}: {error}")
+            raise DataError("records/text", self._complaint(selection, filled, first) or f"{self.path}: {error}")
         return data
 
     def _numbers(

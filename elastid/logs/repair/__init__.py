@@ -82,7 +82,7 @@ class Log:
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """Fold to X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign if sign is -1."""
     X = folded(x, L)
-    return X if sign > 0 else np.asarray(X * float(sign) ** np.arange(len(X))[:, None])
+    return X if sign > 0 else X * float(sign) ** np.arange(len(X))[:, None]
 
 
 def bridged(x: FloatArray) -> FloatArray:
@@ -94,7 +94,7 @@ def bridged(x: FloatArray) -> FloatArray:
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """Fold to X (P, L): the repetitions of a signal, each without its line."""
     X = blocks(x, L, sign)
-    return without_line(X) if np.isfinite(X).all() else np.asarray(X - _lines(X, np.linspace(-0.5, 0.5, L)))
+    return without_line(X) if np.isfinite(X).all() else X - _lines(X, np.linspace(-0.5, 0.5, L))
 
 
 def without_line(X: FloatArray) -> FloatArray:

@@ -106,8 +106,7 @@ def samples_before_motion(torques: FloatArray) -> int:
     scatter = np.stack([_scatter(folded(x, width)) for x in torques.T])
     # The largest may be a spike.
     scale = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > MAX_STATIONARY_FRACTION * scale) & (scale > 0), axis=0)
-    return int(np.argmax(moves)) * width
+    return int(np.argmax(np.any((scatter > MAX_STATIONARY_FRACTION * scale) & (scale > 0), axis=0))) * width
 
 
 def _scatter(windows: FloatArray) -> FloatArray:
@@ -240,5 +239,4 @@ def _at_limit(x: FloatArray) -> BoolArray:
 def _visits(x: FloatArray, clipped: BoolArray) -> int:
     span = np.ptp(x)
     is_away = (np.max(x) - x > MIN_DEPARTURE * span) & (x - np.min(x) > MIN_DEPARTURE * span)
-    state = (clipped.astype(int) - is_away)[clipped | is_away]
-    return int(np.sum(np.diff(state) == 2))
+    return int(np.sum(np.diff((clipped.astype(int) - is_away)[clipped | is_away]) == 2))

@@ -110,8 +110,7 @@ def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_F
         is_inside = good[[0, 1, -2, -1]].all()
         is_short = np.ptp(runs(~good), axis=1).max() <= MAX_BRIDGED
         if not (is_inside and is_short and count <= max_fraction * len(good)):
-            pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
-            first, last = max(pieces, key=np.ptp, default=(0, 0))
+            first, last = max(runs(np.asarray(np.isfinite(signals).all(axis=1))), key=np.ptp, default=(0, 0))
             raise log.error(
                 "records/missing-samples",
                 f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
@@ -165,8 +164,7 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)
-        stack = at_times(_with_flags(signals), times, period, min(1.0, N / period))
-        result = _with_missing(stack, signals.shape[1])
+        result = _with_missing(at_times(_with_flags(signals), times, period, min(1.0, N / period)), signals.shape[1])
         log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
     n, n_missing = len(result), 2 * L - len(result)
     if n < MIN_PERIODS * L or n_missing <= 0:

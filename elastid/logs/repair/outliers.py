@@ -85,8 +85,7 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
         near = bridged(np.where(far, np.nan, x))
         least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
-        lone = _spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0)
-        at.append(np.flatnonzero(lone | far))
+        at.append(np.flatnonzero(_spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0) | far))
     return _mask(signals, at, "their neighbours", log)
 
 
@@ -216,8 +215,7 @@ def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
     first, *others = np.quantile(np.abs(np.diff(X, axis=0)), TRANSIENT_FRACTION, axis=1)
     if first <= MIN_OVER_USUAL * max(min(others), q):
         return 0.0
-    without_pulses = median_filter(X[1:], (1, 2 * MAX_RUN + 1))
-    return JUMP_MARGIN * float(np.abs(np.diff(without_pulses, axis=1)).min(axis=0).max())
+    return JUMP_MARGIN * float(np.abs(np.diff(median_filter(X[1:], (1, 2 * MAX_RUN + 1)), axis=1)).min(axis=0).max())
 
 
 def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -> BoolArray:

@@ -142,9 +142,8 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
     if n < MIN_NOISY_PERIODS * lag:
         return False
     repeats = np.arange(1, int(n / lag) // 2 + 1)
-    lags = np.round(repeats * lag).astype(int)
     # A lag that is not whole has its peak at one of two samples.
-    near = np.clip(lags + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
+    near = np.clip(np.round(repeats * lag).astype(int) + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
     peaks = np.max((float(sign) ** repeats) * rho[near], axis=0)
     if np.any(np.abs(peaks / max(peaks[0], 1e-300) - 1) > MAX_CORRELATION_CHANGE):
         return False
@@ -205,8 +204,7 @@ def autocorrelation(x: FloatArray) -> FloatArray:
     n = len(x)
     n_fft = 1 << (2 * n - 1).bit_length()
     valid = np.isfinite(x)
-    X = np.fft.rfft(np.where(valid, x, 0.0), n_fft)
-    product = np.fft.irfft(np.abs(X) ** 2, n_fft)[:n]
+    product = np.fft.irfft(np.abs(np.fft.rfft(np.where(valid, x, 0.0), n_fft)) ** 2, n_fft)[:n]
     if valid.all():
         power = np.cumsum(x**2)
         first, last = power[::-1], power[-1] - np.concatenate([[0.0], power[:-1]])
@@ -348,8 +346,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(valid) - 1 and len(lags) - len(valid) <= 3):
         return None
     shift = shifts.pop()
-    across = lags.index(shift) * L
-    return shift, across + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
+    return shift, lags.index(shift) * L + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
 
 
 def _span(samples: float, log: Log) -> str:

@@ -20,13 +20,11 @@ def at_times(signals: FloatArray, times: FloatArray, period: float, band: float 
     """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate."""
     reach = int(np.ceil(HALF_WIDTH / band))
     before = reach + max(0, int(np.ceil(-times.min())))
-    after = reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1)
-    padded = _extend(signals, period, before, after)
+    padded = _extend(signals, period, before, reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1))
     result = np.empty((len(times), signals.shape[1]))
     offsets = np.arange(-reach, reach + 1)
     for first in range(0, len(times), _TIMES_AT_ONCE):
-        t = times[first : first + _TIMES_AT_ONCE]
-        nearest, weights = kernel(t, band)
+        nearest, weights = kernel(times[first : first + _TIMES_AT_ONCE], band)
         result[first : first + _TIMES_AT_ONCE] = np.einsum(
             "tk,tkc->tc", weights, padded[nearest[:, None] + before + offsets]
         )

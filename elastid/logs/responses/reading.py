@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import DataError, Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.logs import ResponsesSpec
@@ -47,8 +47,7 @@ def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
     with opened_log(path, spec.text) as log:
         if isinstance(log, TextLog):
             return text_table(path, log, spec)
-        is_matlab = path.suffix.lower() == ".mat"
-        if structs_in(log.arrays) or (is_matlab and spec.columns.response not in log.arrays):
+        if structs_in(log.arrays) or (path.suffix.lower() == ".mat" and spec.columns.response not in log.arrays):
             return struct_table(path, log.arrays, response)
         return dataset_table(path, log.arrays, spec)
 
@@ -81,8 +80,7 @@ def link_side_response(
     order = np.argsort(freq_hz, kind="stable")
     freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
     for i, j in np.argwhere(np.isnan(G).all(axis=0)):
-        lack = f"it lacks the response of {outputs[i].name_in_file} to {inputs[j].name_in_file}"
-        raise table_error(table.path, lack)
+        raise table_error(table.path, f"it lacks the response of {outputs[i].name_in_file} to {inputs[j].name_in_file}")
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
     is_zero = G == 0  # at all lines of an element that has no response, else of a missing value
@@ -100,7 +98,7 @@ def link_side_response(
         raise DataError(
             "responses/lines", f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz occurs twice. Keep one line", table.path
         )
-    gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
+    gain = laplace_variable(freq_hz[:, None]) ** powers * f_y
     gain_of_elements = gain[:, :, None] / (f_u * _hold_response(table.path, freq_hz, inputs, spec))[:, None, :]
     T_y, T_u = to_joints(outputs, robot), np.linalg.inv(to_joints(inputs, robot))
     G = T_y @ (gain_of_elements * G) @ T_u

@@ -76,8 +76,7 @@ class ResponseTable:
             if names and len(names) != n:
                 raise table_error(self.path, f"{len(names)} names of {n} {kind}: {', '.join(names)}")
         if self.variance is not None and self.variance.shape != self.G.shape:
-            shapes = f"the variance has shape {self.variance.shape}, the response {self.G.shape}"
-            raise table_error(self.path, shapes)
+            raise table_error(self.path, f"the variance has shape {self.variance.shape}, the response {self.G.shape}")
 
     def freq_hz(self, unit: str) -> FloatArray:
         """Convert the frequencies (F,) to Hz; `auto` is the file's unit.  DataError for an unknown or missing unit."""
@@ -311,9 +310,8 @@ def _length_and_force(path: Path) -> tuple[float, float]:
     units = sets_of(path, 164)
     if not units:
         return 1.0, 1.0
-    code = int(units[0]["units_code"])
     # Of codes other than these the set has the factors, by which numbers are divided.
-    return _UNITS.get(code) or (1 / float(units[0]["length"]), 1 / float(units[0]["force"]))
+    return _UNITS.get(int(units[0]["units_code"])) or (1 / float(units[0]["length"]), 1 / float(units[0]["force"]))
 
 
 def _in_si(

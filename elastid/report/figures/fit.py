@@ -350,11 +350,9 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: 
             x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in points])
             y, std = np.array([(value.value, value.std) for value in points]).T
             text = "differs or drifts" if is_marked else "robot, dates from left to right"
-            color = style.FITTED if is_marked else style.TOTAL
-            curves.append(Curve(x, y, text, color, True, style.about(y, std)))
+            curves.append(Curve(x, y, text, style.FITTED if is_marked else style.TOTAL, True, style.about(y, std)))
     of_unit, names_fit = f" in {style.pretty_unit(unit)}" if unit else "", len(robots) <= 40
-    columns = robots if names_fit else ()
-    panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}", columns=columns)
+    panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}", columns=robots if names_fit else ())
     figure = style.matrix(f"{name} over the fleet", [[panel]])
     figure.axes[0].ticklabel_format(axis="y", useOffset=False)
     return figure

@@ -171,8 +171,7 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
     def place(value: float | None, row: ParameterRow) -> float:
         if value is None:
             return math.nan
-        ratio = float(np.clip(_log_ratio(value, row.estimate) / reach, -1, 1))
-        return round(60 * (1 + 0.94 * ratio), 1)
+        return round(60 * (1 + 0.94 * float(np.clip(_log_ratio(value, row.estimate) / reach, -1, 1))), 1)
 
     axis = {
         row.name: {

@@ -98,8 +98,7 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
             text = "increments need the counts of a motor turn. Give experiment.simulated.noise.encoder_counts"
             yield Problem((*path, "reference", "unit"), text)
     if study.friction is None and controller.gains is not None and study.excitation is not None:
-        joints = study.as_robot().driven_names
-        for keys, refusal in controller.gains.refusals(joints, study.excitation.rate_hz):
+        for keys, refusal in controller.gains.refusals(study.as_robot().driven_names, study.excitation.rate_hz):
             yield Problem((*path, "gains", *keys), refusal)
 
 

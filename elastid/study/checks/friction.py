@@ -34,8 +34,7 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_count(study)
     yield from check_configurations(study)
     if spec.constant_velocity == "detect":
-        message = "detect applies to logs (experiment.recorded). Give speeds, count, window ..."
-        yield Problem(_PASSES, message)
+        yield Problem(_PASSES, "detect applies to logs (experiment.recorded). Give speeds, count, window ...")
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
     for joint in study.friction_joints:
@@ -81,8 +80,7 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
         yield unknown((*path, "configuration"), "configuration", load.configuration, names)
     if load.payload and not (robot := study.as_robot()).frames:
         advice = f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
-        message = f"the robot has no frame for a payload. Add {advice}"
-        yield Problem((*path, "payload"), message)
+        yield Problem((*path, "payload"), f"the robot has no frame for a payload. Add {advice}")
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:

@@ -84,9 +84,8 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
 def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Check gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
-        joints = study.as_robot().driven_names
         for keys, refusal in recorded.controller.refusals(
-            joints, recorded.controller.tick_hz or recorded.known_rate_hz
+            study.as_robot().driven_names, recorded.controller.tick_hz or recorded.known_rate_hz
         ):
             yield Problem((*_RECORDED, "controller", *keys), refusal)
 
@@ -219,8 +218,7 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
                 if number == 1 and not absences:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
-            is_format = WRITTEN_OTHERWISE in str(error)
-            yield Problem((*_RECORDED, "text") if is_format else place, str(error))
+            yield Problem((*_RECORDED, "text") if WRITTEN_OTHERWISE in str(error) else place, str(error))
 
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:

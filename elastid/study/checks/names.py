@@ -63,8 +63,7 @@ def _locations(study: Study, role: str) -> list[str]:
 
 def list_inputs(study: Study) -> list[str]:
     """Return locations of the inputs."""
-    inputs = _locations(study, "u")
-    return inputs or list(study.as_robot().motor_locations)
+    return _locations(study, "u") or list(study.as_robot().motor_locations)
 
 
 def list_outputs(study: Study) -> list[str]:
