@@ -137,9 +137,10 @@ def test_a_wrong_study_ends_before_anything_is_written(tiny, here, capsys, overr
     [
         *(["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]),
         *(["run", "x.yml", "--run", ""], ["fit", "x.yml"], ["tune", "x.yml", "--path", "x", "--rate", "1e9"]),
+        *(["new", "s", "--from", "log.csv"], ["inspect", "fit.h5"], ["predict", "r.yml", "--log", "a"]),
     ],
 )
-def test_usage_errors_end_with_code_2(arguments, here, capsys):
+def test_usage_errors_and_missing_files_end_with_code_2(arguments, here, capsys):
     assert cli.run_command(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -316,14 +317,6 @@ def _descendants(pid: int) -> list[int]:
             child = int(status.parent.name)
             found += [child, *_descendants(child)]
     return found
-
-
-@pytest.mark.parametrize(
-    "words",
-    ["new {0}/s --from {0}/log.csv", "inspect {0}/fit.h5", "check {0}/study.yml", "predict {0}/r.yml --log {0}/a"],
-)
-def test_missing_files_have_one_exit_code(words, tmp_path):
-    assert run_command(words.format(tmp_path).split()) == 2
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ImportError("failed to map segment from shared object")])

@@ -5,12 +5,12 @@ import re
 import socket
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace as Message
 from typing import Any, cast
 from unittest.mock import Mock
 
 import numpy as np
+from plants.paths import ROOT
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -21,7 +21,7 @@ from elastid.robot import Body, Joint, Motor, Robot
 from elastid.simulation.spec import ControllerSpec, GainsSpec, ReferencePathSpec
 from elastid.store.plan import write_references
 
-PAGE = Path(__file__).parents[2] / "scripts" / "docs" / "pages" / "howto" / "connect.rst"
+PAGE = ROOT / "scripts" / "docs" / "pages" / "howto" / "connect.rst"
 RATIO, TORQUE_CONSTANT, INERTIA = 100.0, 0.5, 20.0 + 4.0
 K_P, K_V, T_I = 20.0, 600.0, 0.08
 TICKS, TICK_S = 4, 0.001  # of the drive, in a cycle of 4 ms

@@ -1,12 +1,12 @@
 """The motion of a measurement moves the robot out of its posture: closed forms, and one answer of all formulations."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.arm_modes import ARM
 from plants.moved_posture import posture_effect
+from plants.paths import ROBOTS
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -26,7 +26,6 @@ from elastid.response import MotorMotion
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load_robot
 
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 FREQ = np.linspace(0.7, 12.3, 21)
 OPEN = np.zeros((3, 1, 1))
 # A pendulum of 8 kg, 0.5 m below its axis, which its motor drives without a gear.

@@ -1,7 +1,6 @@
 """Robots with loops and what acts on them beside springs; closed postures on the branch of the start."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plants.linkages import LEVER, LOWER, linkage
 from plants.marks import slow
+from plants.paths import ROBOTS
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
@@ -224,7 +224,6 @@ def test_what_is_wrong_with_a_loop_is_said() -> None:
     assert "does not close: its ends are" in wrong(far_off, (0.0, -1.2))
 
 
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 AT = Configuration("c", np.array([0.2, 0.4, 0.1]))
 
 

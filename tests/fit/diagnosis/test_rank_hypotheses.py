@@ -11,12 +11,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from plants.faults import FAULTS, FURTHER, SPEC, Case, drawn, faulty, true_case
+from plants.installed import installed
 from plants.marks import slow
+from plants.paths import ROOT
 from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import FloatArray
-from elastid.base.entry_points import group_entries
 from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
@@ -191,17 +192,10 @@ CAUSE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), colum
 
 
 @pytest.fixture
-def installed_cause(tmp_path, monkeypatch) -> Iterator[Path]:
-    """Folder of a package with one cause, as pip installs it."""
-    (tmp_path / "crosstalk_cause.py").write_text(PACKAGE)
-    info = tmp_path / "crosstalk_cause-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crosstalk-cause\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[elastid.causes]\ncrosstalk = crosstalk_cause:CAUSE\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    group_entries.cache_clear()
-    yield info
-    group_entries.cache_clear()
+def installed_cause(tmp_path) -> Iterator[Path]:
+    entry = "crosstalk = crosstalk_cause:CAUSE"
+    with installed(tmp_path, "crosstalk_cause", PACKAGE, "elastid.causes", entry) as info:
+        yield info
 
 
 def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path) -> None:
@@ -225,7 +219,7 @@ def test_entry_point_without_a_cause_is_refused(installed_cause: Path) -> None:
 
 def test_every_cause_is_explained_and_has_its_plant() -> None:
     """A row has a summary and a remedy; its plant is a fault of these tests or an injection of the study."""
-    injections = (Path(__file__).parents[3] / "scripts" / "studies" / "causes.py").read_text(encoding="utf-8")
+    injections = (ROOT / "scripts" / "studies" / "causes.py").read_text(encoding="utf-8")
     for row in HYPOTHESES:
         if row.summary:
             assert f"{row.family}: {row.summary}" in explain_causes(row.family)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm
 from plants.refusals import refused
-from plants.three_mass import FREQ, NO_FLOOR, measured, noise_of, parameters, plant, stacked
+from plants.three_mass import FREQ, NO_FLOOR, parameters, plant, stacked, with_covariance
 from plants.two_mass import circular
 
 import elastid.base.arrays as base_arrays
@@ -173,11 +173,8 @@ def responses(tmp_path, monkeypatch):
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
     every = []
     for i in range(Q):
-        bare = measured(model, noise_of(model), rng)
-        root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
-        matrix = root @ root.swapaxes(1, 2) + 0j
-        noise = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf if i else 30.0, matrix=matrix)
-        whole = replace(bare, noise=noise, configuration=Configuration(f"c{i}", [0.0]))
+        whole = with_covariance(model, rng, np.inf if i else 30.0)
+        whole = replace(whole, configuration=Configuration(f"c{i}", [0.0]))
         every.append(whole.lines(np.arange(whole.n_lines) % 4 == 0))
     write_responses(tmp_path / "frf.h5", every)
     monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 1000)

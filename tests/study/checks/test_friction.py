@@ -5,11 +5,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from plants.paths import TEMPLATES
 
 from elastid.base.errors import StudyError
 from elastid.study import load
 
-TEMPLATE = Path(__file__).parents[3] / "elastid" / "app" / "templates" / "friction"
+TEMPLATE = TEMPLATES / "friction"
 
 FULL = """\
 friction:
