@@ -54,9 +54,6 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-# --- thin ---------------------------------------------------------------------------------------------------------
-
-
 def test_demo_is_a_study_of_ones_own_and_one_call(here, monkeypatch):
     """In runs/demo, to copy and edit; edits are kept."""
     run_all = create_autospec(running.run_all)
@@ -68,9 +65,6 @@ def test_demo_is_a_study_of_ones_own_and_one_call(here, monkeypatch):
     (run,), _ = run_all.call_args
     assert (run.folder, run.loaded.path) == (Path("runs/demo"), Path("runs/demo/study.yml"))
     assert study.read_text().startswith("# mine")
-
-
-# --- new, check, inspect, schema ----------------------------------------------------------------------------------
 
 
 def test_new_does_not_touch_what_is_there(here, capsys):
@@ -92,9 +86,6 @@ def test_check_lists_all_errors_and_writes_nothing(tiny, here, capsys):
     assert tree(here) == {}
 
 
-# --- a whole run ----------------------------------------------------------------------------------------------------
-
-
 def test_a_run_writes_nowhere_else(tiny, here, capsys):
     """Results in runs/tiny alone; inspect reads them."""
     study_folder = tree(tiny.parent)
@@ -108,9 +99,6 @@ def test_a_run_writes_nowhere_else(tiny, here, capsys):
     for name in ("plan", "records", "frf", "fit", "validation"):
         assert cli.run_command(["inspect", f"runs/tiny/{name}.h5"]) == 0
         assert f"{name}, written by elastid" in capsys.readouterr().out
-
-
-# --- wrong input ----------------------------------------------------------------------------------------------------
 
 
 def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options: str) -> str:
@@ -174,8 +162,6 @@ def test_a_full_disk_is_one_sentence(tiny, here, monkeypatch, capsys):
     monkeypatch.setattr("elastid.app.stages.estimate.write_responses", full)
     assert "runs/tiny/frf.h5: No space left on device" in refused(tiny, 1, capsys)
 
-
-# --- Ctrl-C and kill -9 -----------------------------------------------------------------------------------------------
 
 # The run receives the signal where a stage is about to write its result, or in the middle of measuring.
 DRIVER = """

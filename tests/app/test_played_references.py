@@ -70,12 +70,6 @@ class Emulator:
         return wrong
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-        link.bind(("127.0.0.1", 0))
-        return int(link.getsockname()[1])
-
-
 def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_path):
     """No cycle wrong or lost, at rest at the end; planned spectrum within 3 %; inertia by the log within 3 %."""
     path = ReferencePathSpec(0.004, unit="deg")
@@ -88,7 +82,10 @@ def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_p
     loop = closed_loop_of(robot, controller, 1000.0, "position")
     plan = make_plan(excitation, spec, robot, 0, closed_loop=loop)
     write_references(tmp_path / "run.csv", plan, plan.experiments[0], spec.as_simulated(), robot)
-    cycles, port, emulator = plan.run_samples // TICKS, free_port(), Emulator(0.3)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        port = int(link.getsockname()[1])  # a free one
+    cycles, emulator = plan.run_samples // TICKS, Emulator(0.3)
     play = threading.Thread(target=player(), args=(tmp_path / "run.csv", tmp_path / "log.csv", port))
     play.start()
     while not (tmp_path / "log.csv").exists():

@@ -181,7 +181,7 @@ def exact_responses(angles: tuple[tuple[float, float], ...], highest: float) -> 
     return responses
 
 
-def fitted(angles, free: Sequence[str] = FREE) -> Result:
+def fitted(angles) -> Result:
     """A fit of the planar arm's springs from responses of the exact model with 3 % noise, from a start 40 % off."""
     robot, random, responses = planar(), np.random.default_rng(0), []
     for exact in exact_responses(angles, 30.0):
@@ -189,8 +189,8 @@ def fitted(angles, free: Sequence[str] = FREE) -> Result:
         noise = random.standard_normal((2, *level.shape)) / np.sqrt(2)
         total = Covariance(level**2, 100.0)
         responses.append(replace(exact, G=exact.G + level * (noise[0] + 1j * noise[1]), total=total))
-    start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in free})
-    parameters = {name: ParameterSpec() for name in free}
+    start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in FREE})
+    parameters = {name: ParameterSpec() for name in FREE}
     weights = WeightSpec(model_error=0.01)  # of noise alone a single posture would know more
     return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=EXACT)
 

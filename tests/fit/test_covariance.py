@@ -244,15 +244,6 @@ def evidence_of(J, r) -> LineSums:
     return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, pull.T, None, (0.0, 0), *unknown)
 
 
-def left_out(blocks, y):
-    """Least-squares estimates without each block in turn."""
-    found = []
-    for i in range(len(blocks)):
-        rest = [j for j in range(len(blocks)) if j != i]
-        found.append(np.linalg.lstsq(np.vstack([blocks[j] for j in rest]), np.concatenate([y[j] for j in rest]))[0])
-    return np.array(found)
-
-
 @pytest.mark.parametrize("Q", [3, 5, 40])
 def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     rng = np.random.default_rng(Q)
@@ -261,7 +252,9 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     half = np.linalg.inv(np.linalg.qr(np.vstack(blocks), mode="r")).T
     parts = [evidence_of(J @ half.T, J @ x - one) for J, one in zip(blocks, y, strict=True)]
     found = jackknife_variance(parts, half)
-    scatter = left_out(blocks, y)
+    scatter = np.array([
+        np.linalg.lstsq(np.vstack(blocks[:i] + blocks[i + 1 :]), np.delete(y, i, axis=0).ravel())[0] for i in range(Q)
+    ])  # fmt: skip
     expected = (Q - 1) / Q * np.sum((scatter - scatter.mean(axis=0)) ** 2, axis=0)
     t = student.ppf(0.975, Q - 1) / student.ppf(0.975, np.inf)
     np.testing.assert_allclose(found, t**2 * expected, rtol=1e-8)

@@ -80,14 +80,12 @@ def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribec
     assert slow.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * 60, rel=0.05)
 
 
-def plain(n: int = 12, uneven: float = 0.0) -> FrictionCurve:
+def plain(uneven: float = 0.0) -> FrictionCurve:
     """Coulomb 20 N and viscous friction 200 N s/m of a slide, both directions, the second uneven."""
-    v = np.tile(np.linspace(0.02, 0.12, n), 2)
-    s = np.repeat([1.0, -1.0], n)
+    v = np.tile(np.linspace(0.02, 0.12, 12), 2)
+    s = np.repeat([1.0, -1.0], 12)
     torque = 20 + (200 - uneven * s) * v
-    return FrictionCurve(
-        "joint 1", v, s, torque, np.full(2 * n, 0.2), np.zeros(2 * n), np.full(2 * n, np.nan), slides=True
-    )
+    return FrictionCurve("joint 1", v, s, torque, np.full(24, 0.2), np.zeros(24), np.full(24, np.nan), slides=True)
 
 
 @pytest.mark.slow

@@ -107,22 +107,17 @@ def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection():
     np.testing.assert_allclose(effect, expected, rtol=1e-6)
 
 
-def swinging(rms: float, feedback: bool) -> MotorMotion:
-    """Two motors that move together in part."""
-    lines = np.array([0.5, 3.0, 7.5, 12.0])
-    power = np.tile(np.array([[1, 0.3 + 0.2j], [0.3 - 0.2j, 0.8]]) * rms**2 / len(lines), (len(lines), 1, 1))
-    F = np.stack([np.diag([50.0, 20]), np.diag([6600.0, 3300]), np.diag([1100.0, 560])]) if feedback else None
-    return MotorMotion(("motor 2", "motor 3"), lines, power, np.array([0.5, -0.1]), F)
-
-
 @pytest.mark.parametrize("feedback", [False, True])
 def test_multipliers_and_minimal_coordinates_say_the_same_of_a_loop(feedback):
     """The linkage's rod as a constraint that turns and stretches, and cut: of two sums of terms that differ widely."""
     robot = load_robot(ROBOTS / "linkage_arm.yml")
-    effects = []
+    lines, effects = np.array([0.5, 3.0, 7.5, 12.0]), []
+    power = np.tile(np.array([[1, 0.3 + 0.2j], [0.3 - 0.2j, 0.8]]) * 1e-4 / len(lines), (len(lines), 1, 1))
+    F = np.stack([np.diag([50.0, 20]), np.diag([6600.0, 3300]), np.diag([1100.0, 560])]) if feedback else None
+    motion = MotorMotion(("motor 2", "motor 3"), lines, power, np.array([0.5, -0.1]), F)
     for form in ("constrained", "minimal"):
         model, linear = linear_of(robot, (0.5, -0.1), form)
-        effects.append(posture_effect(model, linear, linear.theta_ref, swinging(0.01, feedback), FREQ))
+        effects.append(posture_effect(model, linear, linear.theta_ref, motion, FREQ))
     np.testing.assert_allclose(effects[0], effects[1], atol=1e-4 * np.abs(effects[1]).max())
     assert np.abs(effects[0]).max() > 0
 

@@ -8,7 +8,6 @@ import pytest
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.friction_basis import BasisFunction, Kind, amplitudes, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
-from elastid.nonlinear.motion import Motion as KnownMotion
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -183,15 +182,9 @@ def test_a_transient_and_a_drift_keep_their_velocity() -> None:
     assert np.sqrt(np.mean(error[40 * CELLS : -40 * CELLS] ** 2)) < 0.02 * 0.6
 
 
-def noisy(std: float) -> tuple[KnownMotion, float]:
-    """A swing with noise on the angle, and the RMS error of its velocity."""
-    noise = std * np.random.default_rng(0).standard_normal(len(TIME))
-    omega = 2 * np.pi * 9 * RATE / N
-    motion = motion_of(record_of(0.1 * np.sin(omega * TIME) + noise), "motor 1")
-    return motion, float(np.std(motion.velocity - 0.1 * omega * np.cos(omega * FINE)))
-
-
 def test_the_noise_of_the_velocity_is_known() -> None:
     """To a tenth, where it is small: only lines between those of the period are left out."""
-    motion, error = noisy(1e-5)
+    omega, noise = 2 * np.pi * 9 * RATE / N, 1e-5 * np.random.default_rng(0).standard_normal(len(TIME))
+    motion = motion_of(record_of(0.1 * np.sin(omega * TIME) + noise), "motor 1")
+    error = np.std(motion.velocity - 0.1 * omega * np.cos(omega * FINE))
     assert abs(motion.velocity_noise - error) < 0.1 * error

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from plants.faults import FAULTS, FURTHER, SPEC, Case, drawn, faulty, true_case
+from plants.faults import FAULTS, FURTHER, SPEC, drawn, faulty, true_case
 from plants.installed import installed
 from plants.marks import slow
 from plants.paths import ROOT
@@ -18,7 +18,7 @@ from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
+from elastid.fit.diagnosis.forgotten_load import find_load, steps_of
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
 from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
@@ -130,21 +130,17 @@ def numbers() -> list[FixedNumber]:
     return [FixedNumber("m_arm", "", MASS, "kg", True, -9, 9, 0.05), *centre, *inertia]
 
 
-def searched(mass: float) -> tuple[Load | None, float]:
-    """The load that is found of one of a mass at PLACE, by exact sums of a linear problem, and its drop of V."""
+def test_a_point_mass_is_found_with_its_place() -> None:
+    """By exact sums of a linear problem, with its drop of V."""
     members, rho = numbers(), PLACE - CENTRE
-    change = np.array([mass / MASS, *(mass / MASS * rho), *(mass * (rho @ rho - rho**2) / INERTIA)])
+    change = np.array([LOAD / MASS, *(LOAD / MASS * rho), *(LOAD * (rho @ rho - rho**2) / INERTIA)])
     J = np.random.default_rng(0).standard_normal((100, len(members)))
     S = 1e6 * J.T @ J
     test = ScoreTest(tuple(members), S, -S @ change, np.zeros((0, len(members))), np.ones(len(members), dtype=bool))
-    return find_load(test, Candidate("payload_arm", "payload", np.arange(7), np.eye(7)), 1.0, 0.0), change @ S @ change
-
-
-def test_a_point_mass_is_found_with_its_place() -> None:
-    load, drop = searched(LOAD)
+    load = find_load(test, Candidate("payload_arm", "payload", np.arange(7), np.eye(7)), 1.0, 0.0)
     assert load.mass == pytest.approx(LOAD, rel=1e-3)
-    np.testing.assert_allclose(load.place, PLACE - CENTRE, atol=1e-3)
-    assert load.drop == pytest.approx(drop, rel=1e-4)
+    np.testing.assert_allclose(load.place, rho, atol=1e-3)
+    assert load.drop == pytest.approx(change @ S @ change, rel=1e-4)
 
 
 @given(load=st.floats(0.1, 20.0), place=st.tuples(*[st.floats(-1.0, 1.0)] * 3))
@@ -174,11 +170,6 @@ SHARE = 0.04
 FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
 
 
-def with_crosstalk(case: Case) -> Case:
-    mixed = np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
-    return replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
-
-
 PACKAGE = """
 import numpy as np
 from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
@@ -200,7 +191,8 @@ def installed_cause(tmp_path) -> Iterator[Path]:
 
 def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path) -> None:
     """First, with its size to 5 % and nearly all of the excess, without any argument of identify."""
-    case = with_crosstalk(true_case())
+    case, mixed = true_case(), np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
+    case = replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
     first = result.indices[0]
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)

@@ -38,12 +38,6 @@ def study(tmp_path) -> Path:
     return tmp_path / "study.yml"
 
 
-def refusal(study: Path, *overrides: str) -> str:
-    with pytest.raises(StudyError) as error:
-        load(study, overrides)
-    return str(error.value).replace(f"{study.parent}/", "")
-
-
 def test_every_key_is_read_in_si(study: Path) -> None:
     """Angles in rad, hours in seconds; a study with friction is of a kind of its own."""
     loaded = load(study).study
@@ -79,4 +73,6 @@ def test_every_key_is_read_in_si(study: Path) -> None:
 )
 def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
     """Each by the key that is wrong, with its numbers."""
-    assert words in refusal(study, override)
+    with pytest.raises(StudyError) as error:
+        load(study, (override,))
+    assert words in str(error.value).replace(f"{study.parent}/", "")
