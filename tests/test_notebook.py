@@ -4,14 +4,16 @@ import inspect
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from plants.elastic_arm import arm, measure, started_elsewhere
+from plants.elastic_arm import arm, started_elsewhere
+from plants.elastic_arm import measured as measured
+from plants.elastic_arm import result as result
 from plants.friction_study import friction_result
+from plants.paths import CONFIGS
 from plants.refusals import refused
 from plants.report_values import TRUTH, fit_result, plan
 from plants.steady_record import steady_record
@@ -19,7 +21,6 @@ from plants.steady_record import steady_record
 import elastid
 from elastid.excitation.spec import MultisineSpec
 from elastid.fit.identify import identify
-from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -30,18 +31,7 @@ from elastid.store.measured import read_records, write_records
 from elastid.store.results import read_fit, write_fit
 from elastid.study import load_robot, load_study
 
-CONFIGS = Path(__file__).parents[1] / "configs"
 MAX_SHOWN = 2500  # characters, about 25 lines of a prompt
-
-
-@pytest.fixture(scope="module")
-def measured() -> tuple[elastid.Response, ...]:
-    return tuple(measure(arm(), rng=np.random.default_rng(4)))
-
-
-@pytest.fixture(scope="module")
-def result(measured) -> Result:
-    return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))
 
 
 def test_every_public_name_is_listed_and_there() -> None:

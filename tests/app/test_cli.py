@@ -54,9 +54,6 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-# --- thin ---------------------------------------------------------------------------------------------------------
-
-
 def test_demo_is_a_study_of_ones_own_and_one_call(here, monkeypatch):
     """In runs/demo, to copy and edit; edits are kept."""
     run_all = create_autospec(running.run_all)
@@ -68,9 +65,6 @@ def test_demo_is_a_study_of_ones_own_and_one_call(here, monkeypatch):
     (run,), _ = run_all.call_args
     assert (run.folder, run.loaded.path) == (Path("runs/demo"), Path("runs/demo/study.yml"))
     assert study.read_text().startswith("# mine")
-
-
-# --- new, check, inspect, schema ----------------------------------------------------------------------------------
 
 
 def test_new_does_not_touch_what_is_there(here, capsys):
@@ -92,9 +86,6 @@ def test_check_lists_all_errors_and_writes_nothing(tiny, here, capsys):
     assert tree(here) == {}
 
 
-# --- a whole run ----------------------------------------------------------------------------------------------------
-
-
 def test_a_run_writes_nowhere_else(tiny, here, capsys):
     """Results in runs/tiny alone; inspect reads them."""
     study_folder = tree(tiny.parent)
@@ -108,9 +99,6 @@ def test_a_run_writes_nowhere_else(tiny, here, capsys):
     for name in ("plan", "records", "frf", "fit", "validation"):
         assert cli.run_command(["inspect", f"runs/tiny/{name}.h5"]) == 0
         assert f"{name}, written by elastid" in capsys.readouterr().out
-
-
-# --- wrong input ----------------------------------------------------------------------------------------------------
 
 
 def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options: str) -> str:
@@ -137,9 +125,10 @@ def test_a_wrong_study_ends_before_anything_is_written(tiny, here, capsys, overr
     [
         *(["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]),
         *(["run", "x.yml", "--run", ""], ["fit", "x.yml"], ["tune", "x.yml", "--path", "x", "--rate", "1e9"]),
+        *(["new", "s", "--from", "log.csv"], ["inspect", "fit.h5"], ["predict", "r.yml", "--log", "a"]),
     ],
 )
-def test_usage_errors_end_with_code_2(arguments, here, capsys):
+def test_usage_errors_and_missing_files_end_with_code_2(arguments, here, capsys):
     assert cli.run_command(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -173,8 +162,6 @@ def test_a_full_disk_is_one_sentence(tiny, here, monkeypatch, capsys):
     monkeypatch.setattr("elastid.app.stages.estimate.write_responses", full)
     assert "runs/tiny/frf.h5: No space left on device" in refused(tiny, 1, capsys)
 
-
-# --- Ctrl-C and kill -9 -----------------------------------------------------------------------------------------------
 
 # The run receives the signal where a stage is about to write its result, or in the middle of measuring.
 DRIVER = """
@@ -316,14 +303,6 @@ def _descendants(pid: int) -> list[int]:
             child = int(status.parent.name)
             found += [child, *_descendants(child)]
     return found
-
-
-@pytest.mark.parametrize(
-    "words",
-    ["new {0}/s --from {0}/log.csv", "inspect {0}/fit.h5", "check {0}/study.yml", "predict {0}/r.yml --log {0}/a"],
-)
-def test_missing_files_have_one_exit_code(words, tmp_path):
-    assert run_command(words.format(tmp_path).split()) == 2
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ImportError("failed to map segment from shared object")])

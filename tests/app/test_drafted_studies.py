@@ -130,24 +130,22 @@ def check_statements(text: str, case: Case) -> None:
                 assert re.search("assumed|since|by |in its name|identifies", why), line
 
 
-def drafted(case: Case, folder: Path) -> None:
-    """A study that is accepted, or a refusal."""
-    try:
-        texts = texts_from_logs(folder / "new", write(folder, case))
-    except (DataError, StudyError):
-        return
-    (folder / "new").mkdir()
-    for name, text in texts.items():
-        (folder / "new" / name).write_text(text, encoding="utf-8")
-    load_with_logs(folder / "new" / "study.yml")
-    check_statements(texts["study.yml"], case)
-
-
 @pytest.mark.parametrize("examples", [12, pytest.param(300, marks=pytest.mark.slow)])
 def test_new_writes_studies_that_check_accepts(examples, tmp_path_factory):
+    """A study that is accepted, or a refusal."""
+
     @settings(max_examples=examples, deadline=None)
     @given(case=CASES)
     def every(case: Case) -> None:
-        drafted(case, tmp_path_factory.mktemp("logs"))
+        folder = tmp_path_factory.mktemp("logs")
+        try:
+            texts = texts_from_logs(folder / "new", write(folder, case))
+        except (DataError, StudyError):
+            return
+        (folder / "new").mkdir()
+        for name, text in texts.items():
+            (folder / "new" / name).write_text(text, encoding="utf-8")
+        load_with_logs(folder / "new" / "study.yml")
+        check_statements(texts["study.yml"], case)
 
     every()

@@ -1,10 +1,10 @@
 """elastid compare --search: elastic joints are found, rigid ones stay rigid."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.paths import ROBOTS
 from plants.refusals import refused
 from plants.runs import summary_of
 from plants.two_axes import measured
@@ -61,7 +61,7 @@ def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path, seed, for
 
     Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.
     """
-    shutil.copy(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
+    shutil.copy(ROBOTS / "linkage_arm.yml", tmp_path / "robot.yml")
     study = tmp_path / "study.yml"
     study.write_text(LINKAGE)
     truth = load(study).study.robot.with_parameters({"k_2": 5e8, "k_b2": 2e9})

@@ -4,13 +4,14 @@ import importlib
 import inspect
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from plants.installed import installed
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
 from elastid.app.target_table import MODULES, tags, targets
-from elastid.base.entry_points import group_entries
 from elastid.targets.target import VALUES
 
 PACKAGE = """
@@ -27,17 +28,10 @@ TARGET = Target("stiffness", ("model",), "parameters as text", write_stiffness)
 
 
 @pytest.fixture
-def installed_target(tmp_path, monkeypatch) -> Iterator[None]:
-    """A package with one target, as pip installs it."""
-    (tmp_path / "stiffness_target.py").write_text(PACKAGE)
-    info = tmp_path / "stiffness_target-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stiffness-target\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[elastid.targets]\nstiffness = stiffness_target:TARGET\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    group_entries.cache_clear()
-    yield
-    group_entries.cache_clear()
+def installed_target(tmp_path) -> Iterator[Path]:
+    entry = "stiffness = stiffness_target:TARGET"
+    with installed(tmp_path, "stiffness_target", PACKAGE, "elastid.targets", entry) as info:
+        yield info
 
 
 @pytest.mark.parametrize("tag", MODULES)

@@ -23,7 +23,7 @@ from elastid.validation.fleet import MEANINGS, find_changes
 SOFT = "r2"
 
 
-def fleet_of(study: Path, robots: int, dates: tuple[str, ...], k: float, name: str = "line") -> Path:
+def fleet_of(study: Path, robots: int, dates: tuple[str, ...], k: float) -> Path:
     """A fleet by a table; the first spring of one robot is 10 % softer."""
     with (study.parent / "members.csv").open("w", newline="") as file:
         rows = csv.writer(file)
@@ -32,7 +32,7 @@ def fleet_of(study: Path, robots: int, dates: tuple[str, ...], k: float, name: s
             for j, date in enumerate(dates):
                 rows.writerow([f"r{i}", date, 10 * i + j, k * (0.9 if f"r{i}" == SOFT else 1.0)])
     path = study.parent / "fleet.yml"
-    path.write_text(f"name: {name}\nstudy: {study.name}\ntable: members.csv\n")
+    path.write_text(f"name: line\nstudy: {study.name}\ntable: members.csv\n")
     return path
 
 

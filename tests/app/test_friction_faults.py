@@ -26,8 +26,8 @@ REFERENCE = "- {role: reference, at: motor 1, channel: angle, quantity: position
 CONTROLLER = "\n    controller: {position_gain: 30, velocity_gain: 400}"
 
 
-def write(folder: Path, q: FloatArray, torque: FloatArray | None = None) -> None:
-    write_log(folder / "log.csv", q, sliding_torque(q) if torque is None else torque, np.full(len(q), 40.0))
+def write(folder: Path, q: FloatArray) -> None:
+    write_log(folder / "log.csv", q, sliding_torque(q), np.full(len(q), 40.0))
 
 
 def run(study: Path, *stages: str) -> Run:

@@ -42,6 +42,12 @@ def drafted(folder: Path, names: list[str]) -> Path:
     return study
 
 
+def ran(study: Path, code: int = 0) -> Path:
+    """The folder of a run that ended with a code."""
+    assert run_command(["run", str(study), "-q", "--run", str(study.parent / "run")]) == code
+    return study.parent / "run"
+
+
 @pytest.mark.parametrize("moves", ["hammer", "sensor"])
 def test_files_of_several_points_are_one_response_matrix(moves, tmp_path):
     """Points 1 and 3 see three hit points, or one hit point moves three sensors one by one: shapes within 1 %.
@@ -52,13 +58,13 @@ def test_files_of_several_points_are_one_response_matrix(moves, tmp_path):
     for k, place in enumerate(places):
         hits(tmp_path, f"{place}.csv", *((k, [0, 2]) if moves == "hammer" else (0, [k])))
     study = drafted(tmp_path, [f"{place}.csv" for place in places])
-    assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
-    assert "frf/records" not in codes(tmp_path / "run")
+    run = ran(study)
+    assert "frf/records" not in codes(run)
     V = SHAPES / np.linalg.norm(SHAPES, axis=0)
-    (response,) = read_responses(tmp_path / "run" / "frf.h5")
+    (response,) = read_responses(run / "frf.h5")
     alike = [value for _, value in estimate_modes(response).most_alike]
     np.testing.assert_allclose(alike, (np.abs(V.T @ V) ** 2 - 2 * np.eye(3)).max(axis=0), atol=0.02)
-    with open(tmp_path / "run" / "modes.csv") as file:
+    with open(run / "modes.csv") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3
     for row, (f, zeta), shape in zip(rows, MODES, SHAPES.T, strict=True):
@@ -73,8 +79,8 @@ def test_files_of_several_points_taken_as_repetitions_are_named(tmp_path):
         hits(tmp_path, f"{k}.csv", k, [0, 2])
     study = drafted(tmp_path, [f"{k}.csv" for k in range(3)])
     study.write_text(re.sub(r"realisation: 0, experiment: (\d), at: {.*?}", r"realisation: \1", study.read_text()))
-    assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
-    assert "frf/records" in codes(tmp_path / "run")
+    run = ran(study)
+    assert "frf/records" in codes(run)
 
 
 @pytest.mark.parametrize(
@@ -138,8 +144,8 @@ def test_time_histories_of_universal_files_have_hit_points_and_geometry(tmp_path
     assert experiment.as_recorded().places_of("bench", "u") == ("1z", "2z", "3z")
     geometry = geometry_of_files(experiment, study.parent)
     assert geometry.motion == {f"{node}z": (f"{node}", "z") for node in (1, 2, 3)}
-    assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
-    (response,) = read_responses(tmp_path / "run" / "frf.h5")
+    run = ran(study)
+    (response,) = read_responses(run / "frf.h5")
     assert (response.inputs, response.outputs) == (("1z", "2z", "3z"), ("1z", "3z"))
 
 
@@ -149,7 +155,7 @@ def test_a_sensor_whose_files_miss_a_hit_point_is_refused(tmp_path):
     study = drafted(tmp_path, [f"{k}.csv" for k in range(3)])
     places = iter(("{acc_0: a}", "{acc_0: a, force: p1}", "{acc_0: b}"))
     study.write_text(re.sub(r"at: {.*?}}", lambda _: f"at: {next(places)}}}", study.read_text()))
-    assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 1
+    ran(study, code=1)
 
 
 def test_the_first_hit_point_may_keep_the_location_of_its_channel(tmp_path):
@@ -158,6 +164,6 @@ def test_the_first_hit_point_may_keep_the_location_of_its_channel(tmp_path):
         hits(tmp_path, f"p{k}.csv", k, [0])
     study = drafted(tmp_path, ["p0.csv", "p1.csv"])
     study.write_text(study.read_text().replace(", at: {force: p0}", ""))
-    assert run_command(["run", str(study), "-q", "--run", str(tmp_path / "run")]) == 0
-    (response,) = read_responses(tmp_path / "run" / "frf.h5")
+    run = ran(study)
+    (response,) = read_responses(run / "frf.h5")
     assert response.inputs == ("force", "p1")

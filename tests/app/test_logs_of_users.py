@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
-from pathlib import Path
 from typing import NamedTuple
 
 import h5py
@@ -74,14 +73,6 @@ LOGS = {
 }
 
 
-def write(path: Path, log: Log) -> None:
-    columns = np.stack([x * scale for x, scale in zip((T, U, Q), log.scales, strict=True)], axis=1)
-    if log.head.count(log.sep) == 3 and not log.head.startswith("%"):
-        columns = np.column_stack([columns, columns[:, 0] if log.head.endswith("t") else 0.5 * columns[:, 2]])
-    rows = [log.sep.join((log.digits % x).replace(".", log.decimal) for x in row) for row in columns.tolist()]
-    path.write_bytes(f"{log.head}\n{chr(10).join(rows)}\n{log.end}".encode(log.code))
-
-
 @pytest.mark.parametrize("mark", [b"PK\3\4", b"\x28\xb5\x2f\xfd"])
 def test_archives_are_refused(mark, tmp_path):
     (tmp_path / "log.csv").write_bytes(mark + bytes(100))
@@ -102,7 +93,11 @@ def test_headings_in_legacy_encodings_are_decoded(heading, code, tmp_path):
 @pytest.mark.parametrize("name", LOGS)
 def test_units_of_a_log_are_read_or_asked_for(name, tmp_path):
     log = LOGS[name]
-    write(tmp_path / "log.csv", log)
+    columns = np.stack([x * scale for x, scale in zip((T, U, Q), log.scales, strict=True)], axis=1)
+    if log.head.count(log.sep) == 3 and not log.head.startswith("%"):
+        columns = np.column_stack([columns, columns[:, 0] if log.head.endswith("t") else 0.5 * columns[:, 2]])
+    rows = [log.sep.join((log.digits % x).replace(".", log.decimal) for x in row) for row in columns.tolist()]
+    (tmp_path / "log.csv").write_bytes(f"{log.head}\n{chr(10).join(rows)}\n{log.end}".encode(log.code))
     study = drafted(tmp_path, tmp_path / "log.csv")
     recorded = study.experiment.as_recorded()
     assert study.friction is not None

@@ -84,7 +84,6 @@ def test_columns_of_a_log_are_said_as_texts(tmp_path):
     assert said
     assert not controls_in(said)
     assert "\x1b[31m" not in said
-    assert "\x1b[2J" not in said
 
 
 @pytest.mark.slow

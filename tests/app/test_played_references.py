@@ -5,12 +5,12 @@ import re
 import socket
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace as Message
 from typing import Any, cast
 from unittest.mock import Mock
 
 import numpy as np
+from plants.paths import ROOT
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -21,7 +21,7 @@ from elastid.robot import Body, Joint, Motor, Robot
 from elastid.simulation.spec import ControllerSpec, GainsSpec, ReferencePathSpec
 from elastid.store.plan import write_references
 
-PAGE = Path(__file__).parents[2] / "scripts" / "docs" / "pages" / "howto" / "connect.rst"
+PAGE = ROOT / "scripts" / "docs" / "pages" / "howto" / "connect.rst"
 RATIO, TORQUE_CONSTANT, INERTIA = 100.0, 0.5, 20.0 + 4.0
 K_P, K_V, T_I = 20.0, 600.0, 0.08
 TICKS, TICK_S = 4, 0.001  # of the drive, in a cycle of 4 ms
@@ -70,12 +70,6 @@ class Emulator:
         return wrong
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-        link.bind(("127.0.0.1", 0))
-        return int(link.getsockname()[1])
-
-
 def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_path):
     """No cycle wrong or lost, at rest at the end; planned spectrum within 3 %; inertia by the log within 3 %."""
     path = ReferencePathSpec(0.004, unit="deg")
@@ -88,7 +82,10 @@ def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_p
     loop = closed_loop_of(robot, controller, 1000.0, "position")
     plan = make_plan(excitation, spec, robot, 0, closed_loop=loop)
     write_references(tmp_path / "run.csv", plan, plan.experiments[0], spec.as_simulated(), robot)
-    cycles, port, emulator = plan.run_samples // TICKS, free_port(), Emulator(0.3)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        port = int(link.getsockname()[1])  # a free one
+    cycles, emulator = plan.run_samples // TICKS, Emulator(0.3)
     play = threading.Thread(target=player(), args=(tmp_path / "run.csv", tmp_path / "log.csv", port))
     play.start()
     while not (tmp_path / "log.csv").exists():

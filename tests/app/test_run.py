@@ -34,6 +34,10 @@ from elastid.study import load, load_robot
 ALL = ["design", "measure", "estimate", "fit", "validate", "report"]
 
 
+def run_in(folder: Path, *overrides: str, jobs: int = 1) -> Run:
+    return run_of(folder / "study.yml", folder / "run", *overrides, jobs=jobs)
+
+
 @pytest.fixture
 def copy(finished, tmp_path) -> Path:
     return Path(shutil.copytree(finished, tmp_path / "copy"))
@@ -72,7 +76,7 @@ def worked_on(monkeypatch) -> list[str]:
 )
 def test_only_stages_that_depend_on_a_change_run_again(copy, worked_on, overrides, expected):
     """A key of the study reaches the stages that read it, and those after them."""
-    run_all(run_of(copy / "study.yml", copy / "run", *overrides))
+    run_all(run_in(copy, *overrides))
     assert worked_on == expected
 
 
@@ -88,7 +92,7 @@ def test_check_foretells_the_plan(finished):
 def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(finished, monkeypatch):
     started = []
     monkeypatch.setattr(running, "load_for_workers", started.append)
-    run_all(run_of(finished / "study.yml", finished / "run", jobs=2))
+    run_all(run_in(finished, jobs=2))
     assert not started
     cores = os.sched_getaffinity(0)
     try:
@@ -100,7 +104,7 @@ def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(f
 
 def test_a_fit_leaves_the_robot_with_its_numbers(finished):
     """identified_robot.yml is read as a robot with every fitted number; export writes the same file."""
-    run = run_of(finished / "study.yml", finished / "run")
+    run = run_in(finished)
     values = read_fit(run.path("fit")).values
     numbers = {
         name: value for name, (value, _) in load_robot(finished / "run" / "identified_robot.yml").parameters().items()
@@ -119,7 +123,7 @@ def test_a_result_that_has_changed_on_the_disk_is_made_again(copy, capsys):
     spoilt = bytearray(before)
     spoilt[len(before) // 2] ^= 4
     path.write_bytes(spoilt)
-    run = run_of(copy / "study.yml", copy / "run")
+    run = run_in(copy)
     with refused("run/earlier-stage"):
         run_all(run, ["fit"])
     run_all(Run(run.loaded, run.folder, 1, Console(0)))
@@ -136,7 +140,7 @@ def test_a_text_that_has_changed_on_the_disk_is_made_again(copy, worked_on, caps
     spoilt = bytearray(path.read_bytes())
     spoilt[len(spoilt) // 2] ^= 1
     path.write_bytes(spoilt)
-    run_all(run_of(copy / "study.yml", copy / "run"))
+    run_all(run_in(copy))
     assert worked_on == [stage]
     assert path.name in capsys.readouterr().err
 
@@ -165,7 +169,7 @@ def test_a_stage_alone_asks_for_what_it_reads(finished, copy, tmp_path):
         run_all(run_of(study, finished / "run", "seed=5"), ["fit"])
     (copy / "run" / "frf.h5").write_text("no")
     with refused("run/earlier-stage"):
-        run_all(run_of(copy / "study.yml", copy / "run"), ["fit"])
+        run_all(run_in(copy), ["fit"])
 
 
 class Interrupting(SimulatedRig):
@@ -218,7 +222,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch
         return inner(responses, *arguments, **options)
 
     monkeypatch.setattr(fitting, "identified", spy)
-    run = run_of(copy / "study.yml", copy / "run", "validation.configurations=[b]")
+    run = run_in(copy, "validation.configurations=[b]")
     run_all(run)
     assert seen == ["a"]
     summary = summary_of(copy / "run")
@@ -227,7 +231,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch
 
 def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy):
     """A mass without gravity moves nothing: FitError names it, and nothing of before is passed off as of this one."""
-    run = run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1")
+    run = run_in(copy, "fit.parameters.m_load.start=1")
     (copy / "run" / "figures" / "mine.png").touch()
     with refused("fit/not-identifiable"):
         run_all(run)
@@ -255,7 +259,7 @@ def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("never_converging")
 def test_a_fit_that_did_not_converge_is_still_shown(copy):
     """The report shows where it stands, the command fails, and fails again when nothing is left to do."""
-    run = run_of(copy / "study.yml", copy / "run", "fit.starts=1")
+    run = run_in(copy, "fit.starts=1")
     for _ in range(2):
         with refused("fit/not-trusted"):
             run_all(run)

@@ -100,7 +100,7 @@ def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp
 TORQUES = {"coulomb": (0.9, 0.5), "viscous": (0.3, 0.2), "armature": (0.05, 0.03)}  # in front of the sensors
 
 
-def arm_log(folder: Path, noise: float = 0.01, scale: float = 1.0) -> Path:
+def arm_log(folder: Path, scale: float = 1.0) -> Path:
     """A planar arm under gravity: torques of its motors, and of sensors behind their gears, which carry the links.
 
     scale: of the numbers of the sensors.
@@ -123,7 +123,7 @@ def arm_log(folder: Path, noise: float = 0.01, scale: float = 1.0) -> Path:
         [F * np.tanh(x / 1e-3) + f * x for F, f, x in zip(TORQUES["coulomb"], TORQUES["viscous"], v, strict=True)]
     )
     motors = links + np.array(TORQUES["armature"])[:, None] * a + friction
-    torques = np.vstack([motors, links]) + noise * rng.standard_normal((4, len(t)))
+    torques = np.vstack([motors, links]) + 0.01 * rng.standard_normal((4, len(t)))
     torques[2:] *= scale
     angles = (q + 1e-5 * rng.standard_normal(q.shape)).T
     head = "time,motor_torque_1,motor_torque_2,q_1,q_2,torque_sensor_1,torque_sensor_2"

@@ -1,11 +1,11 @@
 """Moves of a study from the command line, and friction compensation."""
 
 import csv
-import shutil
 
 import numpy as np
 import pytest
 from plants.arm_study import command
+from plants.marks import needs_compiler
 
 from elastid.store.results import read_tune
 from elastid.use.tune import IDENTIFIED, RIGID
@@ -36,7 +36,7 @@ def test_a_fitted_study_commands_a_move(fitted_arm, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+@needs_compiler
 @pytest.mark.oracle("fmpy")
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm, version):

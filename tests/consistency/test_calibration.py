@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from plants.paths import ROOT
 
-SCRIPTS = Path(__file__).parents[2] / "scripts" / "studies"
+SCRIPTS = ROOT / "scripts" / "studies"
 
 
 @pytest.fixture(scope="module")

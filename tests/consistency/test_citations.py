@@ -12,10 +12,9 @@ import re
 from pathlib import Path
 
 import pytest
+from plants.paths import ROOT
 
 from elastid.study.reference import list_keys
-
-ROOT = Path(__file__).parents[2]
 
 # Every number of chapters 2 and 3, as far as the project has their text: the files below elastid/ that implement them.
 # Not implemented: inverse kinematics (2.2), since a study gives joint angles; an illustration of the torque of gravity

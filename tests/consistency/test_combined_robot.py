@@ -1,15 +1,14 @@
 """A robot with everything at once: slides, riding and coupled motors, nonlinear springs, gas, payload, lags, points."""
 
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.refusals import refused
-from plants.runs import run_of
+from plants.runs import run_of, summary_of
 
-from elastid.app.run import Run, run_all
+from elastid.app.run import run_all
 from elastid.base.errors import StudyError
 from elastid.design.configuration_selection import draw_candidates
 from elastid.design.spec import CandidateSpec
@@ -129,14 +128,6 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None
             load(written(tmp_path, rough=True, **{old: new}))
 
 
-def stage(path: Path, *names: str) -> tuple[Run, dict]:
-    """The run after some stages, and its summary."""
-    run = run_of(path, path.parent / "run")
-    run_all(run, names)
-    summary = run.folder / "summary.json"
-    return run, json.loads(summary.read_text()) if summary.exists() else {}
-
-
 @pytest.mark.parametrize(
     ("rough", "seeds"), [pytest.param(False, (1,), id="smooth"), pytest.param(True, (1, 2, 3), id="friction")]
 )
@@ -151,7 +142,8 @@ def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bo
         # what the model lacks, and the fit a misfit.
         path = written(folder, rough, seed, **({"fit:\n": "estimator: {friction: none}\nfit:\n"} if rough else {}))
         last = ("validate", "report") if seed == 1 else ()
-        _, summary = stage(path, "design", "measure", "estimate", "fit", *last)
+        run_all(run_of(path, folder / "run"), ("design", "measure", "estimate", "fit", *last))
+        summary = summary_of(folder / "run")
         assert summary["status"] == "converged"
         numbers = {**summary["parameters"]}
         off += [(numbers[name]["value"] - numbers[name]["truth"]) / numbers[name]["std"] for name in NAMES]

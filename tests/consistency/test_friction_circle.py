@@ -19,6 +19,7 @@ from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
 from elastid.nonlinear.compensate_friction import compensate_friction
+from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.robot import Limits
 from elastid.robot.simplified import with_joints
@@ -52,15 +53,20 @@ def number_of(result: FrictionResult, name: str) -> tuple[float, float]:
     return found.value, found.std
 
 
+def coulomb_of_both(passes: FrictionResult, taken: CompensatedFriction, joint: str) -> tuple[float, float]:
+    """The Coulomb friction by passes and its standard deviation, which multisines do not contradict."""
+    (level, std), of_passes = taken.coulomb_friction(f"motor {joint}"), number_of(passes, f"Fc_m{joint}")
+    assert abs(level - of_passes[0]) < FAR * np.hypot(std, of_passes[1])
+    return of_passes
+
+
 @pytest.mark.slow
 def test_multisines_and_passes_tell_the_same_coulomb_friction(passes: FrictionResult) -> None:
     """At both motors, each within its interval of the truth, and of each other."""
     configurations, lines = measured()
     taken = identify_motor_friction(configurations, AUTO, lines)
     for joint, truth in zip("12", COULOMB, strict=True):
-        level, std = taken.coulomb_friction(f"motor {joint}")
-        of_passes, std_of_passes = number_of(passes, f"Fc_m{joint}")
-        assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
+        of_passes, std_of_passes = coulomb_of_both(passes, taken, joint)
         assert abs(of_passes - truth) < FAR * std_of_passes
         slow = np.array([0.05, 0.2])
         curve, curve_std = taken.sliding(f"motor {joint}", slow)
@@ -81,9 +87,7 @@ def test_identified_friction_put_back_is_found_by_an_elastic_study(passes: Frict
     chosen = dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec())
     fit = identify(responses, machine, FitSpec(starts=1, start_factor=1.0, profile=(), parameters=chosen))
     for joint, n in zip("12", RATIO, strict=True):
-        level, std = taken.coulomb_friction(f"motor {joint}")
-        of_passes, std_of_passes = number_of(passes, f"Fc_m{joint}")
-        assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
+        coulomb_of_both(passes, taken, joint)
         viscous, viscous_std = (n**2 * each[f"fm_{joint}"] for each in (fit.values, fit.std))
         of_passes, std_of_passes = number_of(passes, f"f_m{joint}")
         assert abs(viscous - of_passes) < FAR * np.hypot(viscous_std, std_of_passes)

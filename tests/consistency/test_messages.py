@@ -3,14 +3,14 @@
 import ast
 import re
 from functools import cache
-from pathlib import Path
 
 import click
+from plants.paths import ROOT
 
 from elastid.app import cli
 from elastid.study.reference import list_keys
 
-PACKAGE = Path(__file__).parents[2] / "elastid"
+PACKAGE = ROOT / "elastid"
 COMMANDS = cli.cli.commands
 OPTIONS = {
     option

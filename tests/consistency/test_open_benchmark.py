@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.measured import EMPS, measured
+from plants.paths import ROOT
 from scipy.io import loadmat
 
 from elastid.app.cli import run_command
 
-OPEN = Path(__file__).parents[2] / "scripts" / "benchmarks" / "open"
+OPEN = ROOT / "scripts" / "benchmarks" / "open"
 
 
 def run(script: str, folder: Path, *words: str) -> str:

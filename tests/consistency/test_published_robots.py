@@ -1,11 +1,11 @@
 """The published robots in configs/robots, and points that are measured on them, in linear models, rigs and logs."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.dry_friction import robot as two_axes
+from plants.paths import ROBOTS
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -23,8 +23,6 @@ from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 from elastid.robot import Frame, Placement
 from elastid.study import load_robot
-
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
 def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies():

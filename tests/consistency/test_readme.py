@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.paths import ROOT
 from plants.reader import Reader
 from plants.runs import summary_of
 
@@ -15,7 +16,6 @@ from elastid.app import scaffold
 from elastid.store.plan import read_plan
 from elastid.study import load
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.measured import EMPS, EMPS_PULSES, measured, with_records
+from plants.paths import ROOT
 from plants.runs import summary_of
 from scipy.io import loadmat
 
@@ -17,8 +18,6 @@ from elastid.friction_study.inverse_dynamics_regression import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result, read_validation_logs
 from elastid.study import load_robot
-
-ROOT = Path(__file__).parents[2]
 
 STAGES = ("measure", "constant_velocity", "friction", "follow")
 

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.paths import ROOT
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
+SCRIPTS = ROOT / "scripts"
 EXAMPLES = SCRIPTS / "examples"
 # From the variables of an example, whether each of its promises is kept.
 Check = Callable[[dict[str, Any]], list[Any]]

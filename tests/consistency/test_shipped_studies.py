@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.measured import BENCH, DATA, measured, with_records
+from plants.paths import CONFIGS
 from plants.runs import summary_of
 
 from elastid.app import cli
@@ -30,15 +31,13 @@ from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 
-ROOT = Path(__file__).parents[2]
-CONFIGS = ROOT / "configs"
 BENCH_STUDY, ARM_STUDY = CONFIGS / "real" / "motor_bench.yml", CONFIGS / "real" / "daisy_robot_arm.yml"
 SHIPPED = sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml")])
 
 
-def run(study: Path, folder: Path, *options: str, commands: Sequence[str] = ()) -> dict[str, Any]:
-    """`elastid run`, and the summary it leaves."""
-    assert cli.run_command(["run", str(with_records(study)), *commands, "--run", str(folder), "-q", *options]) == 0
+def run(study: Path, folder: Path, *options: str, commands: Sequence[str] = (), code: int = 0) -> dict[str, Any]:
+    """`elastid run` with its exit code, and the summary it leaves."""
+    assert cli.run_command(["run", str(with_records(study)), *commands, "--run", str(folder), "-q", *options]) == code
     return summary_of(folder)
 
 
@@ -61,8 +60,7 @@ def nearest(freq_hz: FloatArray, G: ComplexArray, wanted: float, sign: int = 1) 
 def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and a message."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
-    assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 1
-    summary = summary_of(tmp_path)
+    summary = run(BENCH_STUDY, tmp_path, *options, code=1)
     assert summary["status"] == "model_error"
     (note,) = (note for note in summary["notes"] if note["code"] == "fit/likely-cause")
     first = summary["modification_indices"][0]
@@ -100,8 +98,7 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
 def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error: float, tmp_path: Path) -> None:
     """Residuals 48 times the noise, of 16 %: exit code 3, a whole report, and the intervals include the stiffness."""
     options = ("--set", f"fit.weights.model_error={error}", "--set", "fit.starts=4")
-    assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 3
-    summary = summary_of(tmp_path)
+    summary = run(BENCH_STUDY, tmp_path, *options, code=3)
     assert summary["status"] == "misfit"
     assert (tmp_path / "report.html").stat().st_size > 100_000
     low, high = summary["parameters"]["k_1"]["interval95"]
@@ -184,7 +181,7 @@ def exact_responses(angles: tuple[tuple[float, float], ...], highest: float) -> 
     return responses
 
 
-def fitted(angles, free: Sequence[str] = FREE) -> Result:
+def fitted(angles) -> Result:
     """A fit of the planar arm's springs from responses of the exact model with 3 % noise, from a start 40 % off."""
     robot, random, responses = planar(), np.random.default_rng(0), []
     for exact in exact_responses(angles, 30.0):
@@ -192,8 +189,8 @@ def fitted(angles, free: Sequence[str] = FREE) -> Result:
         noise = random.standard_normal((2, *level.shape)) / np.sqrt(2)
         total = Covariance(level**2, 100.0)
         responses.append(replace(exact, G=exact.G + level * (noise[0] + 1j * noise[1]), total=total))
-    start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in free})
-    parameters = {name: ParameterSpec() for name in free}
+    start = robot.with_parameters({name: 1.4 * dict(robot.parameters())[name][0] for name in FREE})
+    parameters = {name: ParameterSpec() for name in FREE}
     weights = WeightSpec(model_error=0.01)  # of noise alone a single posture would know more
     return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=EXACT)
 

@@ -10,13 +10,13 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from plants.paths import ROOT
 from plants.reader import Reader
 
 import elastid
 from elastid.app.cli import cli
 from elastid.study.reference import list_keys
 
-ROOT = Path(__file__).parents[2]
 PICTURES, PAGES = ROOT / "scripts" / "docs" / "pictures", ROOT / "scripts" / "docs" / "pages"
 TUTORIALS = sorted(page.stem for page in PAGES.glob("tutorials/*.rst") if page.stem != "index")
 BLOCK = re.compile(r"^\.\. code-block:: (\w+)\n\n((?:    .*\n|\n)+)", re.MULTILINE)

@@ -39,17 +39,11 @@ CYCLE = 0.004
 GAINS = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "integral_time": 0.06}
 
 
-def rows_of(rng: np.random.Generator, n: int = 40) -> np.ndarray:
-    """References of two motors, at rest in the first and the last two rows."""
-    rows = np.cumsum(rng.normal(size=(n, 2)), axis=0)
-    rows[:2], rows[-2:] = rows[1], rows[-2]
-    return rows
-
-
 @pytest.mark.parametrize("kind", ["hold", "linear", "spline"])
 def test_the_played_reference_is_that_of_an_interpolator(kind: Any) -> None:
     """Steps; lines that arrive one cycle late; cubics by central differences, which pass every reference in time."""
-    rows, n = rows_of(np.random.default_rng(1)), 4
+    rows, n = np.cumsum(np.random.default_rng(1).normal(size=(40, 2)), axis=0), 4
+    rows[:2], rows[-2:] = rows[1], rows[-2]  # at rest at both ends
     played = ReferencePath(ReferencePathSpec(CYCLE, kind), 1000.0).played(rows)
     t, fine = np.arange(len(rows)) * n, np.arange(len(rows) * n)
     slopes = np.gradient(rows, n, axis=0)

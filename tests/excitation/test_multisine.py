@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from excitation.test_phases import eye
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -43,10 +44,6 @@ def test_synthesis_is_the_sum_of_its_cosines():
     t = np.arange(64) / 64
     expected = sum((u * np.exp(2j * np.pi * k * t)).real for k, u in zip(lines, U[:, 0], strict=True))
     np.testing.assert_allclose(synthesise(lines, U, 64)[:, 0], expected, atol=1e-13)
-
-
-def eye(F: int, n_u: int) -> np.ndarray:
-    return np.repeat(np.eye(n_u)[None], F, axis=0).astype(complex)
 
 
 @given(

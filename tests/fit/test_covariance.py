@@ -1,15 +1,15 @@
 """Beyond one covariance: blocks, profiles, bootstraps, what the uncertainty does to modes and responses."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
+from fit.solve.test_solvers import problem as problem_of
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 from scipy.stats import t as student
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.base.statistics import small_sample_factors
@@ -32,7 +32,7 @@ from elastid.fit.covariance import (
 )
 from elastid.fit.intervals import bootstrap, profile_likelihood
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
-from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.weights import Weights, weigh
 from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
 from elastid.fit.robust_covariance import (
@@ -63,6 +63,13 @@ def test_a_variance_has_the_degrees_of_freedom_of_the_lines_that_make_it():
     assert np.all(np.isinf(noise_dof([power], [np.inf], np.zeros(2))))
 
 
+def distorted(G: ComplexArray, noise: Covariance, total: Covariance) -> Response:
+    """A motor's response G (F,) at 1 Hz, 2 Hz and so on, whose distortion is unexplained."""
+    one, freq_hz, here = ("motor 1",), np.arange(1.0, len(G) + 1), Configuration("a", np.zeros(1))
+    notes = (Note(UNEXPLAINED, ""),)
+    return Response(freq_hz, G[:, None, None], one, one, "acceleration", here, noise=noise, total=total, notes=notes)
+
+
 def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     """Of a sign in multisines of random phases: the response is off by what the scatter of realisations says."""
     rng, N, M, level = np.random.default_rng(0), 4096, 40, 0.1
@@ -73,12 +80,7 @@ def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
     G = 1 + level * np.fft.rfft(np.sign(v) * v.std(), axis=1)[:, lines] / spectra[:, lines]
     variance = np.var(G, axis=0, ddof=1)[:, None, None] / M
     total, noise = Covariance(variance, float(M - 1)), Covariance(1e-6 * variance, np.inf)
-    one = ("motor 1",)
-    unexplained = Response(
-        configuration=Configuration("a", np.zeros(1)), inputs=one, outputs=one, quantity="acceleration",
-        freq_hz=lines.astype(float), G=G.mean(axis=0)[:, None, None], noise=noise, total=total,
-        notes=(Note(UNEXPLAINED, ""),),
-    )  # fmt: skip
+    unexplained = distorted(G.mean(axis=0), noise, total)
     free = (("k_1", "N*m/rad"), ("d_1", "N*m*s/rad"), ("Jm_1", "kg*m^2"))
     parameters = Parameters(tuple(Parameter(name, 1.0, unit, log=True) for name, unit in free))
     stiffness, damping, inertia = compensation_error(parameters)
@@ -108,14 +110,6 @@ def test_a_floor_is_one_error_of_each_element_and_octave() -> None:
     np.testing.assert_allclose(covariances[0] - covariances[1], expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
 
 
-def least_squares(free: Parameters, residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> LeastSquares:
-    def evaluate(x: FloatArray) -> Evaluation:
-        r, J = residual(x)
-        return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
-
-    return LeastSquares(free, 3, evaluate)
-
-
 def test_a_profile_knows_that_data_only_bound_a_parameter():
     """r = exp(-x) - 0 under noise of 1: any large x will do, and the interval is open to that side."""
     free = Parameters((Parameter("x", 3.0, lower=-50, upper=50), Parameter("y", 0.1, lower=-9, upper=9)))
@@ -123,7 +117,7 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
     def residual(x):
         return np.array([4 * np.exp(-x[0]), x[1], x[1] - 0.2]), np.array([[-4 * np.exp(-x[0]), 0], [0, 1], [0, 1]])
 
-    problem = least_squares(free, residual)
+    problem = problem_of(free, residual)
     variance = np.diag(np.linalg.inv(problem.evaluate(free.x).hessian / 2))
     interval, _ = profile_likelihood(problem, free.x, variance, ["x"])
     assert interval[1] == np.inf
@@ -138,7 +132,7 @@ def linear_in_damping(relative: float) -> LeastSquares:
         d = np.exp(x[0])
         return np.array([(d - 1) / relative, 100 * x[1], x[1]]), np.array([[d / relative, 0], [0, 100], [0, 1]])
 
-    return least_squares(free, residual)
+    return problem_of(free, residual)
 
 
 def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself():
@@ -250,15 +244,6 @@ def evidence_of(J, r) -> LineSums:
     return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, pull.T, None, (0.0, 0), *unknown)
 
 
-def left_out(blocks, y):
-    """Least-squares estimates without each block in turn."""
-    found = []
-    for i in range(len(blocks)):
-        rest = [j for j in range(len(blocks)) if j != i]
-        found.append(np.linalg.lstsq(np.vstack([blocks[j] for j in rest]), np.concatenate([y[j] for j in rest]))[0])
-    return np.array(found)
-
-
 @pytest.mark.parametrize("Q", [3, 5, 40])
 def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     rng = np.random.default_rng(Q)
@@ -267,7 +252,9 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     half = np.linalg.inv(np.linalg.qr(np.vstack(blocks), mode="r")).T
     parts = [evidence_of(J @ half.T, J @ x - one) for J, one in zip(blocks, y, strict=True)]
     found = jackknife_variance(parts, half)
-    scatter = left_out(blocks, y)
+    scatter = np.array([
+        np.linalg.lstsq(np.vstack(blocks[:i] + blocks[i + 1 :]), np.delete(y, i, axis=0).ravel())[0] for i in range(Q)
+    ])  # fmt: skip
     expected = (Q - 1) / Q * np.sum((scatter - scatter.mean(axis=0)) ** 2, axis=0)
     t = student.ppf(0.975, Q - 1) / student.ppf(0.975, np.inf)
     np.testing.assert_allclose(found, t**2 * expected, rtol=1e-8)
@@ -369,17 +356,13 @@ def test_information_sums_to_one_with_load_tests() -> None:
 def test_friction_variance_needs_compensation_or_distortion() -> None:
     """(0.02 %)^2 of a stiffness if friction was compensated; springs of motors leave 1 % of the distortion's."""
     noise, total = Covariance(np.zeros((5, 1, 1)), np.inf), Covariance(np.full((5, 1, 1), 1e-4), 3.0)
-    distorted = Response(
-        configuration=Configuration("a", np.zeros(1)), inputs=("motor 1",), outputs=("motor 1",),
-        quantity="acceleration", freq_hz=np.arange(1.0, 6.0), G=np.ones((5, 1, 1), complex), noise=noise, total=total,
-        notes=(Note(UNEXPLAINED, ""),),
-    )  # fmt: skip
+    response = distorted(np.ones(5, complex), noise, total)
     stiffness = Parameter("k_1", 1.0, "N*m/rad", log=True)
     rigid, relaxing = Parameters((stiffness,)), Parameters((stiffness, Parameter("relaxation_1", 1.0, "1/s", log=True)))
     by_distortion = 2 / (np.pi - 2) * 4e-4
     np.testing.assert_allclose(friction_variance(rigid, [], True), [4e-8])
-    np.testing.assert_allclose(friction_variance(rigid, [distorted], False), [by_distortion])
-    np.testing.assert_allclose(friction_variance(relaxing, [distorted], True)[0], 4e-8 + 0.01 * by_distortion)
+    np.testing.assert_allclose(friction_variance(rigid, [response], False), [by_distortion])
+    np.testing.assert_allclose(friction_variance(relaxing, [response], True)[0], 4e-8 + 0.01 * by_distortion)
 
 
 def test_few_repetitions_widen_the_noise() -> None:

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.elastic_arm import arm, measure, started_elsewhere
+from plants.elastic_arm import arm
+from plants.elastic_arm import measured as measured
+from plants.elastic_arm import result as result
 from plants.moved_posture import posture_effect
+from plants.paths import ROBOTS
 
 from elastid.base.errors import UnknownNameError
 from elastid.fit.fitted_robot import FittedRobot
@@ -20,16 +22,6 @@ from elastid.linear.response.transfer import to_response
 from elastid.record import Configuration
 from elastid.response import Covariance, MotorMotion, Response
 from elastid.study import load_robot
-
-
-@pytest.fixture(scope="module")
-def measured() -> tuple[Response, ...]:
-    return tuple(measure(arm(), rng=np.random.default_rng(4)))
-
-
-@pytest.fixture(scope="module")
-def result(measured) -> Result:
-    return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))
 
 
 def test_the_result_has_the_model_of_each_configuration(measured, result) -> None:
@@ -47,7 +39,7 @@ def test_the_result_has_the_model_of_each_configuration(measured, result) -> Non
         result.interval("m_fore")
 
 
-LINKAGE = load_robot(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml")
+LINKAGE = load_robot(ROBOTS / "linkage_arm.yml")
 TRUTH = LINKAGE.parameters()
 POSTURES = ((0.0, 0.0), (0.5, -0.1), (0.2, 0.9))
 WANTED = FitSpec(starts=1, profile=(), parameters={name: ParameterSpec() for name in ("k_*", "d_2", "d_3")})

@@ -1,12 +1,12 @@
 """From frequency responses of a robot in several configurations to its elastic parameters."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.elastic_arm import arm, measure, pendulum, started_elsewhere
 from plants.measured_robots import deviations
+from plants.paths import ROBOTS
 from plants.refusals import refused
 
 from elastid.base.errors import Note
@@ -22,8 +22,6 @@ from elastid.parameters import Tie
 from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.study import load_robot
-
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
 @pytest.fixture(scope="module")

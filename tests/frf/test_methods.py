@@ -1,6 +1,5 @@
 """Estimators of a response against theory and Monte Carlo; fewer experiments than motors."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -123,25 +122,13 @@ def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs():
         estimate(records, replace(ALL_PERIODS, method="joint"), lines)
 
 
-def _mean_periods(records: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:
-    """u and y (records, channels, N) as pyFRF takes measurements."""
-    u, y = (np.array([getattr(r, name).reshape(-1, N, getattr(r, name).shape[1]).mean(axis=0).T for r in records])
-            for name in ("u", "y"))  # fmt: skip
-    return u, y
-
-
-def _noisy_records(n: int) -> list[Record]:
-    """Four realisations of n orthogonal experiments, 0.3 of noise on every input and output."""
-    rng = np.random.default_rng(3)
-    return experiments_of(circular(rng, (96, n, n)), np.arange(4, 100), 4, rng, N, noise=(0.3, 0.3), rate_hz=RATE)
-
-
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_h1_agrees_with_welch_spectra_line_by_line(n):
-    """The definition written out over SciPy's cross spectra, to 1e-10."""
-    records = _noisy_records(n)
-    u, y = _mean_periods(records)
-    z = np.concatenate([y, u], axis=1)
+    """The definition written out over SciPy's cross spectra, to 1e-10; 0.3 of noise on every input and output."""
+    rng = np.random.default_rng(3)
+    G = circular(rng, (96, n, n))
+    records = experiments_of(G, np.arange(4, 100), 4, rng, N, noise=(0.3, 0.3), rate_hz=RATE)
+    z = np.array([np.hstack([r.y, r.u]).reshape(-1, N, 2 * n).mean(axis=0).T for r in records])
     found = estimate(records, replace(ALL_PERIODS, method="h1"), np.arange(4, 100))
     # csd conjugates its first argument: S[a, b] is the mean of A conj B.
     channels = np.moveaxis(z, 1, 0)

@@ -1,13 +1,13 @@
 """Periods of a record: transients and outliers are left out, good ones kept."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.marks import slow
 from plants.measured import with_records
 from plants.notes import said
+from plants.paths import ROOT
 from plants.refusals import refused
 from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
 
@@ -18,7 +18,7 @@ from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.study import load
 
-BENCH_STUDY = Path(__file__).parents[2] / "configs" / "real" / "motor_bench.yml"
+BENCH_STUDY = ROOT / "configs" / "real" / "motor_bench.yml"
 
 
 def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[str, ...]]:

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants import published_friction as p
-from plants.friction_laws import Numeric
+from plants.friction_laws import Numeric, placed
 
 from elastid.friction.dynamic import Bristle, MaxwellElements
 from elastid.friction.robot_friction import PlacedLaw, coulomb_torques, frictions
@@ -67,13 +67,6 @@ def test_load_and_temperature_change_the_curve():
     thawed = replace(spec, temperature=replace(warm, stiction=0.0, coulomb=-0.03))
     with pytest.raises(ValueError, match=r"at 45 degC: Coulomb friction falls to -0.1 N"):
         placed(thawed).curve(0, 45.0)
-
-
-def placed(spec: Friction, ratio: float = 1.0) -> PlacedLaw:
-    """The law of a motor of 10 Nms/rad."""
-    motor = Motor(1e-3, ratio, 10.0, friction=spec)
-    (one,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
-    return one
 
 
 def sliding(one: PlacedLaw, v: float, load: float = 0.0, temperature: float | None = None) -> float:

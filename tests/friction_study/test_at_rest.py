@@ -159,32 +159,27 @@ TRUTH_PRESLIDING = Elements(STIFFNESS, THRESHOLDS * 1.6 / float(STIFFNESS @ THRE
 REACH = 0.012
 
 
-def growing(seconds: float = 40.0) -> FloatArray:
+def growing() -> FloatArray:
     """Loops of 0.5 Hz that grow from 2 to 100 % of the reach."""
-    t = np.arange(round(seconds * RATE_PRESLIDING)) / RATE_PRESLIDING
-    return REACH * np.clip(0.02 + 0.98 * t / seconds, 0, 1) * np.sin(2 * np.pi * 0.5 * t)
-
-
-def minor_loops() -> FloatArray:
-    """Loops in loops, not seen by the fit."""
-    t = np.arange(round(20 * RATE_PRESLIDING)) / RATE_PRESLIDING
-    return REACH * (0.55 * np.sin(2 * np.pi * 0.3 * t) + 0.25 * np.sin(2 * np.pi * 1.1 * t + 1))
+    t = np.arange(8000) / RATE_PRESLIDING
+    return REACH * np.clip(0.02 + 0.98 * t / 40, 0, 1) * np.sin(2 * np.pi * 0.5 * t)
 
 
 def loops(q: FloatArray, torque: FloatArray, counts: float = 0.0) -> FrictionRecord:
     return FrictionRecord("loops", "1", "presliding_loops", RATE_PRESLIDING, q, torque, resolution=counts)
 
 
-def log(seed: int, counts: float = COUNT_PRESLIDING) -> FrictionRecord:
+def log(seed: int) -> FrictionRecord:
     """Measured with torque noise and an encoder."""
     q = growing()
     torque = TRUTH_PRESLIDING.torque(q) + 0.1 + 0.02 * np.random.default_rng(seed).standard_normal(len(q))
-    return loops(np.round(q / counts) * counts, torque, counts)
+    return loops(np.round(q / COUNT_PRESLIDING) * COUNT_PRESLIDING, torque, COUNT_PRESLIDING)
 
 
 def error(found: Elements) -> float:
     """Rms on the unseen loops, in parts of break-away, after the first half loop."""
-    q = minor_loops()
+    t = np.arange(4000) / RATE_PRESLIDING
+    q = REACH * (0.55 * np.sin(2 * np.pi * 0.3 * t) + 0.25 * np.sin(2 * np.pi * 1.1 * t + 1))  # loops in loops
     missed = found.torque(q) - found.offset - TRUTH_PRESLIDING.torque(q)
     return float(np.sqrt(np.mean(missed[400:] ** 2))) / 1.6
 

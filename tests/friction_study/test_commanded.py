@@ -42,16 +42,16 @@ def robot_of(text: str, folder: Path) -> Robot:
 
 
 def log(
-    q: FloatArray, r: FloatArray, gains: FloatArray, name: str = "log", late_s: tuple[float, float] = (0.0, 0.0)
+    q: FloatArray, r: FloatArray, gains: FloatArray, late_s: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[FrictionRecord, ...]:
     """Records of positions and references (n, m) under gains (m, 2), with feedback that is late."""
     unknown = np.full(len(q), np.nan)
     return tuple(
         FrictionRecord(
-            name, str(i + 1), "commands", RATE_HZ, q[:, i].copy(), unknown, reference=r[:, i].copy(),
+            "log", str(i + 1), "commands", RATE_HZ, q[:, i].copy(), unknown, reference=r[:, i].copy(),
             command=gains[i, 0] * r[:, i], gains=(float(gains[i, 0]), float(gains[i, 1])), hold="zero-order",
             feedback_delays_s=late_s,
-            configuration=Configuration(name, np.zeros(q.shape[1])),
+            configuration=Configuration("log", np.zeros(q.shape[1])),
         )
         for i in range(q.shape[1])
     )  # fmt: skip

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.friction_laws import placed
 from plants.published_friction import drawn, published_levels
 from plants.refusals import refused
 
-from elastid.friction.robot_friction import frictions
 from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.result import law_numbers
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw, Terms, fit_curve
-from elastid.robot import Body, Joint, Motor, Robot
 
 # The twelve numbers of the published law.
 TERMS = Terms(
@@ -39,11 +38,10 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot():
     for value, _, low, high in law.intervals.values():
         assert low < value < high
     friction, viscous = law.to_friction()
-    motor = Motor(1e-3, 1.0, viscous, friction=friction)
-    (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
+    law_of_joint = placed(friction, 1.0, viscous)
     for i in range(0, levels.n_conditions, 17):
         v = float(levels.speed[i])
-        simulated = placed.sliding(v, levels.load[i], levels.temperature[i]) + viscous * v
+        simulated = law_of_joint.sliding(v, levels.load[i], levels.temperature[i]) + viscous * v
         assert simulated == pytest.approx(law.torque(levels.conditions)[i], rel=1e-9)
         assert simulated == pytest.approx(levels.torque[i], rel=0.02)
     assert law.measured.speed == pytest.approx((1.0, 280.0))
@@ -82,14 +80,12 @@ def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribec
     assert slow.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * 60, rel=0.05)
 
 
-def plain(n: int = 12, uneven: float = 0.0) -> FrictionCurve:
+def plain(uneven: float = 0.0) -> FrictionCurve:
     """Coulomb 20 N and viscous friction 200 N s/m of a slide, both directions, the second uneven."""
-    v = np.tile(np.linspace(0.02, 0.12, n), 2)
-    s = np.repeat([1.0, -1.0], n)
+    v = np.tile(np.linspace(0.02, 0.12, 12), 2)
+    s = np.repeat([1.0, -1.0], 12)
     torque = 20 + (200 - uneven * s) * v
-    return FrictionCurve(
-        "joint 1", v, s, torque, np.full(2 * n, 0.2), np.zeros(2 * n), np.full(2 * n, np.nan), slides=True
-    )
+    return FrictionCurve("joint 1", v, s, torque, np.full(24, 0.2), np.zeros(24), np.full(24, np.nan), slides=True)
 
 
 @pytest.mark.slow
@@ -142,9 +138,8 @@ def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_fil
     assert low < -0.05 < high < 0
     file, viscous = law.to_friction()
     assert file.temperature.coulomb == value
-    motor = Motor(1e-3, 1.0, viscous, friction=file)
-    (placed,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
-    assert placed.sliding(0.5, temperature=25.0) + 0.5 * viscous == pytest.approx(10 + 0.55 + 4, rel=0.01)
+    law_of_joint = placed(file, 1.0, viscous)
+    assert law_of_joint.sliding(0.5, temperature=25.0) + 0.5 * viscous == pytest.approx(10 + 0.55 + 4, rel=0.01)
 
 
 def test_the_published_surface_is_refitted():

@@ -1,13 +1,13 @@
 """Rest under gravity: deflections, holding torques and the stiffness that gravity adds or takes."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.arm import resting
+from plants.paths import ROOT
 from plants.refusals import refused
 from plants.template_arm import arm
 
@@ -18,8 +18,6 @@ from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
 from elastid.study import load_robot
-
-ROOT = Path(__file__).parents[2]
 
 M, L, G = 12.0, 0.7, 9.81
 

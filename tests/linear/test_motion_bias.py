@@ -1,12 +1,12 @@
 """The motion of a measurement moves the robot out of its posture: closed forms, and one answer of all formulations."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.arm_modes import ARM
 from plants.moved_posture import posture_effect
+from plants.paths import ROBOTS
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -26,7 +26,6 @@ from elastid.response import MotorMotion
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load_robot
 
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 FREQ = np.linspace(0.7, 12.3, 21)
 OPEN = np.zeros((3, 1, 1))
 # A pendulum of 8 kg, 0.5 m below its axis, which its motor drives without a gear.
@@ -108,22 +107,17 @@ def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection():
     np.testing.assert_allclose(effect, expected, rtol=1e-6)
 
 
-def swinging(rms: float, feedback: bool) -> MotorMotion:
-    """Two motors that move together in part."""
-    lines = np.array([0.5, 3.0, 7.5, 12.0])
-    power = np.tile(np.array([[1, 0.3 + 0.2j], [0.3 - 0.2j, 0.8]]) * rms**2 / len(lines), (len(lines), 1, 1))
-    F = np.stack([np.diag([50.0, 20]), np.diag([6600.0, 3300]), np.diag([1100.0, 560])]) if feedback else None
-    return MotorMotion(("motor 2", "motor 3"), lines, power, np.array([0.5, -0.1]), F)
-
-
 @pytest.mark.parametrize("feedback", [False, True])
 def test_multipliers_and_minimal_coordinates_say_the_same_of_a_loop(feedback):
     """The linkage's rod as a constraint that turns and stretches, and cut: of two sums of terms that differ widely."""
     robot = load_robot(ROBOTS / "linkage_arm.yml")
-    effects = []
+    lines, effects = np.array([0.5, 3.0, 7.5, 12.0]), []
+    power = np.tile(np.array([[1, 0.3 + 0.2j], [0.3 - 0.2j, 0.8]]) * 1e-4 / len(lines), (len(lines), 1, 1))
+    F = np.stack([np.diag([50.0, 20]), np.diag([6600.0, 3300]), np.diag([1100.0, 560])]) if feedback else None
+    motion = MotorMotion(("motor 2", "motor 3"), lines, power, np.array([0.5, -0.1]), F)
     for form in ("constrained", "minimal"):
         model, linear = linear_of(robot, (0.5, -0.1), form)
-        effects.append(posture_effect(model, linear, linear.theta_ref, swinging(0.01, feedback), FREQ))
+        effects.append(posture_effect(model, linear, linear.theta_ref, motion, FREQ))
     np.testing.assert_allclose(effects[0], effects[1], atol=1e-4 * np.abs(effects[1]).max())
     assert np.abs(effects[0]).max() > 0
 

@@ -1,10 +1,10 @@
 """Published plants with their printed numbers, and chains whose motion is known by thinking."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.paths import ROBOTS
 
 from elastid.base.arrays import FloatArray
 from elastid.linear.linear_model import LinearModel, state_space
@@ -15,8 +15,6 @@ from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.study import load_robot
-
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
 def linear(robot: Robot, outputs=("motor 1",)) -> LinearModel:

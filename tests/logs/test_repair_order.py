@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from plants.lab_logs import measured
 from plants.notes import said
 from plants.refusals import refused
 
@@ -17,7 +18,6 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -58,11 +58,6 @@ def spec_of(**changes: Any) -> ExperimentSpec:
     return ExperimentSpec({"home": (0.0,)}, recorded=RecordedSpec(**(keys | changes)))
 
 
-def measure(base: Path, spec: ExperimentSpec) -> Record:
-    rig = RecordedRig(ROBOT, spec, base)
-    return rig.measure(rig.experiments[0])
-
-
 def write_log(path: Path, signals: Mapping[str, FloatArray]) -> None:
     with h5py.File(path, "w") as file:
         for name, values in signals.items():
@@ -71,7 +66,7 @@ def write_log(path: Path, signals: Mapping[str, FloatArray]) -> None:
 
 def record_of(base: Path, signals: Mapping[str, FloatArray]) -> Record:
     write_log(base / "log.h5", signals)
-    return measure(base, spec_of())
+    return measured(base, spec_of(), ROBOT)
 
 
 def error_of(record: Record) -> float:
@@ -134,7 +129,7 @@ def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: P
     write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
     channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
     files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
-    record = measure(tmp_path, spec_of(channels=channels, files=files, time="t"))
+    record = measured(tmp_path, spec_of(channels=channels, files=files, time="t"), ROBOT)
     clock = next(note for note in said(record.notes) if "clocks of encoder.h5 and log.h5 differ" in note)
     assert abs(float(clock.split("by ")[1].split()[0]) + ppm) < 2
     assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
@@ -146,7 +141,9 @@ def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_
     write_log(tmp_path / "log.h5", {"u": signals["u"], "y": signals["y"]})
     write_log(tmp_path / "sent.h5", {"r": log(np.arange(N))["r"]})
     channels = (replace(CHANNELS[0], file=2), *CHANNELS[1:])
-    record = measure(tmp_path, spec_of(channels=channels, files=(FileSpec("log.h5", "home", also=("sent.h5",)),)))
+    record = measured(
+        tmp_path, spec_of(channels=channels, files=(FileSpec("log.h5", "home", also=("sent.h5",)),)), ROBOT
+    )
     assert record.n_periods == P
     np.testing.assert_allclose(record.r[:, 0], log(np.arange(P * N) + 211)["r"], atol=1e-9)
     assert "sent.h5 lags log.h5 by 211.000 samples" in said(record.notes)[0]
@@ -159,9 +156,9 @@ def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
     files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
     y = replace(CHANNELS[2], file=2)
     with refused("records/period-mismatch", place="encoder.h5"):
-        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], replace(y, at="body arm z")), files=files))
+        measured(tmp_path, spec_of(channels=(*CHANNELS[:2], replace(y, at="body arm z")), files=files), ROBOT)
     with refused("records/period-mismatch", place="encoder.h5"):
-        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
+        measured(tmp_path, spec_of(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files), ROBOT)
 
 
 def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
@@ -169,14 +166,14 @@ def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     fast = log(np.arange(4 * P * N) / 4)["y"]
     write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
     channels = (*CHANNELS[:2], replace(CHANNELS[2], rate_hz=4 * RATE))
-    record = measure(tmp_path, spec_of(channels=channels))
+    record = measured(tmp_path, spec_of(channels=channels), ROBOT)
     assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
     assert record.repairs == {"channels brought to another rate": 1}
     assert error_of(record) < 0.02
     files = (FileSpec("log.h5", "home", samples=(N // 2, N // 2 + 4 * N)),)
-    part = measure(tmp_path, spec_of(channels=channels, files=files))
+    part = measured(tmp_path, spec_of(channels=channels, files=files), ROBOT)
     assert part.n_periods == 4
     assert error_of(part) < 0.02
     slow = replace(CHANNELS[2], rate_hz=333.3)
     with refused("study/recorded", holds=("333.3 Hz", "1 s")):
-        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], slow)))
+        measured(tmp_path, spec_of(channels=(*CHANNELS[:2], slow)), ROBOT)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.limited_arm import EXCITATION, arm
-from plants.measured_robots import deviation
+from plants.measured_robots import R, U, Y, deviation
 
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.plan.reference_trajectory import references
@@ -32,10 +32,6 @@ CYCLE, RATE, POSTURES = 0.004, 1000.0, {"a": (0.2, 0.4), "b": (-0.3, 0.9)}
 GAINS = {"position_gain": 20.0, "velocity_gain": (3000.0, 1500.0), "low_pass_hz": 200.0}
 CONTROLLER = CascadeSpec(**GAINS, reference=ReferencePathSpec(CYCLE, "linear"), ticks=4)
 ROBOT = replace(without_dry_friction(arm(Limits())), gravity=(0.0, 0.0, 0.0))
-U, Y, R = (
-    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))
-    for role, what in (("u", "torque"), ("y", "position"), ("reference", "position"))
-)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.elastic_arm import CONFIGURATIONS, arm
 from plants.marks import slow
-from plants.measured_robots import deviation, responses_of
+from plants.measured_robots import R, U, Y, deviation, responses_of
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
@@ -27,10 +27,6 @@ from elastid.record import Record
 
 RATE, N = 500.0, 1000
 LINES = np.arange(5, 120, 2)
-U, Y, R = (
-    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))
-    for role, what in (("u", "torque"), ("y", "position"), ("reference", "position"))
-)
 FURTHER = tuple(replace(channel, file=2) for channel in (*Y, *R))
 
 

@@ -1,7 +1,6 @@
 """Robots with loops and what acts on them beside springs; closed postures on the branch of the start."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plants.linkages import LEVER, LOWER, linkage
 from plants.marks import slow
+from plants.paths import ROBOTS
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
@@ -52,24 +52,12 @@ def response(robot: Robot, spec: ModelSpec, at: Configuration):
     return frequency_response(linear, linear.theta_ref, LINES)
 
 
-def matrices(model: ElasticModel, at: Configuration):
-    """M, D, K and Phi at rest, all coordinates."""
-    point = equilibrium(model, model.theta, at)
-    assert np.abs(model.constraint(point.q, model.theta).full()).max(initial=0) < 1e-10
-    return point, *(
-        matrix.full()
-        for matrix in (
-            model.mass(point.q, model.theta),
-            model.damping(point.q, model.theta),
-            model.stiffness(point.q, point.lambda_, model.theta),
-            model.constraint_jacobian(point.q, model.theta),
-        )
-    )
-
-
 def saddle_point(model: ElasticModel, at: Configuration):
-    """G_acc by the scaled KKT matrix at every line: the oracle."""
-    _, M, D, K, Phi = matrices(model, at)
+    """G_acc by the scaled KKT matrix at every line, of all coordinates at rest: the oracle."""
+    point, theta = equilibrium(model, model.theta, at), model.theta
+    assert np.abs(model.constraint(point.q, theta).full()).max(initial=0) < 1e-10
+    K, Phi = model.stiffness(point.q, point.lambda_, theta).full(), model.constraint_jacobian(point.q, theta).full()
+    M, D = model.mass(point.q, theta).full(), model.damping(point.q, theta).full()
     n, m, scale = len(M), len(Phi), np.abs(K).max()
     G = []
     for omega in 2 * np.pi * LINES:
@@ -224,7 +212,6 @@ def test_what_is_wrong_with_a_loop_is_said() -> None:
     assert "does not close: its ends are" in wrong(far_off, (0.0, -1.2))
 
 
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 AT = Configuration("c", np.array([0.2, 0.4, 0.1]))
 
 

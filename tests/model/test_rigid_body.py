@@ -1,13 +1,23 @@
 """Rigid-body dynamics of random trees and shipped robots against an independent implementation, and invariants."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.pinocchio_robot import append, mass_of, pin, pinocchio_model, placed
+from plants.paths import ROBOTS
+from plants.pinocchio_robot import (
+    append,
+    assert_mass,
+    assert_pose,
+    mass_of,
+    pin,
+    pinocchio_model,
+    placed,
+    point_inertia,
+    six,
+)
 from plants.refusals import refused
 
 from elastid.model.formulation import serial
@@ -18,7 +28,7 @@ from elastid.robot.simplified import with_joints
 from elastid.study import load_robot
 
 seeds = st.integers(0, 2**31)
-SHIPPED = sorted((Path(__file__).parents[2] / "configs" / "robots").glob("*.yml"))
+SHIPPED = sorted(ROBOTS.glob("*.yml"))
 
 
 def random_body(rng: np.random.Generator, index: int, parents: list[str], n_joints: int) -> Body:
@@ -34,7 +44,6 @@ def random_body(rng: np.random.Generator, index: int, parents: list[str], n_join
     points = rng.normal(size=(4, 3)) * 0.3  # four point masses: any of their inertias is physical
     masses = rng.uniform(1, 10, size=4)
     center = masses @ points / masses.sum()
-    I = sum(m * ((r @ r) * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, points - center, strict=True))  # noqa: E741
     return Body(
         name=f"b{index}",
         parent=parents[rng.integers(len(parents))],
@@ -42,7 +51,7 @@ def random_body(rng: np.random.Generator, index: int, parents: list[str], n_join
         joints=tuple(joint(number) for number in range(n_joints)),
         mass=float(masses.sum()),
         center_of_mass=tuple(center),
-        inertia=(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+        inertia=six(point_inertia(points - center, masses)),
         mounting=Placement(tuple(rng.normal(size=3)), (0.0, 0.0, 0.4)) if rng.random() < 0.5 else Placement(),
     )
 
@@ -104,9 +113,7 @@ def assert_equal_to_pinocchio(robot: Robot, seed: int) -> None:
     q_pin, v_pin, a_pin = np.empty((3, n))
     q_pin[order], v_pin[order], a_pin[order] = q, v, a
 
-    M = mass_of(reference, data, q_pin)
-    scale = np.abs(M).max()
-    np.testing.assert_allclose(model.mass(q, model.theta).full(), M[np.ix_(order, order)], rtol=0, atol=1e-10 * scale)
+    assert_mass(model, q, mass_of(reference, data, q_pin)[np.ix_(order, order)])
     h = pin.nonLinearEffects(reference, data, q_pin, v_pin)[order]
     np.testing.assert_allclose(model.force(q, v, model.theta).full()[:, 0], h, rtol=0, atol=1e-10 * np.abs(h).max())
     g = pin.computeGeneralizedGravity(reference, data, q_pin)[order]
@@ -123,9 +130,7 @@ def assert_equal_to_pinocchio(robot: Robot, seed: int) -> None:
     gravity = model.frame_gravity(q, model.theta).full().reshape(-1, 3)
     for i, frame in enumerate(robot.frames):
         index = reference.getFrameId(frame.name)
-        pose = frame_poses(robot, q[None], frame.name)
-        np.testing.assert_allclose(pose.position[0], data.oMf[index].translation, atol=1e-10)
-        np.testing.assert_allclose(pose.rotation[0], data.oMf[index].rotation, atol=1e-10)
+        assert_pose(robot, q, frame.name, data.oMf[index])
         np.testing.assert_allclose(gravity[i], data.oMf[index].rotation.T @ robot.gravity, atol=1e-10)
         for axes, J in (
             (pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, frame_jacobians(robot, q[None], frame.name)[0]),

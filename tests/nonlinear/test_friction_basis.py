@@ -1,7 +1,6 @@
 """Motion between samples and spectra of shapes are those of the motor's motion; coefficients and curves of a result."""
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.friction_basis import BasisFunction, Kind, amplitudes, sliding_means, spectrum
 from elastid.nonlinear.motion import CELLS, motion_of
-from elastid.nonlinear.motion import Motion as KnownMotion
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -21,9 +19,13 @@ def swinging(line: int, amplitude: float, quantity: Motion = "position") -> Reco
     omega = 2 * np.pi * line * RATE / N
     order = {"position": 0, "velocity": 1, "acceleration": 2}[quantity]
     phase = omega * np.arange(2 * N) / RATE + order * np.pi / 2
-    y = (amplitude * omega**order * np.cos(phase))[:, None]
+    return record_of(amplitude * omega**order * np.cos(phase), quantity)
+
+
+def record_of(y: np.ndarray, quantity: Motion = "position") -> Record:
+    place, columns = ("motor 1",), y[:, None]
     configuration = Configuration("c", np.zeros(1))
-    return Record("c", configuration, 0, 0, RATE, N, ("motor 1",), ("motor 1",), (quantity,), 0 * y, y)
+    return Record("c", configuration, 0, 0, RATE, N, place, place, (quantity,), 0 * columns, columns)
 
 
 def amplitudes_of(record: Record, shape: BasisFunction, lines: list[int]) -> np.ndarray:
@@ -148,16 +150,6 @@ def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide() -> No
     assert with_spring.std == pytest.approx(np.hypot(plain.std or 0.0, 6.0))
 
 
-@pytest.mark.parametrize("element", ["stop", "bristle"])
-def test_damping_acts_on_the_rate_of_its_element(element: Literal["stop", "bristle"]) -> None:
-    """Its lines are those of the element times j omega over the sampling rate."""
-    record, lines = swinging(7, 0.2), [7, 21]
-    of_element, of_damping = (
-        amplitudes_of(record, BasisFunction("motor 1", kind, 0.05), lines) for kind in (element, f"{element} damping")
-    )
-    np.testing.assert_allclose(of_damping, 2j * np.pi * np.array(lines) / N * of_element, rtol=2e-2)
-
-
 def test_a_reversal_runs_from_minus_to_plus_the_level_in_sliding() -> None:
     """The bristle bends over twice its threshold."""
     torque, std = FRICTION.reversal("motor 1", np.array([0.0, 0.1, 1.0]))
@@ -170,27 +162,15 @@ TIME = np.arange(PERIODS * N) / RATE
 FINE = np.arange(PERIODS * N * CELLS + 1) / (RATE * CELLS)
 
 
-def record_of(y: np.ndarray) -> Record:
-    configuration = Configuration("c", np.zeros(1))
-    return Record(
-        "c", configuration, 0, 0, RATE, N, ("motor 1",), ("motor 1",), ("position",), 0 * y[:, None], y[:, None]
-    )
-
-
 def test_a_periodic_motion_is_exact_between_its_samples() -> None:
-    """Angle about a mean far from zero, and velocity."""
+    """Angle about a mean far from zero, and velocity, which if logged keeps its value at the start."""
     omega = 2 * np.pi * 37 * RATE / N
     motion = motion_of(record_of(1.2 + 0.1 * np.sin(omega * TIME)), "motor 1")
     np.testing.assert_allclose(motion.angle, 1.2 + 0.1 * np.sin(omega * FINE), atol=1e-4)
-    np.testing.assert_allclose(motion.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
     np.testing.assert_allclose(motion.swings, 0.2, rtol=0.01)
-
-
-def test_a_logged_velocity_keeps_its_value_at_the_start() -> None:
-    omega = 2 * np.pi * 37 * RATE / N
-    logged = replace(record_of(0.1 * omega * np.cos(omega * TIME)), quantities=("velocity",))
-    motion = motion_of(logged, "motor 1")
-    np.testing.assert_allclose(motion.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
+    logged = motion_of(record_of(0.1 * omega * np.cos(omega * TIME), "velocity"), "motor 1")
+    for each in (motion, logged):
+        np.testing.assert_allclose(each.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
 
 
 def test_a_transient_and_a_drift_keep_their_velocity() -> None:
@@ -202,15 +182,9 @@ def test_a_transient_and_a_drift_keep_their_velocity() -> None:
     assert np.sqrt(np.mean(error[40 * CELLS : -40 * CELLS] ** 2)) < 0.02 * 0.6
 
 
-def noisy(std: float) -> tuple[KnownMotion, float]:
-    """A swing with noise on the angle, and the RMS error of its velocity."""
-    noise = std * np.random.default_rng(0).standard_normal(len(TIME))
-    omega = 2 * np.pi * 9 * RATE / N
-    motion = motion_of(record_of(0.1 * np.sin(omega * TIME) + noise), "motor 1")
-    return motion, float(np.std(motion.velocity - 0.1 * omega * np.cos(omega * FINE)))
-
-
 def test_the_noise_of_the_velocity_is_known() -> None:
     """To a tenth, where it is small: only lines between those of the period are left out."""
-    motion, error = noisy(1e-5)
+    omega, noise = 2 * np.pi * 9 * RATE / N, 1e-5 * np.random.default_rng(0).standard_normal(len(TIME))
+    motion = motion_of(record_of(0.1 * np.sin(omega * TIME) + noise), "motor 1")
+    error = np.std(motion.velocity - 0.1 * omega * np.cos(omega * FINE))
     assert abs(motion.velocity_noise - error) < 0.1 * error

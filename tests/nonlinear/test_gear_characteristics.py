@@ -26,9 +26,7 @@ def plain_fit(x: np.ndarray) -> Result:
     return Result(PARAMETERS, x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
 
 
-def sheet(
-    found: dict[GearEffect, float], std: float = 0.01, bounds: dict[GearEffect, float] | None = None
-) -> GearSheet:
+def sheet(found: dict[GearEffect, float], bounds: dict[GearEffect, float] | None = None) -> GearSheet:
     """Of magnitudes with a relative standard deviation, k and d at 1e-3; linear fit: k 10 % larger."""
     x, magnitudes = PARAMETERS.x, np.array([*found.values()])
     covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * magnitudes) ** 2]))
@@ -120,17 +118,12 @@ def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
     assert with_gears(misfit, opened(0.02)).status == "misfit"
 
 
-def laid_open(gear: Gear) -> tuple[Result, GearResult]:
-    """The linear fit of the plant's records, and its gear."""
-    measured = records(gear)
-    response, linear = linear_fit(gear, measured)
-    return linear, identify_gears([measured], [response], linear, robot(gear), SPEC, GearsSpec(), planned=LINES)
-
-
 @pytest.mark.slow
 def test_a_clean_gear_has_bounds_alone() -> None:
     """Below a hundredth of the torque of 200 Nm rms, and 2 arcsec; its k is that of the linear fit."""
-    linear, found = laid_open(Gear())
+    measured = records(Gear())
+    response, linear = linear_fit(Gear(), measured)
+    found = identify_gears([measured], [response], linear, robot(Gear()), SPEC, GearsSpec(), planned=LINES)
     (gear,) = found.sheets
     assert [number.name for number in gear.numbers if number.is_significant] == ["k_1", "d_1"]
     bounds = {number.name: number.bound for number in gear.numbers if not number.is_significant}

@@ -19,10 +19,10 @@ FRICTION, BEHIND, CUBIC = GearEffect("friction", "1", 1e-3), GearEffect("behind"
 SINE, COSINE = GearEffect("error sine", "1", 2.0), GearEffect("error cosine", "1", 2.0)
 
 
-def estimate_of(magnitudes: Mapping[GearEffect, float], std: float = 1.0, cost: float = 0.0) -> GearEstimate:
-    """Magnitudes of one std, k and d as they start; each effect's basis function has power 1."""
+def estimate_of(magnitudes: Mapping[GearEffect, float], cost: float = 0.0) -> GearEstimate:
+    """Magnitudes of a std of 1, k and d as they start; each effect's basis function has power 1."""
     n = len(magnitudes)
-    covariance, motion = np.diag([1e-6, 1e-6, *[std**2] * n]), SimpleNamespace(Phi=np.ones((1, 1, 1, n)))
+    covariance, motion = np.diag([1e-6, 1e-6, *np.ones(n)]), SimpleNamespace(Phi=np.ones((1, 1, 1, n)))
     drive = SimpleNamespace(joints=("1", "2"), k=np.array([K, 2 * K]))
     f, scale_std = np.array([*magnitudes.values()]), np.zeros(n)
     return GearEstimate(
@@ -110,12 +110,6 @@ def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(
     assert [effect.scale for effect in springs[1:]] == pytest.approx([1.5e-3] * (len(springs) - 1))
 
 
-def sums_of(gains: list[float], c: float = 100.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normal equations of two realisations that numbers lower by these gains, both together and apart."""
-    n = len(gains)
-    return np.tile(np.eye(n), (2, 1, 1)), np.tile(np.sqrt(np.array(gains) / 2), (2, 1)), np.full(2, c)
-
-
 @pytest.mark.parametrize(
     ("gains", "expected"),
     [
@@ -133,8 +127,10 @@ def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(
     """12 for each effect of a group, 60 for the law of a spring; the best one first."""
     groups = [(effect, COSINE) if effect == SINE else (effect,) for effect in gains]
     every = [0.0, 0.0, *(x for group in groups for x in (gains[group[0]], 0.0)[: len(group)])]
-    none = np.zeros((len(every), len(every))), np.zeros(len(every))
-    data = SimpleNamespace(joint_normal_equations=lambda estimate, further: (sums_of(every), none))
+    n = len(every)
+    apart = np.tile(np.eye(n), (2, 1, 1)), np.tile(np.sqrt(np.array(every) / 2), (2, 1)), np.full(2, 100.0)
+    equations = apart, (np.zeros((n, n)), np.zeros(n))  # of two realisations, both together and apart
+    data = SimpleNamespace(joint_normal_equations=lambda estimate, further: equations)
     assert selection._select_effects(data, estimate_of({}), groups) == expected
 
 

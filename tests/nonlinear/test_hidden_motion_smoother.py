@@ -49,17 +49,11 @@ def test_a_start_worse_than_none_is_left_for_the_motion_without_forces() -> None
     assert x + 50 * x**3 == pytest.approx(x_0, abs=1e-3)
 
 
-def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLines:
-    """Lines of 0.2 s, of one motor, whose angle has noise of a variance."""
-    none = np.zeros((told, 1, experiments), complex)
-    rest = np.zeros((1, experiments))
-    numbers = np.array([noise]), np.zeros((told, 1)), np.ones(told, bool), np.arange(experiments)
-    return PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, rest[:, 0], np.ones(1, bool))
-
-
 def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:
     """Noise of torque through a mode of three lines' width, and of angles: within 20 % at the peak and beside it."""
-    lines, rng = quiet_lines(100, experiments=400, noise=1e-16), np.random.default_rng(1)
+    none, rest, rng = np.zeros((100, 1, 400), complex), np.zeros((1, 400)), np.random.default_rng(1)
+    numbers = np.array([1e-16]), np.zeros((100, 1)), np.ones(100, bool), np.arange(400)
+    lines = PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, rest[:, 0], np.ones(1, bool))
     omega = lines.s.imag / lines.s.imag[29]
     G = 1e-6 / (1 - omega**2 + 0.05j * omega)[:, None, None]
     normal = rng.standard_normal((4, 100, 1, 400)) / np.sqrt(2)

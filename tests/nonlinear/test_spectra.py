@@ -26,30 +26,30 @@ def record(noise: float = 0.0, **changes: object) -> Record:
     return replace(made, **changes)
 
 
+LINES = gather_lines([record()], SPEC, np.array([5, 9]))
+
+
 def test_amplitudes_and_mean_are_those_of_the_signals() -> None:
-    lines = gather_lines([record()], SPEC, np.array([5, 9]))
-    assert lines.freq_hz[:3] == pytest.approx([1.0, 2.0, 3.0])
-    assert lines.U[[4, 8], 0, 0] == pytest.approx([2 * np.exp(0.4j), 1.0])
-    assert lines.Y[[0, 4], 0, 0] == pytest.approx([-0.02j, 0.001])
-    assert lines.mean[0] == pytest.approx([0.3])
-    assert np.flatnonzero(lines.excited).tolist() == [4, 8]
+    assert LINES.freq_hz[:3] == pytest.approx([1.0, 2.0, 3.0])
+    assert LINES.U[[4, 8], 0, 0] == pytest.approx([2 * np.exp(0.4j), 1.0])
+    assert LINES.Y[[0, 4], 0, 0] == pytest.approx([-0.02j, 0.001])
+    assert LINES.mean[0] == pytest.approx([0.3])
+    assert np.flatnonzero(LINES.excited).tolist() == [4, 8]
 
 
 def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
-    lines = gather_lines([record()], SPEC, np.array([5, 9]))
-    t = np.arange(lines.points) / (RATE_HZ * lines.points / N)
-    fine = lines.fine(lines.Y[:, :, 0].T)[0]
+    t = np.arange(LINES.points) / (RATE_HZ * LINES.points / N)
+    fine = LINES.fine(LINES.Y[:, :, 0].T)[0]
     assert fine == pytest.approx(0.02 * np.sin(2 * np.pi * t) + 0.001 * np.cos(2 * np.pi * 5 * t), abs=1e-12)
-    assert lines.amplitudes(fine[None])[0] == pytest.approx(lines.Y[:, 0, 0], abs=1e-12)
+    assert LINES.amplitudes(fine[None])[0] == pytest.approx(LINES.Y[:, 0, 0], abs=1e-12)
 
 
 def test_motion_beyond_half_the_rate_is_folded_into_samples() -> None:
     """A force at line N - 3, of an inertia that moves by 1 at the last line F, is seen at line 3."""
-    lines = gather_lines([record()], SPEC, np.array([5, 9]))
-    F, force = N // 2 - 1, np.cos(2 * np.pi * (N - 3) * np.arange(lines.points) / lines.points)
+    F, force = N // 2 - 1, np.cos(2 * np.pi * (N - 3) * np.arange(LINES.points) / LINES.points)
     expected = np.zeros(F)
     expected[2] = (F / (N - 3)) ** 2
-    assert lines.folded(force[None])[1][0] == pytest.approx(expected, abs=1e-12)
+    assert LINES.folded(force[None])[1][0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:

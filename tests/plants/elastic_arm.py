@@ -3,7 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from elastid.fit.identify import identify
+from elastid.fit.result import Result
+from elastid.fit.spec import FitSpec
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from plants.measured_robots import responses_of
@@ -53,3 +57,13 @@ def started_elsewhere(robot: Robot, by: float, seed: int = 0) -> Robot:
     rng = np.random.default_rng(seed)
     numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm", "k3")}
     return robot.with_parameters({n: v * float(by ** rng.uniform(-1, 1)) for n, v in numbers.items()})
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[Response, ...]:
+    return tuple(measure(arm(), rng=np.random.default_rng(4)))
+
+
+@pytest.fixture(scope="module")
+def result(measured) -> Result:
+    return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))

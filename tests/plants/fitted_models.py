@@ -1,7 +1,6 @@
 """Fitted models of serial robots and of robots with loops, as if a fit had ended a tenth above their stiffnesses."""
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.study import load_robot
+from plants.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 ROBOTS = {
     "manutec": ROOT / "configs" / "robots" / "manutec_r3.yml",
     "arm": ROOT / "elastid" / "app" / "templates" / "serial" / "robot.yml",

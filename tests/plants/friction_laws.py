@@ -3,7 +3,9 @@
 import casadi as ca
 import numpy as np
 
+from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction.static import Curve, Law
+from elastid.robot import Body, Friction, Joint, Motor, Robot
 
 
 class Numeric:
@@ -22,3 +24,10 @@ class Numeric:
         start = np.zeros(self.n) if z is None else z
         states, torque = walk(start, v[None])
         return states.full().T, torque.full()[0]
+
+
+def placed(spec: Friction, ratio: float = 1.0, viscous: float = 10.0) -> PlacedLaw:
+    """The law of a motor."""
+    motor = Motor(1e-3, ratio, viscous, friction=spec)
+    (one,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
+    return one

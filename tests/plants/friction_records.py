@@ -1,7 +1,5 @@
 """Records of the passes of a plan under a law that is known, without a loop: the joint follows its reference."""
 
-from pathlib import Path
-
 import numpy as np
 
 from elastid.design.friction import design_friction
@@ -11,8 +9,9 @@ from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.result import true_numbers
 from elastid.robot import Robot
 from elastid.study import LoadedStudy, load
+from plants.paths import TEMPLATES
 
-TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "friction"
+TEMPLATE = TEMPLATES / "friction"
 # Torques of gravity and noise (Nm), and inertia (kg m^2) of the axis.
 GRAVITY, NOISE, INERTIA = 78.0, 0.5, 8.2
 

@@ -54,8 +54,8 @@ def study_of(path: str, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes:
     return ExperimentSpec({"home": (0.0, 0.0)}, recorded=RecordedSpec(**(keys | changes)))
 
 
-def measured(base: Path, spec: ExperimentSpec) -> Record:
-    rig = RecordedRig(ROBOT, spec, base)
+def measured(base: Path, spec: ExperimentSpec, robot: Robot = ROBOT) -> Record:
+    rig = RecordedRig(robot, spec, base)
     return rig.measure(rig.experiments[0])
 
 

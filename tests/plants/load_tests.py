@@ -9,7 +9,7 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.load_tests import LoadTest
 from elastid.record import Configuration
 from elastid.response import Response
-from plants.arm import STIFFNESS, closed_form, rest, robot, tool
+from plants.arm import closed_form, rest, robot, tool
 from plants.measured_robots import responses_of
 from plants.two_mass import drawn
 
@@ -18,18 +18,18 @@ NAMED = {f"c{i + 1}": Configuration(f"c{i + 1}", angles) for i, angles in enumer
 
 
 def load_tests(
-    rng: np.random.Generator, std: float = 5e-6, stiffness: tuple[float, ...] = STIFFNESS,
+    rng: np.random.Generator, std: float = 5e-6,
     changed: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda y, force: y,
 ) -> list[LoadTest]:  # fmt: skip
     """Twelve readings of trackers and dials along z under forces in the plane of the arm.
 
-    changed(y, force): a fault of deflections.  stiffness: of the gears.
+    changed(y, force): a fault of deflections.
     """
     tests = []
     for i, (name, where) in zip(range(12), cycle(NAMED.items()), strict=False):
         angle = rng.uniform(0, 2 * np.pi)
         force = 300.0 * (0.3 + 0.7 * (i % 3) / 2) * np.array([np.cos(angle), 0, np.sin(angle)])
-        loaded, free = (rest(where.angles, part, stiffness) for part in (force[[0, 2]], (0.0, 0.0)))
+        loaded, free = (rest(where.angles, part) for part in (force[[0, 2]], (0.0, 0.0)))
         x, z = tool(loaded) - tool(free)
         y = changed(np.array([x, 0.0, z]), force)
         if i % 2:

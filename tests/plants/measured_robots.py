@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.fit.result import Result
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -15,6 +16,12 @@ from elastid.record import Configuration
 from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from plants.two_mass import drawn
+
+# Torques, positions and references of two motors.
+U, Y, R = (
+    tuple(ChannelSpec(role, f"motor {i}", f"{role}{i}", quantity=what) for i in (1, 2))
+    for role, what in (("u", "torque"), ("y", "position"), ("reference", "position"))
+)
 
 
 def responses_of(

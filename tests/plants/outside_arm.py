@@ -12,6 +12,15 @@ LINES = np.concatenate([np.linspace(2, 40, 60), np.linspace(42, 60, 10)])
 ASKED = np.linspace(2, 60, 60)
 
 
+def natural_frequencies(M: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """In Hz, ascending."""
+    n = len(M)
+    poles = np.linalg.eigvals(
+        np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    )
+    return np.sort(np.abs(poles[poles.imag > 0])) / (2 * np.pi)
+
+
 @dataclass(frozen=True)
 class Outside:
     """q = joints, then motors, all link side; M, D, K about the equilibrium of held motors."""
@@ -102,8 +111,6 @@ class Outside:
         M, D, K = (each[:n_l, :n_l] for each in matrices)
         Jv, Jw, _ = self.jacobian(rest, n_l - 1, np.array(TOOL))
         J = np.vstack([Jv, Jw])
-        A = np.block([[np.zeros_like(M), np.eye(n_l)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
-        poles = np.linalg.eigvals(A)
         s = 2j * np.pi * ASKED[:, None, None]
         G = Jv @ np.linalg.inv(s**2 * M + s * D + K) @ Jv.T
-        return J @ np.linalg.solve(K, J.T), np.sort(np.abs(poles[poles.imag > 0])) / (2 * np.pi), G
+        return J @ np.linalg.solve(K, J.T), natural_frequencies(M, D, K), G

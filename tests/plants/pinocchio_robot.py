@@ -5,12 +5,36 @@ from typing import Any
 
 import numpy as np
 
+from elastid.model.elastic import ElasticModel
+from elastid.model.kinematics import frame_poses
 from elastid.robot import BASE, Placement, Robot, unit_axis
 
 try:
     import pinocchio as pin
 except ImportError:
     pin = None
+
+
+def point_inertia(points: np.ndarray, masses: np.ndarray) -> np.ndarray:
+    """Inertia (3, 3) of point masses at points (n, 3) about the origin."""
+    return sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, points, strict=True))
+
+
+def six(inertia: np.ndarray) -> tuple[float, ...]:
+    """xx, yy, zz, xy, xz and yz."""
+    return tuple(inertia[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist())
+
+
+def assert_pose(robot: Robot, q: np.ndarray, name: str, expected: Any) -> None:
+    """A frame is where Pinocchio has it."""
+    pose = frame_poses(robot, q[None], name)
+    np.testing.assert_allclose(pose.position[0], expected.translation, atol=1e-10)
+    np.testing.assert_allclose(pose.rotation[0], expected.rotation, atol=1e-10)
+
+
+def assert_mass(model: ElasticModel, q: np.ndarray, M: np.ndarray) -> None:
+    """To 1e-10 of the largest element."""
+    np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=0, atol=1e-10 * np.abs(M).max())
 
 
 def placed(placement: Placement) -> Any:

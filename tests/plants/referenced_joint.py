@@ -51,7 +51,7 @@ class ReferencedJoint:
         late = np.exp(-2j * np.pi * freq_hz * self.delay_s)
         return X[:, row] * (self.kp + self.forward * self.kd * D) * late / (1 + fed_back)
 
-    def log(self, seed, periods=3, noise=1e-6, rms=2e-3, row=0, torque=False, target=False):
+    def log(self, seed, periods=3, noise=1e-6, row=0, torque=False, target=False):
         """Reference, or torque, and angle (periods N, 2) of a multisine, after the transient.
 
         target: the reference is logged before it is interpolated.
@@ -60,7 +60,7 @@ class ReferencedJoint:
         lines = np.arange(round(BAND[0] * N / RATE), round(BAND[1] * N / RATE) + 1)
         omega, phases = 2 * np.pi * lines * RATE / N, rng.uniform(0, 2 * np.pi, len(lines))
         size = 1 / np.maximum(lines * RATE / N, 3.0)
-        size *= rms * np.sqrt(2 / np.sum(size**2))
+        size *= 2e-3 * np.sqrt(2 / np.sum(size**2))
 
         def path(k, delay_s=0.0, is_linear=self.is_linear):
             first = k // self.cycle * self.cycle

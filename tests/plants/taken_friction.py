@@ -10,16 +10,14 @@ LEVELS, STDS, THRESHOLD = (3.0, 1.5), (0.1, 0.2), 2e-3
 LEFT = "no friction was taken out of the torque: it leaves 98 % of the power"
 
 
-def taken_friction(bristle: bool = True) -> CompensatedFriction:
+def taken_friction() -> CompensatedFriction:
     """At motor 1, in Nm; motor 2 slides and keeps its friction."""
-    n = 2 if bristle else 1
-    shapes = (BasisFunction("motor 1", "sign"), BasisFunction("motor 1", "stop", THRESHOLD))
     return CompensatedFriction(
         places=("motor 1", "motor 2"),
         place_units=("N*m", "N"),
-        shapes=shapes[:n],
-        coulomb_torque=np.array(LEVELS[:n]),
-        covariance=np.diag(np.square(STDS[:n])),
+        shapes=(BasisFunction("motor 1", "sign"), BasisFunction("motor 1", "stop", THRESHOLD)),
+        coulomb_torque=np.array(LEVELS),
+        covariance=np.diag(np.square(STDS)),
         configurations=("c1", "c2"),
         before=np.array([[0.41, 0.62], [0.43, 0.64]]),
         after=np.array([[0.11, 0.62], [0.13, 0.64]]),

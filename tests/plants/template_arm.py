@@ -1,7 +1,5 @@
 """The arm of the template for serial robots, its second gear rigid, and its linear model."""
 
-from pathlib import Path
-
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import linearise
 from elastid.model.formulation import serial
@@ -9,8 +7,9 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.robot.simplified import stiffened
 from elastid.study import load_robot
+from plants.paths import TEMPLATES
 
-TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "serial" / "robot.yml"
+TEMPLATE = TEMPLATES / "serial" / "robot.yml"
 
 
 def arm() -> Robot:

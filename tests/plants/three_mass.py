@@ -3,6 +3,8 @@
 1 to 40 Hz in steps of 0.2 Hz; ln k_g, ln d_g, ln k_a, ln d_a are free.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from elastid.base.arrays import FloatArray
@@ -62,6 +64,14 @@ def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf)
     std = np.broadcast_to(std, G.shape)
     G, noise = (G, Covariance(std**2, dof)) if rng is None else drawn(G, std, rng, dof)
     return Response(FREQ, G, model.inputs, model.outputs, "velocity", model.configuration, noise=noise)
+
+
+def with_covariance(model: LinearModel, rng: np.random.Generator, dof: float = np.inf) -> Response:
+    """With noise whose covariance between elements is full."""
+    bare = measured(model, noise_of(model), rng)
+    root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
+    matrix = root @ root.swapaxes(1, 2) + 0j
+    return replace(bare, noise=Covariance(np.einsum("faa->fa", matrix).real[:, :, None], dof, matrix=matrix))
 
 
 def noise_of(model: LinearModel) -> FloatArray:

@@ -45,13 +45,12 @@ def measured(
     truth: Robot,
     *overrides: str,
     seed: int = 0,
-    jobs: int = 1,
     folder: str = "run",
     freq_hz: FloatArray = FREQ,
     noise: float = 0.02,
 ) -> Run:
     """A run whose frf.h5 holds what `truth` does, with 2 % noise."""
-    run = Run(load(study, overrides), study.parent / folder, jobs, Console(-1))
+    run = Run(load(study, overrides), study.parent / folder, 1, Console(-1))
     postures, rng = run.study.experiment.configurations, np.random.default_rng(seed)
     responses = [
         replace(response, noise=None, total=response.noise)

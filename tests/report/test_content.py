@@ -19,16 +19,11 @@ LOGS = tuple(Note("late-log", f"{20 + i} samples late", f"log {i}") for i in ran
 REMARK = Note("fit/profile", "k_1 has an interval by profile", severity="information")
 
 
-def many_notes():
-    """The same note of 108 logs in two responses, and two notes of the fit."""
-    first, second = ((replace(pair(1, name=n)[0], notes=notes), pair(1)[1]) for n, notes in (("a", LOGS), ("b", LOGS)))
-    result = fit_result()
-    return report_content(frf=(first, second), result=replace(result, notes=(*result.notes, REMARK)))
-
-
 def test_the_page_shows_it_in_one_line_with_a_count():
-    """Warnings are counted apart from remarks; they keep the order of the content."""
-    content = many_notes()
+    """The same note of 108 logs in two responses; warnings are counted apart from remarks, in the content's order."""
+    responses = tuple((replace(pair(1, name=name)[0], notes=LOGS), pair(1)[1]) for name in "ab")
+    result = fit_result()
+    content = report_content(frf=responses, result=replace(result, notes=(*result.notes, REMARK)))
     page = html(content, [])
     line = "log 0 and 107 more: 20 samples late"
     assert page.count(line) == page.count("samples late") == 1

@@ -96,10 +96,10 @@ def settled(**changes) -> Result:
     return replace(fit_result(), **given | changes)
 
 
-def index(*members: str, share: float = 0.5, is_log: bool = True) -> ModificationIndex:
+def index(*members: str) -> ModificationIndex:
     n = len(members) or 1
-    name, numbers = "+".join(members) or "a reading", (np.full(n, 25.0), ("kg",) * n, (is_log,) * n, np.full(n, 0.1))
-    return ModificationIndex(name, "group", members, *numbers, explained_fraction=share, place=1)
+    name, numbers = "+".join(members) or "a reading", (np.full(n, 25.0), ("kg",) * n, (True,) * n, np.full(n, 0.1))
+    return ModificationIndex(name, "group", members, *numbers, explained_fraction=0.5, place=1)
 
 
 PRIOR, SEARCH = "--set 'fit.parameters.mass={prior: {std: 0.05}}'", "elastid compare STUDY --search"

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.pinocchio_robot import mass_of, pin
+from plants.pinocchio_robot import assert_mass, assert_pose, mass_of, pin, point_inertia
 from plants.refusals import refused
 from ruamel.yaml import YAML
 
 from elastid.model.formulation import serial
-from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Robot
 from elastid.study import load_robot
@@ -30,7 +29,7 @@ def written(seed: int) -> tuple[str, list[str]]:
         massless = kind == "fixed" and rng.random() < 0.5
         points, masses = rng.normal(size=(4, 3)), rng.uniform(1, 5, 4)
         points -= masses @ points / masses.sum()
-        I = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, points, strict=True))  # noqa: E741
+        I = point_inertia(points, masses)  # noqa: E741
         inertial = (
             f'<inertial><origin xyz="{text(rng.normal(size=3))}" rpy="{text(rng.normal(size=3))}"/>'
             f'<mass value="{float(masses.sum())!r}"/><inertia ixx="{I[0, 0]}" ixy="{I[0, 1]}" ixz="{I[0, 2]}" '
@@ -74,16 +73,14 @@ def test_dynamics_and_frames_equal_those_of_pinocchios_reader(seed, tmp_path):
         q_pin[there.idx_q : there.idx_q + there.nq] = [value] if there.nq == 1 else [np.cos(value), np.sin(value)]
     M = mass_of(reference, data, q_pin)[np.ix_(order, order)]
     model = serial(robot)
-    np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=0, atol=1e-10 * np.abs(M).max())
+    assert_mass(model, q, M)
     g = pin.computeGeneralizedGravity(reference, data, q_pin)[order]
     mine = inverse_dynamics(robot)(q, np.zeros(n), np.zeros(n), model.theta).full()[:, 0]
     np.testing.assert_allclose(mine, g, rtol=0, atol=1e-10 * max(np.abs(g).max(), 1))
     pin.framesForwardKinematics(reference, data, q_pin)
     for name in ["world", *(f"l{i}" for i in range(9))]:
         index = reference.getFrameId(name, pin.FrameType.BODY)
-        pose = frame_poses(robot, q[None], name)
-        np.testing.assert_allclose(pose.position[0], data.oMf[index].translation, atol=1e-10)
-        np.testing.assert_allclose(pose.rotation[0], data.oMf[index].rotation, atol=1e-10)
+        assert_pose(robot, q, name, data.oMf[index])
 
 
 ARM = """\

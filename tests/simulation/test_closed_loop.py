@@ -1,7 +1,6 @@
 """The loop is that of its sampled controller, and a motor that leaves it is named."""
 
 import logging
-import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from plants.arm import resting
 from plants.integration import acceleration, runge_kutta
+from plants.marks import needs_compiler
 from plants.two_links import FREE, arm, loop, motor, quiet, rough
 
 from elastid.friction.dynamic import Bristle
@@ -86,9 +86,6 @@ def test_a_motion_begins_as_it_goes_on():
     np.testing.assert_allclose(run.q[:, 0], speed * np.arange(n) / 1000, rtol=1e-6, atol=1e-9)
 
 
-with_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler is installed")
-
-
 @pytest.fixture(autouse=True)
 def temporary(monkeypatch, tmp_path) -> Iterator[Path]:
     """A folder of temporary files and a choice of compilers of the test's own; nothing is left in the folder."""
@@ -118,7 +115,7 @@ def compiler_script(folder: Path, body: str) -> str:
     return str(path)
 
 
-@with_compiler
+@needs_compiler
 def test_a_motion_has_the_same_bytes_with_and_without_a_compiler():
     """Two links with friction, counts and noise in closed loop."""
     model, n, random = serial(arm(damping=20.0)), 1500, np.random.default_rng(2)
@@ -135,7 +132,7 @@ def test_a_motion_has_the_same_bytes_with_and_without_a_compiler():
     assert machine.u.tobytes() == virtual.u.tobytes()
 
 
-@with_compiler
+@needs_compiler
 def test_machine_code_outlives_its_file(caplog):
     """Two functions of the same name with other numbers, evaluated after their libraries are gone."""
     first, second = (compiled(function, MIN_CALLS) for function in (wave(), wave(7.0)))

@@ -1,13 +1,13 @@
 """The motion of robots with loops in time: against an independent library, the linear model and conserved energy."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 from plants.integration import acceleration, energy, runge_kutta
 from plants.marks import slow
+from plants.paths import ROBOTS
 from plants.pinocchio_robot import append, pin, pinocchio_model
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
@@ -24,7 +24,6 @@ from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path
 from elastid.simulation.dynamics import free_acceleration, projection
 
-ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")
 # How the planar arm and the spatial one stand in these tests.
 POSE = {"linkage_arm": (0.4, 0.1), "irb4400_linkage": (0.3, 0.4, 0.1)}

@@ -12,11 +12,11 @@ from elastid.simulation.rigid_joints import CommandedJoints
 J, f, kp, kd = 0.02, 0.1, 20.0, 1.0
 
 
-def joints(reference: FloatArray, rate_hz: float = 200.0, held: bool = True) -> CommandedJoints:
+def joints(reference: FloatArray, held: bool = True) -> CommandedJoints:
     """One joint at rest at 0 under references (n,)."""
     one, zero = np.ones(1), np.zeros(1)
     command = kp * reference[:, None]
-    return CommandedJoints(rate_hz, command, kp * one, kd * one, zero, zero, 0 * command, zero, held)
+    return CommandedJoints(200.0, command, kp * one, kd * one, zero, zero, 0 * command, zero, held)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0013, 0.0172])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
+from plants.three_mass import NO_FLOOR, parameters, plant, with_covariance
 
 import elastid.base.arrays as base_arrays
 from elastid.experiment.plan.reference_trajectory import Reference
@@ -15,7 +15,7 @@ from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.frf_residuals import elastic_fit
 from elastid.fit.problem.weights import weigh
 from elastid.record import Configuration, Record
-from elastid.response import Covariance, Response
+from elastid.response import Response
 from elastid.store.measured import read_configurations, read_records, read_responses, write_records, write_responses
 from elastid.store.plan import write_run
 
@@ -115,11 +115,9 @@ def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path)
 def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place(tmp_path, monkeypatch):
     """A task of one configuration is smaller by its covariances, a search takes none along, and bits are the same."""
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
-    bare = measured(model, noise_of(model), rng)
-    root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
-    matrix = root @ root.swapaxes(1, 2) + 0j
-    known = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf, matrix=matrix)
-    write_responses(tmp_path / "frf.h5", [replace(bare, noise=known)])
+    known = with_covariance(model, rng)
+    matrix = known.noise.matrix
+    write_responses(tmp_path / "frf.h5", [known])
     (near,) = read_responses(tmp_path / "frf.h5")
     monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", matrix.nbytes)
     monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", 0)

@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
+from plants.paths import TEMPLATES
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
 from elastid.robot import Tolerances
 from elastid.study import load, make_schema
-
-TEMPLATES = Path(__file__).parents[2] / "elastid" / "app" / "templates"
 
 
 def errors(study: Path, *overrides: str) -> list[str]:

@@ -6,6 +6,7 @@ from difflib import SequenceMatcher
 from pathlib import Path
 
 import pytest
+from plants.paths import ROOT
 from plants.refusals import refused
 
 from elastid.app import cli
@@ -15,7 +16,6 @@ from elastid.study import load, make_schema
 from elastid.study.reference import describe, explain, keys_below, keys_of, list_keys, list_sections, names_in, overview
 from elastid.study.sections import FleetSpec, MemberSpec, Study
 
-ROOT = Path(__file__).parents[2]
 SECTIONS = {**list_sections(), "FleetSpec": FleetSpec, "MemberSpec": MemberSpec}
 PLACES = [*list_keys(), *keys_below(FleetSpec, "fleet.")]
 KEYS = {(key.section.__name__, key.name): key for key in PLACES}

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from plants.paths import ROOT
 
 from elastid.robot import Limits
 from elastid.robot.simplified import with_joints
@@ -12,7 +13,6 @@ from elastid.store.values import from_text, text_of
 from elastid.study import load_robot
 from elastid.study.robots import yaml_text
 
-ROOT = Path(__file__).parents[2]
 FILES = [*ROOT.glob("configs/robots/*.yml"), *ROOT.glob("elastid/app/templates/*/robot.yml")]
 
 

@@ -1,6 +1,5 @@
 """CasADi functions and C code, loaded again, have the response of the linear model."""
 
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants.fitted_models import close, fitted_model, responses_of, rest_of
+from plants.marks import needs_compiler
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.fitted_robot import FittedRobot
@@ -34,11 +34,9 @@ def read_back(model: FittedRobot, function: Any, B: FloatArray) -> ComplexArray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["casadi", "c"])
+@pytest.mark.parametrize("kind", ["casadi", pytest.param("c", marks=needs_compiler)])
 def test_exported_functions_have_the_response(model: FittedRobot, kind: str, tmp_path: Path) -> None:
     """Loaded again; in C compiled without dependencies."""
-    if kind == "c" and shutil.which("cc") is None:
-        pytest.skip("no C compiler on this machine")
     write_casadi(tmp_path, model)
     write_c(tmp_path, model)
     library = str(tmp_path / "robot.so")
@@ -68,7 +66,7 @@ def test_equilibria_are_at_rest(model: FittedRobot, tmp_path: Path) -> None:
         np.testing.assert_allclose(B.T @ q, linear.configuration.angles, atol=1e-12)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+@needs_compiler
 def test_a_program_in_c_reads_the_equilibria(tmp_path: Path) -> None:
     """A caller in C without CasADi: q of the second posture and the weight that its motors hold."""
     model = fitted_model("arm")

@@ -1,6 +1,5 @@
 """Functional mock-up units: accepted by a validator, and equal to the simulation of the same robot."""
 
-import shutil
 import zipfile
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -8,6 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from plants.fitted_models import fitted_model, rest_of
+from plants.marks import needs_compiler
 from scipy.linalg import expm
 
 from elastid.base.arrays import FloatArray
@@ -26,7 +26,6 @@ pytestmark = pytest.mark.oracle
 
 RATE_HZ = 1000.0
 SUBSTEPS = 8
-needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("manutec", "arm", "linkage_arm constrained")]
 ROBOTS = ["bench", *SLOW, "linkage_arm minimal"]
 

@@ -1,7 +1,6 @@
 """Code in C of a move, of friction's compensation and of a filter is what Python does; ROS 2 and MATLAB too."""
 
 import ctypes
-import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import pytest
 from plants.commanded_arm import arm
 from plants.hostile_names import HOSTILE
 from plants.lugre_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
+from plants.marks import needs_compiler
 from ruamel.yaml import YAML
 from scipy.interpolate import CubicHermiteSpline
 from scipy.io import loadmat
@@ -23,8 +23,6 @@ from elastid.robot.simplified import with_joints
 from elastid.targets.friction import write_compensation, write_observers
 from elastid.targets.move import write_move, write_move_c
 from elastid.use.tune import Outcome, TunedMove
-
-C = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
 
 
 def tuned() -> TunedMove:
@@ -59,7 +57,7 @@ def interpolated(tuned: TunedMove, t: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return curve(at), curve(at, 1), tuned.torque[(at / step + 1e-6).astype(int)]
 
 
-@C
+@needs_compiler
 def test_c_interpolates_as_python_does(tmp_path: Path) -> None:
     """Before, within, on the samples, and after the move, to rounding; it says when it is over."""
     move = tuned()
@@ -97,7 +95,7 @@ def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path: Path) -> 
     np.testing.assert_array_equal(held["torque"], move.torque)
 
 
-@C
+@needs_compiler
 def test_friction_compensation_in_c_is_the_law_of_the_robot(tmp_path: Path) -> None:
     """Coulomb, viscous and quadratic friction of each motor, link side, opposite for opposite velocities."""
     law = Friction(0.2, quadratic=1e-6)
@@ -123,7 +121,7 @@ OBSERVED = SimpleNamespace(filtered=FOLLOWED, noise=NOISE, rate_hz=RATE_HZ)
 
 
 @pytest.mark.slow
-@C
+@needs_compiler
 def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
     """CasADi refuses two underscores in a row in the name of a function, C much else."""
     names = (*HOSTILE[:: 1 + len(HOSTILE) // 10], "axis - 1", "axis 1", "x*/ #error pwn")
@@ -134,7 +132,7 @@ def test_c_compiles_whatever_the_joints_are_called(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@C
+@needs_compiler
 def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     """States and covariance of a second, to rounding."""
     source, header = write_observers(tmp_path, {"2": OBSERVED})

@@ -34,10 +34,13 @@ def natural(seed: int, softened: float = 0.0, days: tuple[float, ...] = (0.0,), 
     ]
 
 
-@pytest.mark.parametrize("days", [(0.0,), (0.0, 90.0, 180.0)])
-def test_robots_that_differ_as_robots_do_are_not_named(days):
-    """Stds of 0.03 % beside 1.5 % between robots: 5 % of fleets at most, where z by the fits alone names seven of 8."""
-    assert np.mean([bool(find_changes(natural(seed, days=days), 0.05)) for seed in range(40)]) <= 0.05
+@pytest.mark.parametrize("days", [(0.0,), (0.0, 180.0), (0.0, 90.0, 180.0)])
+def test_robots_and_dates_that_differ_as_they_do_are_not_named(days):
+    """Stds of 0.03 % beside 1.5 % between robots: 5 % of fleets at most, where z by the fits alone names seven of 8.
+
+    Where no robot has a third date, the others' changes say what dates differ by.
+    """
+    assert np.mean([bool(find_changes(natural(seed, days=days), 0.05)) for seed in range(60)]) <= 0.05
 
 
 def test_a_gear_that_is_a_tenth_soft_is_named_among_robots_that_differ():
@@ -45,11 +48,6 @@ def test_a_gear_that_is_a_tenth_soft_is_named_among_robots_that_differ():
     findings = [find_changes(natural(seed, softened=0.1), 0.05) for seed in range(100)]
     assert np.mean([any((f.robot, f.parameter) == ("r2", "k_1") for f in each) for each in findings]) >= 0.95
     assert np.mean([any(f.robot != "r2" for f in each) for each in findings]) <= 0.05
-
-
-def test_two_dates_that_differ_as_dates_do_are_no_trend():
-    """Where no robot has a third date, the others' changes say what dates differ by."""
-    assert np.mean([bool(find_changes(natural(seed, days=(0.0, 180.0)), 0.05)) for seed in range(60)]) <= 0.05
 
 
 def test_two_dates_of_one_number_are_no_trend():

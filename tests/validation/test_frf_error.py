@@ -14,6 +14,8 @@ from elastid.record import Configuration
 from elastid.validation.frf_error import agreement, are_white, noise_p, validate
 from elastid.validation.residual_tests import above_2sigma
 
+FLAT = np.full((240, 1, 1), 10.0 + 0j)
+
 
 @given(shift_deg=st.floats(-170, 170), gain_db=st.floats(-20, 20), seed=st.integers(0, 99))
 @settings(deadline=None, max_examples=30)
@@ -31,7 +33,7 @@ def test_gain_and_phase_errors_are_found_apart_whatever_the_phase_of_the_respons
 
 def test_lines_below_two_sigma_do_not_count_in_magnitude_and_phase():
     """A model that is absurd exactly where |Ghat| < 2 sigma has no error elsewhere."""
-    G = np.full((240, 1, 1), 10.0 + 0j)
+    G = FLAT.copy()
     G[:60] = 1.0
     model = G.copy()
     model[:60] = 100j
@@ -45,8 +47,7 @@ def test_lines_below_two_sigma_do_not_count_in_magnitude_and_phase():
 
 def test_systematic_errors_of_known_size_are_no_misfit():
     """Of 3 sigma at every line, times a factor of unit variance: by chance with its size known, by none without."""
-    rng = np.random.default_rng(3)
-    G = np.full((240, 1, 1), 10.0 + 0j)
+    rng, G = np.random.default_rng(3), FLAT
     error = 0.3 * np.exp(2j * np.pi * np.arange(240) / 60)[:, None, None]
     measured = response(G + 1.5 * error + 0.1 * circular(rng, G.shape), std=0.1)
     bias = np.stack([error, np.zeros_like(error)])[:, None]
@@ -59,8 +60,7 @@ def test_systematic_errors_of_known_size_are_no_misfit():
 
 def test_elements_and_matrix_have_one_ratio_of_residuals_to_noise():
     """A variance of few realisations, smoothed over lines: both ratios are 1 of a correct model, and the same."""
-    rng, dof = np.random.default_rng(4), 3
-    G = np.full((240, 1, 1), 10.0 + 0j)
+    rng, dof, G = np.random.default_rng(4), 3, FLAT
     std = 0.1 * np.sqrt(rng.chisquare(2 * dof, G.shape) / (2 * dof))
     judged = agreement(response(G + 0.1 * circular(rng, G.shape), std, dof), response(G))
     assert judged.rms_sigma == pytest.approx(math.sqrt(judged.power_ratio), rel=1e-9)

@@ -1,33 +1,25 @@
 """Friction is found before the responses are estimated, from records that are read one configuration at a time."""
 
-from pathlib import Path
-
 import pytest
-from plants.runs import summary_of
+from plants.runs import run_of, summary_of
 from plants.taken_friction import LEFT, taken_friction
 
 from elastid.app.console import Console
 from elastid.app.parameter_truth import SLOPE
-from elastid.app.run import Run, run_all
+from elastid.app.run import run_all
 from elastid.app.stages.estimate import _artefacts
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.measured import read_friction
-from elastid.study import load, load_robot
-
-
-def run_of(tiny: Path, friction: str) -> Run:
-    """All stages of the tiny study with dry friction at its motor."""
-    coulomb = ["robot.bodies[0].joints[0].motor.coulomb=0.01", "experiment.simulated.substeps=20", "fit.starts=1"]
-    options = [*coulomb, "fit.parameters={k_1: {}, fm_1: {}}", f"estimator.friction={friction}", "report.formats=[png]"]
-    run = Run(load(tiny, options), tiny.parent / f"run-{friction}", 1, Console(0))
-    run_all(run)
-    return run
+from elastid.study import load_robot
 
 
 @pytest.mark.slow
 def test_what_was_taken_out_is_in_every_result(tiny):
     """frf.h5, summary and robot.yml have the same; the model explains more."""
-    run = run_of(tiny, "coulomb")
+    options = ["robot.bodies[0].joints[0].motor.coulomb=0.01", "experiment.simulated.substeps=20", "fit.starts=1"]
+    options += ["fit.parameters={k_1: {}, fm_1: {}}", "estimator.friction=coulomb", "report.formats=[png]"]
+    run = run_of(tiny, tiny.parent / "run", *options)
+    run_all(run)
     friction = read_friction(run.path("estimate"))
     level, std = friction.coulomb_friction("motor 1")
     assert abs(level - 0.01) < 0.002, (level, std)

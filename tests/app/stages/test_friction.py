@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants import runs
 from plants.friction_records import TEMPLATE
 from plants.lugre_joint import COULOMB, RATE_HZ, ROBOT, VISCOUS, rich, simulate
 from plants.refusals import refused
@@ -12,12 +13,11 @@ from plants.runs import summary_of
 from scipy.signal import butter, sosfiltfilt
 
 from elastid.app.cli import run_command
-from elastid.app.console import Console
 from elastid.app.export import export
 from elastid.app.run import Run, run_all
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result
-from elastid.study import load, load_robot
+from elastid.study import load_robot
 
 # Few and short passes: the least that distinguishes Coulomb and viscous friction.
 SMALL = (
@@ -28,8 +28,8 @@ SMALL = (
 )
 
 
-def run_of(folder: Path, *overrides: str, jobs: int = 1) -> Run:
-    return Run(load(folder / "study.yml", overrides), folder / "run", jobs, Console(-1))
+def run_of(folder: Path) -> Run:
+    return runs.run_of(folder / "study.yml", folder / "run", *SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def finished(tmp_path_factory) -> Path:
     """The folder of a small study that was run."""
     folder = tmp_path_factory.mktemp("friction")
     shutil.copytree(TEMPLATE, folder, dirs_exist_ok=True)
-    run_all(run_of(folder, *SMALL))
+    run_all(run_of(folder))
     return folder
 
 
@@ -46,7 +46,7 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished, monkeypatch):
     names = {path.name for path in (finished / "run").iterdir()}
     assert {"plan.h5", "references", "records.h5", "constant_velocity.h5", "friction.h5", "summary.json"} <= names
     assert {"identified_robot.yml", "report.html", "run.log"} <= names
-    run = run_of(finished, *SMALL)
+    run = run_of(finished)
     assert list(run.stages) == ["design", "measure", "constant_velocity", "friction", "report"]
     assert all(run.is_current(name) for name in run.stages)
     records = read_friction_records(finished / "run" / "records.h5").records
@@ -58,7 +58,7 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished, monkeypatch):
 
 def test_the_identified_robot_is_exported_and_read(finished):
     """Its friction is that of the table; other tools take an elastic fit."""
-    run = run_of(finished, *SMALL)
+    run = run_of(finished)
     (path,) = export(run, "robot")
     numbers = friction_numbers(load_robot(path))
     for number in read_friction_result(run.path("friction")).numbers:

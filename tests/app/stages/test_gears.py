@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.artefacts import some_fit
+from plants.paths import ROOT
 from plants.refusals import refused
 from plants.runs import run_of
 from plants.runs import summary_of as summary
@@ -33,7 +34,6 @@ from elastid.study import load_robot
 from tests.consistency.test_readme import numbers
 from tests.report.test_content import sheets
 
-ROOT = Path(__file__).parents[3]
 STUDY = ROOT / "configs" / "gear.yml"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 

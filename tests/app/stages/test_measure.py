@@ -60,19 +60,13 @@ print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 """
 
 
-def _measure(folder: Path) -> tuple[Path, int]:
-    """records.h5 of a process of its own, and its peak memory in bytes."""
-    done = subprocess.run([sys.executable, "-c", START], cwd=folder, capture_output=True, text=True, check=True)
-    (records,) = (folder / "runs").rglob("records.h5")
-    return records, int(done.stdout) * 1024
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kB on Linux alone")
 def test_memory_does_not_grow_with_the_log(tmp_path):
     """A log of 0.4 GB, 0.31 GB of it asked for, is measured with 200 MB."""
     asked = _write(tmp_path, 1600)
-    records, peak = _measure(tmp_path)
+    done = subprocess.run([sys.executable, "-c", START], cwd=tmp_path, capture_output=True, text=True, check=True)
+    (records,), peak = (tmp_path / "runs").rglob("records.h5"), int(done.stdout) * 1024
     assert asked < records.stat().st_size < asked + 64 * 1024
     assert peak < 200e6 < asked / 1.5
 
@@ -112,10 +106,12 @@ tool:
 CSV = "configuration,fx,fy [N],fz,along_x,along_y,along_z,deflection [mm],std [um]\nb,10,0,0,1,0,0,,1\n"
 
 
-def write(tiny: Path, further: str = LISTED + TOOL) -> Path:
+@pytest.mark.slow
+def test_a_study_with_load_tests_and_a_hammer(tiny):
+    """The simulated rig measures the deflections; the hammer's response is predicted."""
     robot = tiny.parent / "robot.yml"
     robot.write_text(robot.read_text() + FRAME)
-    tiny.write_text(tiny.read_text() + further)
+    tiny.write_text(tiny.read_text() + LISTED + TOOL + TAPPED)
     (tiny.parent / "loads.csv").write_text(CSV)
     f = np.linspace(5, 80, 60)
     s = 2j * np.pi * f
@@ -126,15 +122,8 @@ def write(tiny: Path, further: str = LISTED + TOOL) -> Path:
     for name, response in (("hammer", G), ("tapped", -controlled)):
         rows = np.column_stack([f, response.real, response.imag])
         np.savetxt(tiny.parent / f"{name}.csv", rows, delimiter=",", header="freq_hz,re_1_1,im_1_1", comments="")
-    return tiny
-
-
-@pytest.mark.slow
-def test_a_study_with_load_tests_and_a_hammer(tiny):
-    """The simulated rig measures the deflections; the hammer's response is predicted."""
-    path = write(tiny, LISTED + TOOL + TAPPED)
     folder = tiny.parent / "run"
-    assert cli.run_command(["run", str(path), "--run", str(folder)]) == 0
+    assert cli.run_command(["run", str(tiny), "--run", str(folder)]) == 0
     summary = summary_of(folder)
     loads = summary["static_loads"]
     assert [each["configuration"] for each in loads["readings"]] == ["a", "load test", "load test", "load test", "b"]

@@ -31,13 +31,12 @@ ARM = (0.3,)
 
 def arm(
     limits: Limits = Limits(),  # noqa: B008
-    chain: Chain = Chain(),  # noqa: B008
     friction: Friction | None = None,
 ) -> Robot:
     """One link in a vertical plane on an elastic gear: a mode at 11 Hz."""
     joint = Joint("1", "y", Spring(4e4, 20.0), Motor(2e-3, 80.0, 1e-3, friction=friction), limits=limits)
     body = Body("upper", joints=(joint,), mass=30.0, center_of_mass=(0.4, 0, 0), inertia=1.5)
-    return Robot("arm", (body,), chain=chain)
+    return Robot("arm", (body,))
 
 
 def plan(rms: float, runs: int = 1, seed: int = 7, period: int = 2, shape: float = 0.0) -> Plan:
@@ -72,9 +71,6 @@ def linear(robot: Robot, freq_hz: np.ndarray) -> np.ndarray:
     return frequency_response(point, point.theta_ref, freq_hz)[:, 0, 0]
 
 
-# --- controller -----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("kind", "left"), [("pd", 1.0), ("cascade", 0.0)])
 def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_over_kp(kind: str, left: float) -> None:
     """A ripple so slow that it is a constant torque pushes; the velocity loop's integral takes it up."""
@@ -89,9 +85,6 @@ def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_
     kp = tune(model, equilibrium(model, model.theta, simulated.plan.configurations[0]).q, 2.0, 0.8).kp[0]
     # The motor turns by push / kp rad, 80 times as much on its own side, where the ripple's cosine has hardly fallen.
     np.testing.assert_allclose((record.y[-1, 0] - ARM[0]) * kp / push, left, atol=0.03)
-
-
-# --- encoders and drives --------------------------------------------------------------------------------------------
 
 
 def test_torque_is_clipped_at_its_limit_and_the_record_says_how_often() -> None:
@@ -117,9 +110,6 @@ def test_a_drive_that_is_always_at_its_limit_is_refused() -> None:
         simulated.measure(simulated.experiments[0])
 
 
-# --- noise ----------------------------------------------------------------------------------------------------------
-
-
 def test_noise_has_the_power_that_its_section_states() -> None:
     """At every frequency; the sum has the stated deviation, and no mean of what is colored alone."""
     colored = (
@@ -140,9 +130,6 @@ def test_noise_has_the_power_that_its_section_states() -> None:
     assert abs(noise.disturbance.mean()) < 1e-9
     levels = spec.variances("disturbance", np.array([50.0, 500.0]), 1000.0)
     np.testing.assert_allclose(10 * np.log10(levels[1] / levels[0]), -40.0, atol=0.2)
-
-
-# --- towards the linear model ---------------------------------------------------------------------------------------
 
 
 def departure(robot: Robot, rms: float, reference: np.ndarray | None, **spec: object) -> tuple[np.ndarray, float]:

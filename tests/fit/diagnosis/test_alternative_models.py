@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.faults import SPEC, Case, drawn, faulty
+from plants.faults import SPEC, drawn, faulty
 from plants.marks import slow
 from plants.measured_robots import responses_of
 
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.spec import WeightSpec
 from elastid.robot import Payload, Robot, Tolerances
@@ -46,17 +45,12 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
     np.testing.assert_allclose(place, load.center_of_mass, atol=0.06)
 
 
-def fitted(case: Case, noise: float, floor: float = 0.0) -> Result:
-    return fit_parameters(
-        drawn(case, np.random.default_rng(0), noise), case.robot, replace(SPEC, weights=WeightSpec(model_error=floor))
-    )
-
-
 @pytest.mark.parametrize(("noise", "floor"), [slow(0.02, 0.045), slow(0.05, 0.0), (0.05, 0.045)])
 def test_a_missing_torsion_is_named_where_v_does_not_show_it(noise: float, floor: float) -> None:
     """V is 1.13 to 1.36 of its expectation, a stiffness ten of its deviations off; the spring is right to 5 %."""
     case = faulty("missing torsion")
-    result = fitted(case, noise, floor)
+    spec = replace(SPEC, weights=WeightSpec(model_error=floor))
+    result = fit_parameters(drawn(case, np.random.default_rng(0), noise), case.robot, spec)
     true, std = case.stiffness, result.std
     assert (
         max(abs(np.log(result.values[name] / k)) / (std[name] / result.values[name]) for name, k in true.items()) > 10

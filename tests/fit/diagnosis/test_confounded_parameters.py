@@ -48,18 +48,14 @@ def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypa
         assert abs(shift) == pytest.approx(3, rel=0.02)
 
 
-def on_a_pedestal(stiffness: float) -> Robot:
-    """The arm on a pedestal of that stiffness about the axis of its shoulder."""
-    spring = Spring(stiffness, 1e-4 * stiffness)
-    upper, fore = arm().bodies
-    post = Body("post", joints=(Joint("post", "y", spring),), mass=200.0, inertia=20.0)
-    return Robot("arm on a post", (post, replace(upper, parent="post"), fore))
-
-
 @pytest.mark.slow
 def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> None:
     """120 times as stiff as the gear: k_1 is off by several of its own std, and by less than two with a usual base."""
-    measured, k = measure(on_a_pedestal(120 * 3e4), np.random.default_rng(4), 2e-3), 3e4
+    k, (upper, fore) = 3e4, arm().bodies
+    pedestal = Joint("post", "y", Spring(120 * k, 1e-4 * 120 * k))
+    post = Body("post", joints=(pedestal,), mass=200.0, inertia=20.0)
+    robot = Robot("arm on a post", (post, replace(upper, parent="post"), fore))
+    measured = measure(robot, np.random.default_rng(4), 2e-3)
     result = identify(measured, arm(), SPEC_OF_BASE)
     assert result.status == "converged"
     off = result.values["k_1"] - k

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from plants.faults import FAULTS, FURTHER, SPEC, Case, drawn, faulty, true_case
+from plants.faults import FAULTS, FURTHER, SPEC, drawn, faulty, true_case
+from plants.installed import installed
 from plants.marks import slow
+from plants.paths import ROOT
 from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import FloatArray
-from elastid.base.entry_points import group_entries
-from elastid.fit.diagnosis.forgotten_load import Load, find_load, steps_of
+from elastid.fit.diagnosis.forgotten_load import find_load, steps_of
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
 from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
@@ -129,21 +130,17 @@ def numbers() -> list[FixedNumber]:
     return [FixedNumber("m_arm", "", MASS, "kg", True, -9, 9, 0.05), *centre, *inertia]
 
 
-def searched(mass: float) -> tuple[Load | None, float]:
-    """The load that is found of one of a mass at PLACE, by exact sums of a linear problem, and its drop of V."""
+def test_a_point_mass_is_found_with_its_place() -> None:
+    """By exact sums of a linear problem, with its drop of V."""
     members, rho = numbers(), PLACE - CENTRE
-    change = np.array([mass / MASS, *(mass / MASS * rho), *(mass * (rho @ rho - rho**2) / INERTIA)])
+    change = np.array([LOAD / MASS, *(LOAD / MASS * rho), *(LOAD * (rho @ rho - rho**2) / INERTIA)])
     J = np.random.default_rng(0).standard_normal((100, len(members)))
     S = 1e6 * J.T @ J
     test = ScoreTest(tuple(members), S, -S @ change, np.zeros((0, len(members))), np.ones(len(members), dtype=bool))
-    return find_load(test, Candidate("payload_arm", "payload", np.arange(7), np.eye(7)), 1.0, 0.0), change @ S @ change
-
-
-def test_a_point_mass_is_found_with_its_place() -> None:
-    load, drop = searched(LOAD)
+    load = find_load(test, Candidate("payload_arm", "payload", np.arange(7), np.eye(7)), 1.0, 0.0)
     assert load.mass == pytest.approx(LOAD, rel=1e-3)
-    np.testing.assert_allclose(load.place, PLACE - CENTRE, atol=1e-3)
-    assert load.drop == pytest.approx(drop, rel=1e-4)
+    np.testing.assert_allclose(load.place, rho, atol=1e-3)
+    assert load.drop == pytest.approx(change @ S @ change, rel=1e-4)
 
 
 @given(load=st.floats(0.1, 20.0), place=st.tuples(*[st.floats(-1.0, 1.0)] * 3))
@@ -173,11 +170,6 @@ SHARE = 0.04
 FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
 
 
-def with_crosstalk(case: Case) -> Case:
-    mixed = np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
-    return replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
-
-
 PACKAGE = """
 import numpy as np
 from elastid.fit.diagnosis.hypothesis import Hypothesis, Size
@@ -191,22 +183,16 @@ CAUSE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), colum
 
 
 @pytest.fixture
-def installed_cause(tmp_path, monkeypatch) -> Iterator[Path]:
-    """Folder of a package with one cause, as pip installs it."""
-    (tmp_path / "crosstalk_cause.py").write_text(PACKAGE)
-    info = tmp_path / "crosstalk_cause-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crosstalk-cause\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[elastid.causes]\ncrosstalk = crosstalk_cause:CAUSE\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    group_entries.cache_clear()
-    yield info
-    group_entries.cache_clear()
+def installed_cause(tmp_path) -> Iterator[Path]:
+    entry = "crosstalk = crosstalk_cause:CAUSE"
+    with installed(tmp_path, "crosstalk_cause", PACKAGE, "elastid.causes", entry) as info:
+        yield info
 
 
 def test_cause_of_another_package_is_ranked_and_explained(installed_cause: Path) -> None:
     """First, with its size to 5 % and nearly all of the excess, without any argument of identify."""
-    case = with_crosstalk(true_case())
+    case, mixed = true_case(), np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
+    case = replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
     first = result.indices[0]
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
@@ -225,7 +211,7 @@ def test_entry_point_without_a_cause_is_refused(installed_cause: Path) -> None:
 
 def test_every_cause_is_explained_and_has_its_plant() -> None:
     """A row has a summary and a remedy; its plant is a fault of these tests or an injection of the study."""
-    injections = (Path(__file__).parents[3] / "scripts" / "studies" / "causes.py").read_text(encoding="utf-8")
+    injections = (ROOT / "scripts" / "studies" / "causes.py").read_text(encoding="utf-8")
     for row in HYPOTHESES:
         if row.summary:
             assert f"{row.family}: {row.summary}" in explain_causes(row.family)

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm
 from plants.refusals import refused
-from plants.three_mass import FREQ, NO_FLOOR, measured, noise_of, parameters, plant, stacked
+from plants.three_mass import FREQ, NO_FLOOR, parameters, plant, stacked, with_covariance
 from plants.two_mass import circular
 
 import elastid.base.arrays as base_arrays
 import elastid.fit.problem.frf_residuals as chunks
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray
 from elastid.base.execution import HERE, Execution, persistent_workers
 from elastid.base.kernels import is_compiled
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
-from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, elastic_fit, home_of
+from elastid.fit.problem.frf_residuals import each_at_home, elastic_fit, home_of
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
@@ -40,24 +40,6 @@ needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C 
 def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Loops that are compiled, however few lines there are, and none."""
     monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: request.param)
-
-
-def correlated(rng: np.random.Generator, std: FloatArray) -> Covariance:
-    """Errors of all pairs of elements (F, n_y, n_u) of about this standard deviation."""
-    F, n_y, n_u = std.shape
-    root = circular(rng, (F, n_y * n_u, 3 * n_y * n_u)) * std.transpose(0, 2, 1).reshape(F, -1, 1)
-    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
-    return Covariance(np.einsum("faa->fa", C).real.reshape(F, n_u, n_y).transpose(0, 2, 1), np.inf, matrix=C)
-
-
-def assert_sums_of_all_elements(fit: ElasticFit, x: FloatArray) -> None:
-    """Cost, gradient and normal matrix are those of the stacked residuals."""
-    here, (r, J) = fit.evaluate(x), stacked(fit, x)
-    scale = 2 * np.linalg.norm(J, axis=0)
-    assert here.cost == pytest.approx(r @ r, rel=1e-10)
-    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
-    expected = 2 * J.T @ J / np.outer(scale, scale)
-    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
 
 
 @pytest.mark.usefixtures("loops")
@@ -85,7 +67,11 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     linear = replace(linear, hold=held)
     exact = to_response(linear, np.append(model.theta, 1e-4), FREQ[::2])
     std = 0.02 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max(axis=0)
-    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=correlated(rng, std))
+    G, (F, n_y, n_u) = exact.G + std * circular(rng, std.shape), std.shape
+    root = circular(rng, (F, n_y * n_u, 3 * n_y * n_u)) * std.transpose(0, 2, 1).reshape(F, -1, 1)
+    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]  # errors of all pairs of elements
+    variance = np.einsum("faa->fa", C).real.reshape(F, n_u, n_y).transpose(0, 2, 1)
+    response = replace(exact, G=G, noise=Covariance(variance, np.inf, matrix=C))
     spec = FitSpec(
         criterion=criterion,
         parameters={name: ParameterSpec() for name in NAMES},
@@ -100,7 +86,12 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     parameters = choose(spec, robot)
     fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, criterion)
     x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
-    assert_sums_of_all_elements(fit, x)
+    here, (r, J) = fit.evaluate(x), stacked(fit, x)
+    scale = 2 * np.linalg.norm(J, axis=0)
+    assert here.cost == pytest.approx(r @ r, rel=1e-10)
+    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
+    expected = 2 * J.T @ J / np.outer(scale, scale)
+    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
     assert fit.parts[0].columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
 
 
@@ -173,11 +164,8 @@ def responses(tmp_path, monkeypatch):
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
     every = []
     for i in range(Q):
-        bare = measured(model, noise_of(model), rng)
-        root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
-        matrix = root @ root.swapaxes(1, 2) + 0j
-        noise = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf if i else 30.0, matrix=matrix)
-        whole = replace(bare, noise=noise, configuration=Configuration(f"c{i}", [0.0]))
+        whole = with_covariance(model, rng, np.inf if i else 30.0)
+        whole = replace(whole, configuration=Configuration(f"c{i}", [0.0]))
         every.append(whole.lines(np.arange(whole.n_lines) % 4 == 0))
     write_responses(tmp_path / "frf.h5", every)
     monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 1000)

@@ -22,16 +22,11 @@ X = parameters().x
 NOISE = noise_of(plant())
 
 
-def by_a_mass(size: float) -> np.ndarray:
-    """delta G (F, 1, 1) of a motor that is heavier by a part `size` of its 0.0059 kg m^2."""
-    G = frequency_response(plant(), plant().theta_ref, FREQ)
-    return -(2j * np.pi * FREQ[:, None, None]) * 0.0059 * size * G**2
-
-
 def data(seed: int, size: float, factor: float) -> Response:
-    """Measured with noise, and with the systematic error times a factor."""
+    """Measured with noise, and times a factor with the error of a motor heavier by a part `size` of 0.0059 kg m^2."""
     clean = measured(plant(), NOISE, np.random.default_rng(seed))
-    error = by_a_mass(size)
+    G = frequency_response(plant(), plant().theta_ref, FREQ)
+    error = -(2j * np.pi * FREQ[:, None, None]) * 0.0059 * size * G**2
     return replace(clean, G=clean.G + factor * error, bias=np.stack([error, np.zeros_like(error)])[:, None])
 
 

@@ -104,14 +104,10 @@ FOLLOWING = np.linalg.norm(G_SMOOTHED_NOISE, axis=2)[:, :, None] ** 2 * np.eye(2
 TORQUE = 0.3 * G_SMOOTHED_NOISE @ G_SMOOTHED_NOISE.conj().transpose(0, 2, 1)
 
 
-def sampled_smoothed_noise(rng, C, dof):
-    z = np.linalg.cholesky(C) @ circular(rng, (*C.shape[:2], int(dof)))
-    return z @ z.conj().transpose(0, 2, 1) / dof
-
-
 def response_smoothed_noise(rng, C, dof) -> Response:
     """A response with noise C of every column, whose covariance was estimated from so many degrees of freedom."""
-    right, left = sampled_smoothed_noise(rng, C, dof), np.broadcast_to(np.eye(2), G_SMOOTHED_NOISE.shape)
+    z = np.linalg.cholesky(C) @ circular(rng, (*C.shape[:2], int(dof)))
+    right, left = z @ z.conj().transpose(0, 2, 1) / dof, np.broadcast_to(np.eye(2), G_SMOOTHED_NOISE.shape)
     known = Covariance(np.einsum("faa->fa", right).real[:, :, None] * np.ones((1, 1, 2)), dof, left, right)
     noisy = G_SMOOTHED_NOISE + 0.01 * np.linalg.cholesky(C) @ circular(rng, G_SMOOTHED_NOISE.shape)
     return Response(

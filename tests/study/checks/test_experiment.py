@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from plants import dry_friction, moving_arm
 from plants.arm import RATIO
+from plants.paths import CONFIGS
 from plants.refusals import refused
 
 from elastid.app import scaffold
@@ -19,8 +20,6 @@ from elastid.friction_study.spec import LoadSpec
 from elastid.study import Study, load, load_with_logs
 from elastid.study.checks import UNUSED
 from elastid.study.robots import yaml_text
-
-CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path: Path) -> None:

@@ -5,11 +5,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from plants.paths import TEMPLATES
 
 from elastid.base.errors import StudyError
 from elastid.study import load
 
-TEMPLATE = Path(__file__).parents[3] / "elastid" / "app" / "templates" / "friction"
+TEMPLATE = TEMPLATES / "friction"
 
 FULL = """\
 friction:
@@ -35,12 +36,6 @@ def study(tmp_path) -> Path:
     start, stop = text.index("friction:\n  joints"), text.index("# Posture")
     (tmp_path / "study.yml").write_text(text[:start] + FULL + text[stop:])
     return tmp_path / "study.yml"
-
-
-def refusal(study: Path, *overrides: str) -> str:
-    with pytest.raises(StudyError) as error:
-        load(study, overrides)
-    return str(error.value).replace(f"{study.parent}/", "")
 
 
 def test_every_key_is_read_in_si(study: Path) -> None:
@@ -78,4 +73,6 @@ def test_every_key_is_read_in_si(study: Path) -> None:
 )
 def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
     """Each by the key that is wrong, with its numbers."""
-    assert words in refusal(study, override)
+    with pytest.raises(StudyError) as error:
+        load(study, (override,))
+    assert words in str(error.value).replace(f"{study.parent}/", "")

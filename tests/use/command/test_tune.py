@@ -1,11 +1,11 @@
 """A tuned move at its limits, on draws; moves that cannot be made; a robot follows its own plan. Gains: example 18."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.commanded_arm import END, START, arm, move
+from plants.paths import ROBOTS
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
@@ -77,7 +77,7 @@ def test_an_end_that_no_motor_holds_is_refused(torque: float, end: FloatArray, d
         tune_move(given(torque, 0), point_to_point(START, end, duration), "arm")
 
 
-LINKAGE = Path(__file__).parents[3] / "configs" / "robots" / "linkage_arm.yml"
+LINKAGE = ROBOTS / "linkage_arm.yml"
 
 
 @pytest.mark.slow
