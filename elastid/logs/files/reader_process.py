@@ -82,9 +82,7 @@ def _ask(file: _File, name: str = "", span: slice | None = None) -> Any:
     with _one_request:
         try:
             reply = _exchange(_reader(where), (file, name, span))
-        except (
-            BaseException
-        ) as error:  # Ctrl-C, say: a reply that is lost would be taken for that to the next request
+        except BaseException as error:  # after Ctrl-C, say, the lost reply would be taken for that to the next request
             code = _end(_readers.pop((os.getpid(), where)))
             if isinstance(error, EOFError):
                 raise ValueError(f"the reading process ended with exit code {code}") from None
