@@ -205,10 +205,12 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     if len(rows) < 2:
         raise StudyError("files/table", "a table has a row of names and at least one below it", f"{path}:1:1")
     (first, heads), *rest = rows
-    names = {name_and_unit(head)[0] for head in heads}
+    names = [name_and_unit(head)[0] for head in heads]
+    if double := [name for name in names if names.count(name) > 1]:
+        raise StudyError("files/table", f"{len(double)} columns have the name {double[0]}", f"{path}:{first}:1")
     for number, row in rest:
-        if not len(row) == len(heads) == len(names):
-            text = f"{len(row)} cells, and {len(names)} different names, with commas between them, in line {first}"
+        if len(row) != len(heads):
+            text = f"{len(row)} cells, but {len(heads)} names, with commas between them, in line {first}"
             raise StudyError("files/table", text, f"{path}:{number}:1")
         yield number, dict(zip(heads, row, strict=True))
 

@@ -123,15 +123,18 @@ class JointFriction:
         return self.static is not None and self.static.has_one_speed
 
     @property
-    def has_number(self) -> bool:
-        """True if a number of inertia, gravity or friction has an interval without zero."""
-        return any(row.low * row.high > 0 for row in self.numbers if row.symbol not in ("o", "g", "T", "T_d"))
+    def is_unrelated(self) -> bool:
+        """True if no inertia, gravity or friction is significant, and most of the torque of the motion is unexplained."""
+        rows = (row for row in self.numbers if row.symbol not in ("o", "g", "T", "T_d"))
+        is_unexplained = self.motion is not None and self.motion.regression.relative_error > 0.5
+        return is_unexplained and not any(row.low * row.high > 0 for row in rows)
 
     @property
     def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
-        if self.numbers and not self.has_number:
-            why = "all its intervals contain zero. Check that torque and motion are of the same joint and time"
+        if self.is_unrelated:
+            why = "no parameter is significant, and most of the torque is unexplained. Check that torque and motion"
+            why += " are of the same joint and time"
             return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
@@ -297,7 +300,7 @@ def identify_friction(
     if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
         status = "misfit"
     parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
-    if not any(map(any, parts)) or not any(joint.has_number for joint in joints):
+    if not any(map(any, parts)) or all(joint.is_unrelated for joint in joints):
         status, misfits = "failed", [f"joint {j.joint}: {term.reason}" for j in joints for term in j.missing]
     numbers = () if status == "failed" else (f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)
     return FrictionResult(joints, measured.notes, status, "; ".join([*misfits, *numbers]))

@@ -17,7 +17,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.clocks import common_span, correct_stamps, stamp_size
-from elastid.logs.files.formats import contents, read_channels, stamp_names
+from elastid.logs.files.formats import contents, read_channels, time_channels
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.clock_drift import (
     MAX_CLOCK_ERROR,
@@ -86,8 +86,8 @@ class _Experiment:
         recorded, result = self.recorded, dict[_Key, list[int]]()
         for number, path in enumerate(self.paths, start=1):
             numbers = [i for i, channel in enumerate(recorded.channels) if channel.file == number]
-            names = stamp_names(path, [recorded.channels[i] for i in numbers], recorded.text)
-            # Each logger has its own clock, and not all of them stamps.
+            names = time_channels(path, [recorded.channels[i] for i in numbers], recorded.text)
+            # Some loggers record no time stamps.
             has_time = recorded.time and (number == 1 or recorded.time in contents(path, recorded.text))
             for i, name in zip(numbers, names, strict=True):
                 rate_hz = recorded.channels[i].rate_hz
@@ -220,14 +220,17 @@ def _read(experiment: _Experiment, key: _Key, members: Sequence[int]) -> FloatAr
 
 
 def _on_grids(experiment: _Experiment, parts: Mapping[_Key, tuple[list[int], FloatArray]]) -> list[_Group]:
-    """Bring signals to their rates. If a file has several clocks, all signals start at the latest first stamp."""
-    groups = []
-    for (number, rate_hz, time), (members, values) in parts.items():
-        log, gridded, rows, first_s = experiment.log(number, (), rate_hz), values, None, None
-        if time:
-            time_s, gridded = rising(_stamps_s(values[:, -1], time, rate_hz, log), values[:, :-1], log)
-            clocks = {key[2]: x[[0, -1], -1] for key, (_, x) in parts.items() if key[0] == number and key[2]}
-            spans = {name: (float(ends[0]), float(ends[1])) for name, ends in clocks.items()}
+    """Bring signals to their rates. If a file has several clocks, cut all signals to the start of the last one."""
+    groups, timed = [], dict[_Key, tuple[FloatArray, FloatArray]]()
+    logs = {key: experiment.log(key[0], (), key[1]) for key in parts}
+    for key, (_, values) in parts.items():
+        if key[2]:
+            timed[key] = rising(_stamps_s(values[:, -1], key[2], key[1], logs[key]), values[:, :-1], logs[key])
+    for key, (members, values) in parts.items():
+        (number, rate_hz, _), log, gridded, rows, first_s = key, logs[key], values, None, None
+        if key in timed:
+            time_s, gridded = timed[key]
+            spans = {name: (float(t[0]), float(t[-1])) for (k, _, name), (t, _) in timed.items() if k == number}
             begin_s = common_span(spans, experiment.paths[number - 1])[0] if len(spans) > 1 else None
             gridded = on_grid(time_s, gridded, rate_hz, log, begin_s)
             first_s = float(time_s[0]) if begin_s is None else begin_s

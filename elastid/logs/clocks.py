@@ -106,7 +106,7 @@ def stamp_size(t: FloatArray, rate_hz: float) -> tuple[str, float]:
 def channel_rates(log: Log) -> list[tuple[str, str, float]]:
     """Name, unit and sample time in ms of each channel of a log with several sample times; empty for others.
 
-    Channels with stamps of their own have several where two channels with a quantity have different stamps.
+    For logs with several time channels: empty if one of them belongs to all drives and motions.
     """
     if isinstance(log, TextLog):
         units = log.units or [""] * log.n_columns
@@ -115,13 +115,17 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
     rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in signals if a.rate_hz]
     stamped = [(n, a) for n, a in signals if a.time and guess_by_name(n, None, a.units).quantity in (*MOTIONS, *DRIVES)]
     if times := {a.time: stamps_of(log, a.time)[0] for _, a in stamped}:
-        steps_ms = {name: float(f"{1e3 / rate_of(t):.3g}") for name, t in times.items() if len(t) > MIN_SAMPLES}
+        steps_ms = {
+            name: float(f"{1e3 / rate_of(t):.3g}")
+            for name, t in times.items()
+            if len(t) > MIN_SAMPLES and np.ptp(t) > 0
+        }
         rates = [(n, a.units, steps_ms[a.time]) for n, a in stamped if a.time in steps_ms]
         return rates if len(steps_ms) > 1 else []
     return rates if len({ms for *_, ms in rates}) > 1 else []
 
 
-def slowest_ms(channels: Sequence[tuple[str, str, float]]) -> float:
+def common_step_ms(channels: Sequence[tuple[str, str, float]]) -> float:
     """Return the sample time at which there are a drive and a motion, or of the slowest channel if one is absent."""
     quantities = [(guess_by_name(name, None, unit).quantity, ms) for name, unit, ms in channels]
     fastest = [min((ms for name, ms in quantities if name in kinds), default=0.0) for kinds in (DRIVES, MOTIONS)]
@@ -153,7 +157,7 @@ def clock_of(log: Log) -> Clock:
     """
     stamps, shapes = set[str](), log.shapes()
     if channels := channel_rates(log):
-        slowest = slowest_ms(channels)
+        slowest = common_step_ms(channels)
         stamps = {log.arrays[name].time for name, _, ms in channels if name in log.arrays and ms <= slowest} - {""}
         if len(stamps) != 1:
             rate_hz = float(f"{1e3 / slowest:.6g}")

@@ -11,7 +11,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
 from elastid.logs.channel_names import DRIVES, STANDARD_GRAVITY, ChannelGuess, guess_by_name
-from elastid.logs.clocks import MIN_SAMPLES, channel_rates, common_span, slowest_ms, stamps_of
+from elastid.logs.clocks import MIN_SAMPLES, channel_rates, common_span, common_step_ms, stamps_of
 from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.repair import Log as RepairLog
@@ -94,8 +94,8 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
 def _resample_to_slowest(
     log: Log, channels: Sequence[tuple[str, str, float]], most: int
 ) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Interpolate the signals that have a quantity at the times of the slowest one; DataError if these begin later."""
-    slowest, result = slowest_ms(channels), []
+    """Interpolate the signals that have a quantity at the times of the slowest one; DataError without a common time."""
+    slowest, result = common_step_ms(channels), []
     for name, unit, ms in channels:
         shape, rate_hz = log.shapes()[name], None if ms == slowest else float(f"{1e3 / ms:.6g}")
         for column in range(1, 1 + min(shape)) if len(shape) > 1 else (None,):

@@ -127,8 +127,8 @@ def read_channels(
         return log.values(channels, span)
 
 
-def stamp_names(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> list[str]:
-    """Return the signal with the time stamps of each channel, empty if a format states none."""
+def time_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> list[str]:
+    """Return the name of the time channel of each channel, empty if a format states none."""
     if _format_of(path) == FORMATS[-1]:  # a text has none
         return [""] * len(channels)
     with opened_log(path, text) as log:

@@ -46,7 +46,7 @@ class _Topic:
 
     @cached_property
     def first(self) -> tuple[int, Any] | None:
-        """Stamp in ns and first message; None of a topic without messages or of a type that is not known."""
+        """Stamp in ns and first message; None if the topic has no messages or an unknown type."""
         return next(self._messages(), None) if self.is_known else None
 
     def arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:

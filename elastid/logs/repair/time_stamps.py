@@ -86,8 +86,8 @@ def on_grid(
 ) -> FloatArray:
     """Bring signals (n, c) to rate_hz from the first stamp on, with rows of NaN for gaps of the stamps (n,).
 
-    Stamps on an even grid at rate_hz, but for clocks that differ as quartzes do, change no sample. begin_s: time at
-    which signals with other stamps begin, too; their grids must then agree to the end.
+    Samples on an even grid at rate_hz, within the tolerance of quartz clocks, are returned unchanged. begin_s: common
+    start of all clocks of a file; the error of the grid must then stay small up to the last sample.
     Rows in another order than their stamps are sorted.  A clock that was set back leaves a gap of unknown length.
     Raises DataError where stamps are missing, where many fall, and where long steps leave too little of the band.
     """
@@ -161,7 +161,7 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
     log.report(SET_BACK, len(falls), f"the time falls at {place}, as after a clock was set back; treated as a gap")
     rises = np.diff(time_s, prepend=time_s[0])
     rises[falls + 1] = gap_s
-    return np.cumsum(rises), signals
+    return time_s[0] + np.cumsum(rises), signals
 
 
 def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, float] | None:
@@ -192,6 +192,9 @@ def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
     """Resample signals from instants (n,) in s, the first of which is 0."""
     steps_s, steps = np.diff(time_s), describe_steps(time_s)
+    if not np.median(steps_s) > 0:
+        text = f"{int((steps_s <= 0).sum())} of {len(time_s)} rows have the time of the row before"
+        raise log.error("records/clock", f"{text}. Log each sample once")
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     knot_steps = np.delete(steps_s, gaps)
     row = min(8, len(knot_steps))  # steps, whose mean no knots are closer than
