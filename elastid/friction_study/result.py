@@ -124,7 +124,7 @@ class JointFriction:
 
     @property
     def is_unrelated(self) -> bool:
-        """True if no inertia, gravity or friction is significant, and most of the torque of the motion is unexplained."""
+        """True if no inertia, gravity or friction is significant, and most torque of the motion is unexplained."""
         rows = (row for row in self.numbers if row.symbol not in ("o", "g", "T", "T_d"))
         is_unexplained = self.motion is not None and self.motion.regression.relative_error > 0.5
         return is_unexplained and not any(row.low * row.high > 0 for row in rows)

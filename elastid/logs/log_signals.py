@@ -106,6 +106,8 @@ def _resample_to_slowest(
                 stamps = log.time_of(spec)
                 t_ms = 1e3 * stamps_of(log, stamps)[0] if stamps else ms * np.arange(len(whole))
                 result.append((replace(guess, rate_hz=rate_hz), t_ms[: len(whole)], whole[: len(t_ms)]))
+    if not result:
+        return []
     spans = {guess.name: (1e-3 * t[0], 1e-3 * t[-1]) for guess, t, _ in result}
     begin, end = common_span(spans, getattr(log, "path", ""))
     at = np.arange(1e3 * begin, 1e3 * end + slowest / 2, slowest)
