@@ -124,10 +124,14 @@ class JointFriction:
 
     @property
     def is_unrelated(self) -> bool:
-        """True if no inertia, gravity or friction is significant, and most torque of the motion is unexplained."""
-        rows = (row for row in self.numbers if row.symbol not in ("o", "g", "T", "T_d"))
-        is_unexplained = self.motion is not None and self.motion.regression.relative_error > 0.5
-        return is_unexplained and not any(row.low * row.high > 0 for row in rows)
+        """True if most torque of the motion is unexplained, and no parameter of the joint is significant (3 std).
+
+        Negative inertia and friction are not significant: chance gives either sign.
+        """
+        if self.motion is None or self.motion.regression.relative_error**2 < 0.5:
+            return False
+        rows = [row for row in self.numbers if row.symbol not in ("o", "g", "T", "T_d")]
+        return not any((abs(row.value) if row.symbol in ("G", "H") else row.value) > 3 * row.std for row in rows)
 
     @property
     def missing(self) -> tuple[UnidentifiedTerm, ...]:

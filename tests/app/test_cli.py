@@ -28,7 +28,9 @@ def chatter(item: object) -> str:
     return str(item)
 
 
-def test_a_library_does_not_write_on_the_terminal_of_a_command(monkeypatch, capfd):
+def test_a_library_does_not_write_on_the_terminal_of_a_command(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     """Of a command that keeps no log; afterwards Python is as it was."""
     monkeypatch.setattr("elastid.app.inspection.described", chatter)
     with warnings.catch_warnings():
@@ -54,7 +56,7 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_demo_is_a_study_of_ones_own_and_one_call(here, monkeypatch):
+def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In runs/demo, to copy and edit; edits are kept."""
     run_all = create_autospec(running.run_all)
     monkeypatch.setattr(running, "run_all", run_all)
@@ -67,7 +69,7 @@ def test_demo_is_a_study_of_ones_own_and_one_call(here, monkeypatch):
     assert study.read_text().startswith("# mine")
 
 
-def test_new_does_not_touch_what_is_there(here, capsys):
+def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2 and a word."""
     (here / "mine").mkdir()
     (here / "mine" / "study.yml").write_text("precious")
@@ -76,7 +78,7 @@ def test_new_does_not_touch_what_is_there(here, capsys):
     assert tree(here) == {"mine/study.yml": b"precious"}
 
 
-def test_check_lists_all_errors_and_writes_nothing(tiny, here, capsys):
+def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2; one line each on stderr."""
     tiny.write_text(tiny.read_text().replace("rate_hz", "rate_hs"))
     assert cli.run_command(["check", str(tiny)]) == 2
@@ -86,7 +88,7 @@ def test_check_lists_all_errors_and_writes_nothing(tiny, here, capsys):
     assert tree(here) == {}
 
 
-def test_a_run_writes_nowhere_else(tiny, here, capsys):
+def test_a_run_writes_nowhere_else(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Results in runs/tiny alone; inspect reads them."""
     study_folder = tree(tiny.parent)
     assert cli.run_command(["run", str(tiny), "--jobs", "1"]) == 0
@@ -114,7 +116,9 @@ def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options
 
 
 @pytest.mark.parametrize("override", ["fit.strats=1", f"fit{'.a' * 2000}=1", "robot=nope.yml"])
-def test_a_wrong_study_ends_before_anything_is_written(tiny, here, capsys, override):
+def test_a_wrong_study_ends_before_anything_is_written(
+    tiny: Path, here: Path, capsys: pytest.CaptureFixture[str], override: str
+) -> None:
     """Exit code 2, no run folder."""
     refused(tiny, 2, capsys, "--set", override)
     assert tree(here) == {}
@@ -136,14 +140,14 @@ def test_usage_errors_and_missing_files_end_with_code_2(arguments, here, capsys)
     assert "Traceback" not in err
 
 
-def test_signs_that_a_terminal_lacks_are_letters():
+def test_signs_that_a_terminal_lacks_are_letters() -> None:
     """One after the other; no letter is lost."""
     codecs.register_error("letters", cli._in_ascii)
     assert "5±2 µm at 3°".encode("ascii", "letters") == b"5+-2 um at 3deg"
 
 
 @pytest.mark.slow
-def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny, here):
+def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny: Path, here: Path) -> None:
     """Signs are written in letters, and the figures are drawn."""
     strange = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "module://nowhere.inline"}
     command = [sys.executable, "-m", "elastid", "run", str(tiny), "--png", "--jobs", "1", "--run", "2±1"]
@@ -153,7 +157,9 @@ def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(t
     assert list(here.glob("*/figures/*.png"))
 
 
-def test_a_full_disk_is_one_sentence(tiny, here, monkeypatch, capsys):
+def test_a_full_disk_is_one_sentence(
+    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Nothing half-written stays."""
 
     def full(*_: object) -> None:
@@ -194,7 +200,9 @@ def driven(stage: str, number: int, study: Path, folder: str = "runs/tiny") -> s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill -9"])
-def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(tiny, here, number):
+def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
+    tiny: Path, here: Path, number: signal.Signals
+) -> None:
     """Each time what was finished is kept, and the next run goes on; the results are the same to the bit."""
     code = 130 if number == signal.SIGINT else -9
     leaves = {name: stage.leaves[0] for name, stage in stages_of(SIMULATED).items()}
@@ -219,7 +227,7 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(tiny, h
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("module", ["elastid.app.cli", "click"])
-def test_a_signal_before_anything_is_loaded_has_no_traceback(module, number):
+def test_a_signal_before_anything_is_loaded_has_no_traceback(module: str, number: signal.Signals) -> None:
     """As long as the command line itself is being imported, even where an import makes another error of Ctrl-C."""
     code = f"""
 import runpy, signal, sys
@@ -239,7 +247,7 @@ runpy.run_module("elastid", run_name="__main__")
 
 
 @pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_is_raised_again_where_it_was_swallowed():
+def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
 
     def swallowing() -> None:
@@ -255,7 +263,9 @@ def test_ctrl_c_is_raised_again_where_it_was_swallowed():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(tiny, here, monkeypatch, capsys):
+def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
+    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """CasADi makes a RuntimeError of it, or returns None where an array was expected."""
 
     def disguised(*_: object) -> None:
@@ -270,7 +280,7 @@ def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(tiny, here
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for processes")
-def test_the_workers_of_a_killed_run_end(tiny, here):
+def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
     """kill -9 of the parent leaves no process behind that waits for work for ever."""
     code = "from elastid.base.execution import Execution; import time; Execution(2).ordered(time.sleep, [60.0, 60.0])"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -306,7 +316,7 @@ def _descendants(pid: int) -> list[int]:
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ImportError("failed to map segment from shared object")])
-def test_exhausted_memory_is_named_with_a_code(error, capsys):
+def test_exhausted_memory_is_named_with_a_code(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
     """An allocator gives no text, and a library that finds no room an import error."""
     assert cli.explained(error) == 2
     text = capsys.readouterr().err

@@ -1,6 +1,7 @@
 """elastid compare: the model that made the responses wins, what the data do not need is said to be not needed."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ def found(run: Run) -> dict:
 
 
 @pytest.mark.slow
-def test_the_model_that_made_the_responses_predicts_best(study):
+def test_the_model_that_made_the_responses_predicts_best(study: Path) -> None:
     """Motor coupling at a ratio of 5 and two elastic joints: each that is left out shows on left-out configurations."""
     run = measured(study, load(study).study.robot, seed=0)
     compare(run)
@@ -37,7 +38,7 @@ def test_the_model_that_made_the_responses_predicts_best(study):
 
 
 @pytest.mark.slow
-def test_another_study_is_fitted_to_the_responses_of_the_first(study):
+def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> None:
     """Its robot, under the weights and the criterion of the first; the first alone brings no variants then."""
     run = measured(study, load(study).study.robot)
     other = study.with_name("other.yml")
@@ -57,13 +58,13 @@ def test_another_study_is_fitted_to_the_responses_of_the_first(study):
         ("[{name: x}, {name: x}]", "x"),
     ],
 )
-def test_variants_that_cannot_be_are_refused(study, option, holds):
+def test_variants_that_cannot_be_are_refused(study: Path, option: str, holds: str) -> None:
     """With the variant's name and what is wrong with it."""
     with refused("compare/variants", "study/invalid", holds=("compare.variants", holds)):
         list(variants(load(study, (f"compare.variants={option}",))))
 
 
-def test_a_model_without_variants_is_refused(tiny):
+def test_a_model_without_variants_is_refused(tiny: Path) -> None:
     run = run_of(tiny, tiny.parent / "run")
     run_all(run, ("design", "measure", "estimate"))
     with refused("compare/variants", place="study.yml"):
@@ -71,7 +72,7 @@ def test_a_model_without_variants_is_refused(tiny):
 
 
 @pytest.mark.slow
-def test_the_report_shows_the_comparison(finished, tmp_path):
+def test_the_report_shows_the_comparison(finished: Path, tmp_path: Path) -> None:
     """Once compared, the page has the table, and is current; other responses make it go."""
     shutil.copytree(finished / "run", tmp_path, dirs_exist_ok=True)
     option = 'compare.variants=[{name: heavy load, set: ["robot.bodies.0.inertia=1.3e-3"]}]'

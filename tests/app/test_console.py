@@ -1,17 +1,21 @@
 """Output of a run."""
 
+import pytest
+
 from elastid.app import console
 from elastid.app.console import Console
 
 
-def test_a_warning_is_printed_once(capsys):
+def test_a_warning_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
     quiet = Console(-1)
     for text in ("first", "second", "first"):
         quiet.warn(text)
     assert capsys.readouterr().err.splitlines() == ["warning: first", "warning: second"]
 
 
-def test_no_time_is_estimated_before_three_units_are_done(monkeypatch, capsys):
+def test_no_time_is_estimated_before_three_units_are_done(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(console, "INTERVAL_S", -1.0)
     with Console().progress("fit") as progress:
         for done in range(6):

@@ -131,7 +131,7 @@ def check_statements(text: str, case: Case) -> None:
 
 
 @pytest.mark.parametrize("examples", [12, pytest.param(300, marks=pytest.mark.slow)])
-def test_new_writes_studies_that_check_accepts(examples, tmp_path_factory):
+def test_new_writes_studies_that_check_accepts(examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     """A study that is accepted, or a refusal."""
 
     @settings(max_examples=examples, deadline=None)

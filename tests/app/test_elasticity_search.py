@@ -1,6 +1,7 @@
 """elastid compare --search: elastic joints are found, rigid ones stay rigid."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ FIT = "fit.starts=1", "fit.parameters.k_1x={start: 1e6, bounds: [1e3, 1e10]}"
 
 
 @pytest.mark.slow
-def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study):
+def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path) -> None:
     """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
     run = measured(study, load(study, (STIFF,)).study.robot, *FIT, seed=0)
     search_elasticity(run)
@@ -56,7 +57,7 @@ compare: {folds: 2}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal")])
-def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path, seed, formulation):
+def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
     """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
 
     Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.
@@ -80,7 +81,7 @@ def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path, seed, for
             assert abs(trial["after"] - trial["before"]) < 0.2
 
 
-def test_a_search_that_cannot_be_is_refused(study):
+def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
     """Nothing to judge by, nothing to identify where the search begins, nothing to search among."""
     run = measured(study, load(study).study.robot, "experiment.configurations={a: [0, 0.2]}")
     with refused("compare/variants", place="study.yml"):

@@ -35,7 +35,7 @@ def installed_target(tmp_path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("tag", MODULES)
-def test_row_writes_from_the_values_that_it_needs(tag):
+def test_row_writes_from_the_values_that_it_needs(tag: str) -> None:
     rows = targets(tag)
     assert rows
     for row in rows:
@@ -44,13 +44,13 @@ def test_row_writes_from_the_values_that_it_needs(tag):
         assert row.content
 
 
-def test_explain_lists_targets_of_other_packages(installed_target, capsys):
+def test_explain_lists_targets_of_other_packages(installed_target: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert tags() == (*MODULES, "stiffness")
     assert run_command(["explain", "export.stiffness"]) == 0
     assert "Parameters as text" in capsys.readouterr().out
 
 
-def test_target_of_a_wrong_type_is_refused_with_its_package(installed_target, tmp_path):
+def test_target_of_a_wrong_type_is_refused_with_its_package(installed_target: None, tmp_path: Path) -> None:
     (tmp_path / "stiffness_target.py").write_text("TARGET = 3")
     sys.modules.pop("stiffness_target", None)
     importlib.invalidate_caches()
@@ -59,13 +59,15 @@ def test_target_of_a_wrong_type_is_refused_with_its_package(installed_target, tm
     sys.modules.pop("stiffness_target", None)
 
 
-def test_old_tag_is_answered_with_the_new_one(tiny, capsys):
+def test_old_tag_is_answered_with_the_new_one(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(["export", str(tiny), "--to", "draws"]) == 2
     assert "renamed to samples" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(tiny, tmp_path, installed_target, capsys):
+def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
+    tiny: Path, tmp_path: Path, installed_target: None, capsys: pytest.CaptureFixture[str]
+) -> None:
     run = tmp_path / "run"
     assert run_command(["export", str(tiny), "--to", "csv", "--run", str(run)]) == 2
     assert "estimate` first" in capsys.readouterr().err

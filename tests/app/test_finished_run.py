@@ -20,7 +20,7 @@ def done(tmp_path_factory) -> FinishedRun:
     return elastid.run(folder / "study.yml", folder / "run", set=KEYS, verbosity=-2)
 
 
-def test_a_run_gives_its_values(done):
+def test_a_run_gives_its_values(done: FinishedRun) -> None:
     low, high = done.result["k_1"].interval
     assert low < 64.0 < high  # the truth of the template's logs
     response = done.responses["bench"]
@@ -32,7 +32,7 @@ def test_a_run_gives_its_values(done):
     assert {row.name for row in elastid.compare(done).rows} == {"recorded", "undamped"}
 
 
-def test_other_numbers_are_those_of_another_robot(done):
+def test_other_numbers_are_those_of_another_robot(done: FinishedRun) -> None:
     """The modes of a result with another spring are those of two inertias with it, motor free."""
     result = done.result
     other = result.with_parameters(k_1=50.0, fm_1=1e-9, d_1=1e-9)

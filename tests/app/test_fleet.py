@@ -63,7 +63,9 @@ def finished(tmp_path_factory, tiny_texts) -> tuple[Path, Path]:
 
 
 @pytest.mark.slow
-def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(finished, capsys):
+def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
+    finished: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     """By name on page and terminal; the table is the same, whatever --jobs says and although a worker was killed.
 
     A bit of the table that flipped is reported, and made right.
@@ -92,7 +94,9 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(finished, capsys)
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
-def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(finished, tmp_path):
+def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
+    finished: tuple[Path, Path], tmp_path: Path
+) -> None:
     """Two workers for three members that are left; table, page and summaries are those of processes."""
     distributed = pytest.importorskip("distributed", reason="Dask is not installed (extra dask)")
     path, folder = finished
@@ -111,7 +115,9 @@ def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(finished, tm
 
 
 @pytest.mark.slow
-def test_members_that_fail_are_named_and_the_others_go_on(finished, tmp_path, capsys):
+def test_members_that_fail_are_named_and_the_others_go_on(
+    finished: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Exit code 1 and its reason for one that cannot be written, 3 for a misfit, neither compared with the others."""
     path, folder = finished
     shutil.copytree(folder / "members", tmp_path / "members")
@@ -134,7 +140,7 @@ def test_members_that_fail_are_named_and_the_others_go_on(finished, tmp_path, ca
     assert ("r0", "2026-07-31") not in {(row["robot"], row["date"]) for row in table}
 
 
-def test_a_fleet_says_what_is_wrong_with_it(tiny, capsys):
+def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """File and line: a date that is none, a missing study, two sources of members, a key that no study has."""
     path = tiny.parent / "fleet.yml"
     member = "members: [{robot: a, date: 2026-13-01}]"
@@ -151,7 +157,7 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny, capsys):
         assert words in said, said
 
 
-def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path):
+def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:
     """Each number that was seen once, those of the fit from there, a bound as 0; and no stiffness of a range."""
     seen = {"value": 20.0, "std": 0.1, "interval95": [19.8, 20.2], "unit": "N*m"}
     numbers = {
@@ -173,7 +179,7 @@ def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path):
     assert MEANINGS["Fb", True] == "running torque behind the gear grows"
 
 
-def test_lost_motion_that_opens_after_it_was_not_seen_is_named():
+def test_lost_motion_that_opens_after_it_was_not_seen_is_named() -> None:
     """Of one robot of three, from below its bound; what no robot shows at any date is no parameter."""
     days, bound = ("2026-01-01", "2026-07-01", "2027-01-01"), {"low": 0.0, "high": 1e-5}
     rows = [

@@ -37,7 +37,7 @@ def run(study: Path, *stages: str) -> Run:
 
 
 @pytest.mark.slow
-def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path, capsys):
+def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Coulomb and viscous friction within 2 %; six speeds there and back in one log."""
     write(tmp_path, trapezoids(SPEEDS))
     study = write_study(tmp_path, thermometer=THERMOMETER_LINE)
@@ -64,7 +64,9 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path, capsys):
         ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),
     ],
 )
-def test_studies_that_cannot_work_are_refused_before_a_log_is_read(keys, words, tmp_path):
+def test_studies_that_cannot_work_are_refused_before_a_log_is_read(
+    keys: dict[str, str], words: str, tmp_path: Path
+) -> None:
     write(tmp_path, trapezoids((0.5,)))
     with pytest.raises(StudyError) as error:
         load(write_study(tmp_path, **keys))

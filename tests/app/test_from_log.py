@@ -1,6 +1,7 @@
 """`elastid new DIR --from LOG` writes a study that is accepted and runs, every guess marked."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def motion(tmp_path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_motion_becomes_a_study_of_friction_that_runs(motion, tmp_path):
+def test_a_motion_becomes_a_study_of_friction_that_runs(motion: Path, tmp_path: Path) -> None:
     """Coulomb and viscous friction of both joints within 1 %."""
     folder = tmp_path / "new"
     new(tmp_path, motion)
@@ -79,7 +80,7 @@ def test_one_damaged_row_changes_neither_kind_nor_rate(motion, tmp_path, row):
     assert is_named or row in WRONG_CELLS or "#" in row
 
 
-def test_rows_that_run_backwards_in_time_are_refused(motion, tmp_path):
+def test_rows_that_run_backwards_in_time_are_refused(motion: Path, tmp_path: Path) -> None:
     """By `check`, too, of a study that was written for the log in its order."""
     new(tmp_path, motion)
     head, *rows = motion.read_text().splitlines()
@@ -90,7 +91,7 @@ def test_rows_that_run_backwards_in_time_are_refused(motion, tmp_path):
         load_with_logs(tmp_path / "new" / "study.yml")
 
 
-def test_a_log_whose_clock_was_set_back_is_one_of_friction(motion, tmp_path):
+def test_a_log_whose_clock_was_set_back_is_one_of_friction(motion: Path, tmp_path: Path) -> None:
     """Divided there, where the samples of the other part begin."""
     head, *rows = motion.read_text().splitlines()
     motion.write_text("\n".join([head, *rows[:1500], *rows[500:2000]]) + "\n")
@@ -102,14 +103,14 @@ def test_a_log_whose_clock_was_set_back_is_one_of_friction(motion, tmp_path):
     assert [len(record.position) for record in records.records if record.joint == "1"] == [1500, 1500]
 
 
-def test_a_log_of_one_row_is_too_short(motion, tmp_path):
+def test_a_log_of_one_row_is_too_short(motion: Path, tmp_path: Path) -> None:
     """Its delimiter is right."""
     motion.write_text("\n".join(motion.read_text().splitlines()[:2]) + "\n")
     with refused("records/values"):
         texts_from_logs(tmp_path / "new", [motion])
 
 
-def test_hammer_tests_without_force_are_refused(tmp_path):
+def test_hammer_tests_without_force_are_refused(tmp_path: Path) -> None:
     """Two accelerometers alone; with the hammer's column the same log becomes a study."""
     a = np.random.default_rng(0).normal(size=(400, 3))
     columns = "a1 (m/s^2),a2 (g),Impact (N)"
@@ -119,7 +120,7 @@ def test_hammer_tests_without_force_are_refused(tmp_path):
     assert "# Not used" not in (tmp_path / "s3" / "study.yml").read_text()
 
 
-def test_a_path_that_is_none_and_robots_among_logs_are_refused(motion, tmp_path):
+def test_a_path_that_is_none_and_robots_among_logs_are_refused(motion: Path, tmp_path: Path) -> None:
     for paths in ((motion, "lost.csv"), ("arm.urdf", "other.xml", motion)):
         wanted = [str(tmp_path / path) for path in paths]
         assert cli.run_command(["new", str(tmp_path / "new"), "--from", *wanted]) in (1, 2)
@@ -127,7 +128,7 @@ def test_a_path_that_is_none_and_robots_among_logs_are_refused(motion, tmp_path)
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_real_logs_become_studies_that_check_accepts(name, tmp_path):
+def test_real_logs_become_studies_that_check_accepts(name: str, tmp_path: Path) -> None:
     kind, motion, line = REAL[name]
     study = new(tmp_path, measured(name))
     assert line in (tmp_path / "new" / "study.yml").read_text()
@@ -152,7 +153,7 @@ def logged(path: Path, names: tuple[str, ...], angles: tuple[float, ...], units:
 @pytest.mark.parametrize(
     ("suffix", "units"), [("urdf", ""), pytest.param("xml", " [deg]", marks=pytest.mark.oracle("mujoco"))]
 )
-def test_logs_are_at_the_motors_that_they_name(suffix, units, tmp_path):
+def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path: Path) -> None:
     """In any order of the columns; the means of the angles are the configurations, in rad."""
     joints = {"urdf": ("shoulder", "elbow"), "xml": ("x", "turn", "lift")}[suffix]
     robot = tmp_path / f"arm.{suffix}"
@@ -175,7 +176,9 @@ def test_logs_are_at_the_motors_that_they_name(suffix, units, tmp_path):
 
 
 @pytest.mark.parametrize(("drive", "gear", "sides"), [("tau", 100, {"motor"}), ("current", 1, {"motor", "link"})])
-def test_sides_of_the_gears_are_those_of_angles_within_limits_and_of_currents(drive, gear, sides, tmp_path):
+def test_sides_of_the_gears_are_those_of_angles_within_limits_and_of_currents(
+    drive: str, gear: int, sides: set[str], tmp_path: Path
+) -> None:
     """Motors at 100 times the angles, in degrees as stated; currents act before gears whose angles are behind them."""
     (tmp_path / "arm.urdf").write_text(ARM)
     log = logged(tmp_path / "log.csv", ("shoulder", "elbow"), (0.2 * gear, -0.3 * gear), " [deg]", drive)
@@ -186,7 +189,7 @@ def test_sides_of_the_gears_are_those_of_angles_within_limits_and_of_currents(dr
     np.testing.assert_allclose(study.experiment.configurations["bench"], [0.2, -0.3], atol=1e-3)
 
 
-def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp_path):
+def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp_path: Path) -> None:
     """A torque that repeats, two angles, a current, and a column that does not change."""
     u = np.tile(np.random.default_rng(0).standard_normal(1000), 4)
     columns = {"torque": u, "motor_angle": 0.1 * u, "load_angle": 0.2 * u, "current": u, "state": 0 * u}
@@ -208,7 +211,7 @@ def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp
     ],
     ids=["s", "ms", "gap", "filetime", "rate"],
 )
-def test_the_rate_is_that_of_the_clock_of_a_log(clock, time, tmp_path):
+def test_the_rate_is_that_of_the_clock_of_a_log(clock: dict[str, Any], time: str, tmp_path: Path) -> None:
     """Wherever it begins and whatever its unit; stamps of an even one need not be read."""
     signals = {name: np.random.default_rng(0).standard_normal(400) for name in ("torque_1", "acc_1")}
     savemat(tmp_path / "log.mat", {**clock, **signals})
@@ -217,7 +220,7 @@ def test_the_rate_is_that_of_the_clock_of_a_log(clock, time, tmp_path):
     assert [c.channel for c in recorded.channels] == ["torque_1", "acc_1"]
 
 
-def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path):
+def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path: Path) -> None:
     """The signs of orthogonal experiments, on a carrier that is most of the second drive: `run` would refuse them."""
     t, lines, rng = np.arange(1500) / 500, np.arange(7, 100, 4), np.random.default_rng(0)
     phases, logs = rng.uniform(0, 2 * np.pi, (2, len(lines))), []
@@ -230,7 +233,7 @@ def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path
     assert [file.realisation for file in recorded.files] == [0, 1]
 
 
-def test_a_hit_at_the_tool_is_a_study_of_responses_at_a_frame(tmp_path):
+def test_a_hit_at_the_tool_is_a_study_of_responses_at_a_frame(tmp_path: Path) -> None:
     """A force of zero between hits at a robot of three motors: not clipped; its response enters the robot's study."""
     robot, rng, n = tmp_path / "arm.urdf", np.random.default_rng(0), 8000
     robot.write_text(ARM)
@@ -262,7 +265,7 @@ MAKES = {
 
 
 @pytest.mark.parametrize("make", MAKES)
-def test_logs_of_makes_have_references_and_runs_of_their_names(make, tmp_path):
+def test_logs_of_makes_have_references_and_runs_of_their_names(make: str, tmp_path: Path) -> None:
     """Degrees by the limits of the robot; files named p1-r0-e1; the robot as elastid writes it."""
     (tmp_path / "arm.urdf").write_text(ARM)
     assert cli.run_command(["new", str(tmp_path / "robot"), "--from", str(tmp_path / "arm.urdf")]) == 0
@@ -289,7 +292,7 @@ def commands() -> tuple[np.ndarray, np.ndarray]:
     return t, np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
 
 
-def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path):
+def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path: Path) -> None:
     """Gains of each joint are those of the log; the study is accepted as it is, but not as one of elasticity."""
     t, command = commands()
     arrays = {"time_s": t, "position_rad": 0.9 * command, "velocity_rad_s": np.gradient(command, 0.005, axis=0)}
@@ -309,7 +312,7 @@ def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path)
 
 
 @pytest.mark.parametrize(("size", "unit"), [(1.0, "rad"), (180 / np.pi, "deg")])
-def test_commanded_positions_without_units_have_the_unit_of_their_range(size, unit, tmp_path):
+def test_commanded_positions_without_units_have_the_unit_of_their_range(size: float, unit: str, tmp_path: Path) -> None:
     """Text without gains: a study that is accepted, in degrees if a joint covers more than four turns in rad."""
     t, command = commands()
     log = save(tmp_path / "log.csv", "time_s,q_cmd_1,q_cmd_2,q_1,q_2", t, size * command, 0.9 * size * command)
@@ -318,7 +321,7 @@ def test_commanded_positions_without_units_have_the_unit_of_their_range(size, un
 
 
 @pytest.mark.parametrize("late", [0, 20])
-def test_columns_named_command_that_a_position_follows_are_commands_and_no_torques(late, tmp_path):
+def test_columns_named_command_that_a_position_follows_are_commands_and_no_torques(late: int, tmp_path: Path) -> None:
     """By the names of the joints in any order, without a quantity or a unit in the name; 0 or 20 samples late."""
     t, command = commands()
     heads = "time,knee_command,hip_command,hip_position,knee_position"
@@ -332,7 +335,7 @@ def test_columns_named_command_that_a_position_follows_are_commands_and_no_torqu
 
 
 @pytest.mark.parametrize("kp", [[20.0, 40.0, 60.0], [0.0, 40.0], [[20.0, 40.0]] * 599 + [[20.0, 41.0]]])
-def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp, tmp_path):
+def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp: list, tmp_path: Path) -> None:
     """The study is accepted, with gains to enter."""
     t, command = commands()
     np.savez(tmp_path / "log.npz", time_s=t, command_rad=command, position_rad=0.9 * command, kp=np.array(kp), kd=1.0)
@@ -340,7 +343,7 @@ def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp, tmp_path):
     assert (controller.position_gain, controller.velocity_gain) == ((1.0, 1.0), (1.0, 1.0))
 
 
-def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path):
+def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) -> None:
     """Not by the order of the columns."""
     robot = Robot(
         "leg", tuple(Body(f"{n} link", joints=(Joint(n, motor=Motor(1.0)),), mass=1) for n in ("hip", "knee"))
@@ -361,7 +364,7 @@ def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path):
         ({"command_rad": np.zeros((600, 1)), "position_rad": np.sin(np.arange(600.0))[:, None]}, []),
     ],
 )
-def test_logs_that_are_not_of_one_study_are_refused(change, numbers, tmp_path):
+def test_logs_that_are_not_of_one_study_are_refused(change: dict, numbers: list[str], tmp_path: Path) -> None:
     """Of two controllers, two rates, other joints: where the log is, and the numbers of both; gains as a series."""
     t, command = commands()
     arrays = {"time_s": t, "command_rad": command, "position_rad": 0.9 * command, "kp": np.full((600, 2), 20.0)}
@@ -373,7 +376,7 @@ def test_logs_that_are_not_of_one_study_are_refused(change, numbers, tmp_path):
         texts_from_logs(tmp_path / "new", [tmp_path / "a.npz", tmp_path / "b.npz"])
 
 
-def test_commands_without_time_are_refused(tmp_path):
+def test_commands_without_time_are_refused(tmp_path: Path) -> None:
     """Inertia and delay refer to it; a rate in the file is enough."""
     command = np.sin(np.arange(600.0) / 100)[:, None]
     arrays = {"command_rad": command, "position_rad": 0.9 * command, "kp": 20.0, "kd": 1.0}
@@ -414,7 +417,7 @@ PROPERTIES = {
 }  # fmt: skip
 
 
-def test_channels_of_a_scope_with_their_own_sample_times_are_in_step(tmp_path):
+def test_channels_of_a_scope_with_their_own_sample_times_are_in_step(tmp_path: Path) -> None:
     """Response within 0.1 % up to 50 Hz; channels that begin at different times are refused."""
     freq, G = scope_export(tmp_path / "scope.csv")
     study = new(tmp_path, tmp_path / "scope.csv")
@@ -431,7 +434,7 @@ def test_channels_of_a_scope_with_their_own_sample_times_are_in_step(tmp_path):
 
 
 @pytest.mark.parametrize("file", ["raw_data_x.csv", "resonances_x.csv"])
-def test_accelerations_or_spectra_alone_are_refused(file, tmp_path):
+def test_accelerations_or_spectra_alone_are_refused(file: str, tmp_path: Path) -> None:
     """Files of a printer's firmware: an accelerometer in mm/s^2, and power spectral densities."""
     rng, names = np.random.default_rng(0), ["#time,accel_x,accel_y,accel_z", "freq,psd_x,psd_y,psd_z,psd_xyz"]
     head = names["resonances" in file]
@@ -441,7 +444,9 @@ def test_accelerations_or_spectra_alone_are_refused(file, tmp_path):
 
 
 @pytest.mark.parametrize(("size", "unit", "scale"), [(9806.65, "mm/s^2", 1), (1.0, "m/s^2", 9.80665), (0, "m/s^2", 1)])
-def test_force_and_accelerometer_in_two_files_are_one_measurement(size, unit, scale, tmp_path):
+def test_force_and_accelerometer_in_two_files_are_one_measurement(
+    size: float, unit: str, scale: float, tmp_path: Path
+) -> None:
     """The unit of three axes by gravity; the file of the force first, whatever the order."""
     rng, t = np.random.default_rng(0), np.arange(3000) / 3000
     force = 300 * np.exp(-0.5 * ((t - 0.3) / 1e-3) ** 2)
@@ -457,7 +462,9 @@ def test_force_and_accelerometer_in_two_files_are_one_measurement(size, unit, sc
 
 
 @pytest.mark.parametrize(("first", "second"), [("j1", "j2"), ("Joint_1", "Joint_2")])  # the latter alone: a position
-def test_files_with_the_same_headings_are_one_measurement_by_their_names(first, second, motion, tmp_path):
+def test_files_with_the_same_headings_are_one_measurement_by_their_names(
+    first: str, second: str, motion: Path, tmp_path: Path
+) -> None:
     """Torques and positions as joint_effort and joint_position."""
     rows = np.loadtxt(motion, delimiter=";", skiprows=1)
     for name, columns in (("joint_position", [0, 2, 4]), ("joint_effort", [0, 1, 3])):

@@ -1,5 +1,7 @@
 """Robots of MJCF files: against MuJoCo's own dynamics, and files that are refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plants.mjcf_arm import ARM
@@ -20,7 +22,7 @@ pytestmark = pytest.mark.oracle
 ASSET, MESH = "<asset><mesh name='m' file='no.stl'/></asset>", "<geom type='mesh' mesh='m'/>"
 
 
-def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path):
+def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path: Path) -> None:
     fore = '<body name="fore">'
     stated = ARM.replace(fore, f'{fore}<inertial mass="2" pos="0 0 0.1" diaginertia="1 1 1"/>')
     robots = []
@@ -30,7 +32,7 @@ def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path):
     assert robots[0] == robots[1]
 
 
-def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp_path):
+def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp_path: Path) -> None:
     """A material of a site; a site with the name of the trunk; a gear of 0.05 beside controls; a spring undamped."""
     text = ARM.replace("<site", '<site name="trunk" material="red"/><site').replace('name="a"', 'name="a" gear="0.05"')
     trunk = '<worldbody><body name="trunk"><geom size=".1"/></body>'
@@ -45,7 +47,7 @@ def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp
     assert bend.spring.damping > 0
 
 
-def test_dynamics_are_those_of_mujoco(tmp_path):
+def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     """M and the torques of gravity and motion, armatures, spring and damping of the joints apart; places of a site."""
     path = tmp_path / "crane.xml"
     path.write_text(ARM)
@@ -75,7 +77,7 @@ def test_dynamics_are_those_of_mujoco(tmp_path):
     assert turn.ratio == -60.0
 
 
-def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque():
+def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque() -> None:
     """Beside the armature, before the gear; a force's range, a control's where it is a force, and the joint's own."""
     robot = compiled(ARM.replace('armature="12"', 'armature="12" damping="7.2" stiffness="5"'))
     x, turn, _ = robot.driven
@@ -87,7 +89,7 @@ def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque():
 
 
 @pytest.mark.parametrize("joint", ["", "<freejoint/>"])
-def test_a_pedestal_and_a_trunk_that_floats_are_the_base(joint):
+def test_a_pedestal_and_a_trunk_that_floats_are_the_base(joint: str) -> None:
     """A body called `base`, as most arms of public collections have, turned and moved, with a camera's stand on it."""
     stand = '<body name="stand" pos="0 0 1"><geom size=".1"/></body>' * (not joint)
     at = f'<worldbody><body name="base" pos="1 2 3" euler="90 0 0">{joint}<geom size=".1"/>{stand}'
@@ -121,7 +123,7 @@ def _takes_data() -> bool:
         (("</worldbody>", ""), "XML"),
     ],
 )
-def test_a_file_that_is_no_robot_is_refused(change, says, tmp_path):
+def test_a_file_that_is_no_robot_is_refused(change: tuple[str, str], says: str, tmp_path: Path) -> None:
     path = tmp_path / "crane.xml"
     path.write_text(ARM.replace(*change))
     with refused("robot/file", place="crane.xml", holds=says):

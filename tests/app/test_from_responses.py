@@ -1,5 +1,6 @@
 """`elastid new --from` of responses and iddata structs: containers of other programs become studies that run."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,9 @@ def estimated(folder: Path, *sources: Path) -> Response:
 
 
 @pytest.mark.parametrize("write", [idfrd, arrays, archive, parts, polar])
-def test_responses_in_any_container_become_a_study_with_the_same_numbers(write, tmp_path):
+def test_responses_in_any_container_become_a_study_with_the_same_numbers(
+    write: Callable[[Path], Path], tmp_path: Path
+) -> None:
     """Frequencies in Hz and G in SI, all elements that the file has."""
     response = estimated(tmp_path, write(tmp_path / "frf"))
     _, n_y, n_u = response.G.shape
@@ -89,7 +92,7 @@ def test_responses_in_any_container_become_a_study_with_the_same_numbers(write, 
     assert response.quantity == "acceleration"
 
 
-def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path):
+def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path: Path) -> None:
     """Positions by torques, without names or units: |G| falls by f^2; as many inputs as motors, or a refusal."""
     G = accelerations(2) / (2j * np.pi * FREQ[:, None, None]) ** 2
     savemat(tmp_path / "frf.mat", {"G": G, "f": FREQ})
@@ -103,7 +106,7 @@ def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path):
     assert cli.run_command(words) != 0
 
 
-def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path):
+def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path: Path) -> None:
     """OutputData, InputData and Ts; quantities and units of each column are in cells beside them."""
     t = np.arange(4000) / 500
     torque = np.tile(np.random.default_rng(0).standard_normal(1000), 4)
@@ -119,7 +122,7 @@ def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path):
 
 
 @pytest.mark.parametrize("time", ["time", "dates"])
-def test_complex_signals_of_a_log_are_no_responses(time, tmp_path):
+def test_complex_signals_of_a_log_are_no_responses(time: str, tmp_path: Path) -> None:
     """An array of as many samples as the time; times may be dates."""
     t = np.arange(1200) / 200
     stamps = t if time == "time" else np.datetime64("2024-01-01") + (5 * np.arange(1200)).astype("timedelta64[ms]")
@@ -131,7 +134,7 @@ def test_complex_signals_of_a_log_are_no_responses(time, tmp_path):
 
 
 @pytest.mark.parametrize(("value", "n_out"), [(0.0, 1), (np.nan, 1), (1e300, 1), (1e4, 1), (None, 0)])
-def test_one_wrong_line_of_a_response_is_discarded(value, n_out, tmp_path):
+def test_one_wrong_line_of_a_response_is_discarded(value: float | None, n_out: int, tmp_path: Path) -> None:
     """A mode between two lines is no wrong one, nor is an element without a response."""
     G = accelerations(1)
     G = np.concatenate([G, np.zeros_like(G[:, :1])], axis=1)

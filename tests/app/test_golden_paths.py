@@ -63,14 +63,14 @@ def taken(folder: Path, **keys: object) -> Record:
     return measured(folder, study_of("log.csv", **keys))
 
 
-def test_an_override_without_a_value_shows_one(tmp_path, capsys):
+def test_an_override_without_a_value_shows_one(tmp_path: Path, capsys: Capture) -> None:
     study = two_axes(tmp_path)
     code, text = said(capsys, "check", study, "--set", "fit.starts")
     assert code == 2
     assert said(capsys, "check", study, "--set", *pasted(r"--set (fit\.starts=\d+)", text))[0] == 0
 
 
-def test_logs_without_their_option_become_a_study_with_it(tmp_path, capsys):
+def test_logs_without_their_option_become_a_study_with_it(tmp_path: Path, capsys: Capture) -> None:
     logs = [str(tmp_path / f"{name}.csv") for name in "ab"]
     for path in logs:
         write_log(Path(path), trapezoids(SPEEDS), sliding_torque(trapezoids(SPEEDS)))
@@ -80,7 +80,7 @@ def test_logs_without_their_option_become_a_study_with_it(tmp_path, capsys):
     assert said(capsys, "new", str(tmp_path / "study"), option, logs[0], option, logs[1])[0] == 0
 
 
-def test_half_periods_are_stated_as_such(tmp_path):
+def test_half_periods_are_stated_as_such(tmp_path: Path) -> None:
     log(tmp_path, N, np.arange(1, 60, 2))
     text = refused(tmp_path, period_samples=N // 2)
     (period,) = pasted(r"period_samples: (\d+)", text)
@@ -88,7 +88,7 @@ def test_half_periods_are_stated_as_such(tmp_path):
     assert taken(tmp_path, period_samples=int(period), half_wave=True).period_samples == N
 
 
-def test_the_longest_piece_without_a_gap_is_taken(tmp_path):
+def test_the_longest_piece_without_a_gap_is_taken(tmp_path: Path) -> None:
     content = log(tmp_path, 4 * N, np.arange(1, 60))
     content["w2"][100:130] = np.nan
     save_csv(tmp_path / "log.csv", content)
@@ -98,7 +98,7 @@ def test_the_longest_piece_without_a_gap_is_taken(tmp_path):
     assert taken(tmp_path, **keys, files=files).n_samples == last - first
 
 
-def test_an_emergency_stop_is_left_out(tmp_path):
+def test_an_emergency_stop_is_left_out(tmp_path: Path) -> None:
     content = log(tmp_path, 2 * N, np.arange(1, 60))
     for x in content.values():
         x[300:] = x[300]
@@ -109,14 +109,14 @@ def test_an_emergency_stop_is_left_out(tmp_path):
     assert taken(tmp_path, period_samples=None, period="none", files=files).n_samples <= 301
 
 
-def test_another_delimiter_is_named(tmp_path):
+def test_another_delimiter_is_named(tmp_path: Path) -> None:
     log(tmp_path, 4 * N, np.arange(1, 60), delimiter=";", comma=True)
     delimiter, decimal = pasted(r"text: \{delimiter: '(.)', decimal: '(.)'", refused(tmp_path))
     assert taken(tmp_path, text=TextFormatSpec(delimiter=delimiter, decimal=decimal)).n_samples == 4 * N
 
 
 @pytest.mark.slow
-def test_a_late_torque_is_named_and_the_fit_with_its_delay_converges(tmp_path, capsys):
+def test_a_late_torque_is_named_and_the_fit_with_its_delay_converges(tmp_path: Path, capsys: Capture) -> None:
     study = two_axes(tmp_path)
     run = measured_responses(Path(study), load(Path(study)).study.robot)
     late = [

@@ -49,7 +49,7 @@ def ran(study: Path, code: int = 0) -> Path:
 
 
 @pytest.mark.parametrize("moves", ["hammer", "sensor"])
-def test_files_of_several_points_are_one_response_matrix(moves, tmp_path):
+def test_files_of_several_points_are_one_response_matrix(moves: str, tmp_path: Path) -> None:
     """Points 1 and 3 see three hit points, or one hit point moves three sensors one by one: shapes within 1 %.
 
     That the hammer moved is known from the responses, that the sensor did from the names of the files.
@@ -74,7 +74,7 @@ def test_files_of_several_points_are_one_response_matrix(moves, tmp_path):
         np.testing.assert_allclose(measured / measured[0], shape / shape[0], atol=0.02 * abs(shape / shape[0]).max())
 
 
-def test_files_of_several_points_taken_as_repetitions_are_named(tmp_path):
+def test_files_of_several_points_taken_as_repetitions_are_named(tmp_path: Path) -> None:
     for k in range(3):
         hits(tmp_path, f"{k}.csv", k, [0, 2])
     study = drafted(tmp_path, [f"{k}.csv" for k in range(3)])
@@ -93,7 +93,9 @@ def test_files_of_several_points_taken_as_repetitions_are_named(tmp_path):
         ([("p3_acc1", 0), ("p3_acc2", 0)], [{"acc_0": "acc1"}, {"acc_0": "acc2"}]),
     ],
 )
-def test_locations_of_files_are_by_names_or_responses(points, places, tmp_path):
+def test_locations_of_files_are_by_names_or_responses(
+    points: list[tuple[str, int]], places: list[dict[str, str]], tmp_path: Path
+) -> None:
     """Repetitions at a point have equal responses; a name with point or sensor counts more."""
     for i, (name, hammer) in enumerate(points):
         hits(tmp_path, f"{name}.csv", hammer, [0], noise=i)
@@ -103,7 +105,7 @@ def test_locations_of_files_are_by_names_or_responses(points, places, tmp_path):
     assert len({(file.realisation, file.experiment) for file in files}) == len(files)
 
 
-def test_headings_of_a_file_are_its_locations(tmp_path):
+def test_headings_of_a_file_are_its_locations(tmp_path: Path) -> None:
     """Hammer at p1 and p2 by the headings of the force; a file without one of the channels is refused."""
     for k in (1, 2):
         hits(tmp_path, f"{k}.csv", k, [0])
@@ -122,7 +124,7 @@ def codes(run: Path) -> set[str]:
     return {note.code for response in read_responses(run / "frf.h5") for note in response.notes}
 
 
-def test_time_histories_of_universal_files_have_hit_points_and_geometry(tmp_path):
+def test_time_histories_of_universal_files_have_hit_points_and_geometry(tmp_path: Path) -> None:
     """Nodes of force and accelerations differ from file to file; a drive point has two functions."""
     pyuff = pytest.importorskip("pyuff")
     nodes = {"type": 15, "node_nums": [1, 2, 3], "x": [0.0, 0.5, 1.0], "y": [0.0] * 3, "z": [0.0] * 3}
@@ -149,7 +151,7 @@ def test_time_histories_of_universal_files_have_hit_points_and_geometry(tmp_path
     assert (response.inputs, response.outputs) == (("1z", "2z", "3z"), ("1z", "3z"))
 
 
-def test_a_sensor_whose_files_miss_a_hit_point_is_refused(tmp_path):
+def test_a_sensor_whose_files_miss_a_hit_point_is_refused(tmp_path: Path) -> None:
     for k in range(3):
         hits(tmp_path, f"{k}.csv", k, [0])
     study = drafted(tmp_path, [f"{k}.csv" for k in range(3)])
@@ -158,7 +160,7 @@ def test_a_sensor_whose_files_miss_a_hit_point_is_refused(tmp_path):
     ran(study, code=1)
 
 
-def test_the_first_hit_point_may_keep_the_location_of_its_channel(tmp_path):
+def test_the_first_hit_point_may_keep_the_location_of_its_channel(tmp_path: Path) -> None:
     """Only the files of further points state `at`."""
     for k in range(2):
         hits(tmp_path, f"p{k}.csv", k, [0])

@@ -36,19 +36,19 @@ def loaded_after(code: str) -> set[str]:
     return set(done.stdout.splitlines()[-1].split())
 
 
-def test_the_package_itself_loads_nothing():
+def test_the_package_itself_loads_nothing() -> None:
     """Ctrl-C has its answer in the program's first lines, which Python runs after the package's own."""
     assert loaded_after("import elastid") - loaded_after("pass") == {"elastid"}
 
 
-def test_help_loads_neither_numpy_nor_pydantic():
+def test_help_loads_neither_numpy_nor_pydantic() -> None:
     loaded = loaded_after("from elastid.app.cli import run_command; run_command(['--help'])")
     assert "click" in loaded
     assert not loaded & (HEAVY | {"numpy", "pydantic", "ruamel", "rich"})
 
 
 @pytest.mark.parametrize("edit", ["", "seed: -1"])
-def test_check_loads_no_heavy_package(tiny, edit):
+def test_check_loads_no_heavy_package(tiny: Path, edit: str) -> None:
     """Whether the study is right or wrong."""
     tiny.write_text(tiny.read_text().replace("seed: 1", edit or "seed: 1"))
     loaded = loaded_after(f"from elastid.app.cli import run_command; run_command(['check', {str(tiny)!r}])")
@@ -56,7 +56,7 @@ def test_check_loads_no_heavy_package(tiny, edit):
     assert not loaded & (HEAVY | {"rich"})
 
 
-def test_specs_and_values_load_no_heavy_package():
+def test_specs_and_values_load_no_heavy_package() -> None:
     """A section of a study is plain data, wherever it lives; value types know no YAML."""
     assert not loaded_after("; ".join(f"import {module}" for module in SPECS)) & HEAVY
     values = "; ".join(
@@ -74,7 +74,7 @@ STAGES = {
 
 
 @pytest.mark.slow
-def test_a_stage_loads_what_it_works_with(tiny):
+def test_a_stage_loads_what_it_works_with(tiny: Path) -> None:
     """Not the page in order to estimate, nor SciPy's optimisers and distributions, which take longest to load."""
     code = f"""
 import sys
@@ -98,7 +98,7 @@ MOST_LINES = {"fit": 34_500, "report": 27_500}  # of the package, that a command
 
 
 @pytest.mark.slow
-def test_a_command_loads_few_lines_and_report_no_solver(tiny):
+def test_a_command_loads_few_lines_and_report_no_solver(tiny: Path) -> None:
     run = ["--run", str(tiny.parent / "run"), "--jobs", "1", "-qq"]
     assert run_command(["run", str(tiny), *run]) == 0
     for stage, most in MOST_LINES.items():
@@ -124,7 +124,7 @@ run_command(sys.argv[1:])
 
 
 @pytest.mark.parametrize("words", [["demo", "--run"], ["new"], ["check"], ["fleet"], ["inspect"]])
-def test_one_blas_thread_is_asked_for_before_numpy_is_loaded(words, tiny):
+def test_one_blas_thread_is_asked_for_before_numpy_is_loaded(words: list[str], tiny: Path) -> None:
     """Several threads add in an order of their own, so that bytes would not be those of the seed."""
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     command = [sys.executable, "-c", AT_NUMPY, *words, str(tiny if words[0] != "demo" else tiny.parent / "demo")]

@@ -1,9 +1,11 @@
 """`elastid inspect` shows rates, units and values of everything that elastid reads or writes."""
 
 import json
+from pathlib import Path
 
 import h5py
 import numpy as np
+import pytest
 from plants.refusals import refused
 from scipy.io import savemat
 
@@ -17,7 +19,7 @@ def _row(page: str, signal: str) -> list[str]:
     return next(line.split() for line in page.splitlines() if line.startswith(f"  {signal} "))
 
 
-def test_a_text_log_is_shown_with_first_lowest_and_highest_value_and_the_rate_of_its_time(tmp_path):
+def test_a_text_log_is_shown_with_first_lowest_and_highest_value_and_the_rate_of_its_time(tmp_path: Path) -> None:
     """A column of words is shown with the reason why it has no numbers."""
     rows = [f"{t},{100 * t * (-1) ** i},{'ok' if i else 'start'}" for i, t in enumerate(T)]
     (tmp_path / "log.csv").write_text("time,x,state\n" + "\n".join(rows))
@@ -28,7 +30,7 @@ def test_a_text_log_is_shown_with_first_lowest_and_highest_value_and_the_rate_of
     assert "'start' is not a number" in page
 
 
-def test_hdf5_is_shown_with_its_units_in_pieces_or_whole(tmp_path, monkeypatch):
+def test_hdf5_is_shown_with_its_units_in_pieces_or_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Values that are not finite are counted, numbers and texts beside the signals are shown."""
     values = np.stack([np.sin(T), np.where(T == 1, np.nan, 3 * np.sin(T))], axis=1)
     with h5py.File(tmp_path / "log.h5", "w") as file:
@@ -43,7 +45,7 @@ def test_hdf5_is_shown_with_its_units_in_pieces_or_whole(tmp_path, monkeypatch):
     assert described(tmp_path / "log.h5") == page
 
 
-def test_a_matlab_file_is_no_text_and_what_only_matlab_reads_has_a_way_out(tmp_path):
+def test_a_matlab_file_is_no_text_and_what_only_matlab_reads_has_a_way_out(tmp_path: Path) -> None:
     """No word of delimiters; a text is not a signal; for objects it says how to save them."""
     savemat(tmp_path / "log.mat", {"rec": {"x": np.sin(T), "note": "run 7"}, "fs": 20.0})
     page = described(tmp_path / "log.mat")
@@ -61,7 +63,7 @@ def test_a_matlab_file_is_no_text_and_what_only_matlab_reads_has_a_way_out(tmp_p
     assert "x = T.Variables; save('log.mat', 't', 'x', '-v7')" in page
 
 
-def test_a_summary_shows_its_numbers(tmp_path):
+def test_a_summary_shows_its_numbers(tmp_path: Path) -> None:
     """Every key with its value; a list of numbers in a line; a damaged one is refused."""
     content = {"status": "converged", "parameters": {"k_1": {"value": 50.0, "interval95": [49.5, 50.5]}}, "notes": []}
     (tmp_path / "summary.json").write_text(json.dumps(content))

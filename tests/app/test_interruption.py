@@ -66,7 +66,9 @@ def stopped(command: list[str], folder: Path, parts: str, number: signal.Signals
         ("start-*.json", signal.SIGKILL, "2"),
     ],
 )
-def test_an_interrupted_fit_is_resumed(whole, unfitted, parts, number, jobs):
+def test_an_interrupted_fit_is_resumed(
+    whole: Path, unfitted: Path, parts: str, number: signal.Signals, jobs: str
+) -> None:
     """Starts that are done are not solved again, whatever the number of processes, and every file is the same."""
     options = [word for option in OPTIONS for word in ("--set", option)]
     command = [sys.executable, "-m", "elastid", "run", str(whole / "study.yml"), "fit", "--run", str(unfitted)]

@@ -36,7 +36,9 @@ def on(folder: Path, *command: str) -> list[str]:
         ("export/uff", ["export", "--to", "uff"]),
     ],
 )
-def test_nothing_is_written_through_a_link(name, command, bench, tmp_path, capsys):
+def test_nothing_is_written_through_a_link(
+    name: str, command: list[str], bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """`.lock` was truncated, `run.log` appended to, folders were filled, all at exit code 0."""
     victim, link = tmp_path / "victim", bench / "run" / name
     is_file = name in (".lock", "run.log")
@@ -56,7 +58,9 @@ def test_nothing_is_written_through_a_link(name, command, bench, tmp_path, capsy
     assert is_file or [path.name for path in victim.iterdir()] == ["thesis.txt"]
 
 
-def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(tmp_path, capsys):
+def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, victim = tmp_path / "bench", tmp_path / "victim"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
     members = "members: [{robot: a, date: 2026-01-31}, {robot: b, date: 2026-01-31}]"

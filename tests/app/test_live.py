@@ -56,7 +56,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study, measured):
+def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study: Path, measured: Path) -> None:
     """The folder is that of an ordinary run, whose intervals are as narrow as was asked for and hold the truth."""
     folder = study.parent / "finished"
     shutil.copytree(measured, folder)
@@ -73,7 +73,7 @@ def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study, measured):
 
 
 @pytest.mark.slow
-def test_a_session_that_was_killed_ends_with_the_same_bytes(study, measured):
+def test_a_session_that_was_killed_ends_with_the_same_bytes(study: Path, measured: Path) -> None:
     """Whatever was there when it was killed, and however many processes it has."""
     folder = study.parent / "killed"
     shutil.copytree(measured, folder)
@@ -111,7 +111,9 @@ FAULTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_log_that_contradicts_its_plan_ends_the_command(fault, study, measured, capsys):
+def test_a_log_that_contradicts_its_plan_ends_the_command(
+    fault: str, study: Path, measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     spoil, words = FAULTS[fault]
     folder = spoilt(measured, study.parent / fault.replace(" ", "-"), spoil)
     assert command(study, folder, "--goal", GOAL, "--simulate") == 1
@@ -140,14 +142,16 @@ def test_a_log_that_contradicts_its_plan_ends_the_command(fault, study, measured
         ),
     ],
 )
-def test_what_cannot_be_done_is_said_before_the_robot_moves(words, message, study, tmp_path, capsys):
+def test_what_cannot_be_done_is_said_before_the_robot_moves(
+    words: tuple[str, ...], message: str, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert command(study, tmp_path / "run", *words) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.rglob("references/*"))
 
 
 @pytest.mark.slow
-def test_a_goal_out_of_reach_ends_with_a_sentence(study, measured):
+def test_a_goal_out_of_reach_ends_with_a_sentence(study: Path, measured: Path) -> None:
     """By the robot's time; and by what no measurement can show."""
     folder = study.parent / "narrow"
     shutil.copytree(measured, folder)
@@ -161,7 +165,7 @@ def test_a_goal_out_of_reach_ends_with_a_sentence(study, measured):
 
 
 @pytest.mark.slow
-def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_before(study):
+def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_before(study: Path) -> None:
     """A tenth more mass from the second experiment on; with the right logs in their place the goal is reached."""
     folder = study.parent / "payload"
     session(study, folder, robot_time=16.0).work()

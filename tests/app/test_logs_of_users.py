@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import NamedTuple
 
 import h5py
@@ -74,7 +75,7 @@ LOGS = {
 
 
 @pytest.mark.parametrize("mark", [b"PK\3\4", b"\x28\xb5\x2f\xfd"])
-def test_archives_are_refused(mark, tmp_path):
+def test_archives_are_refused(mark: bytes, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes(mark + bytes(100))
     with refused("files/damaged"):
         texts_from_logs(tmp_path, [tmp_path / "log.csv"])
@@ -84,14 +85,14 @@ def test_archives_are_refused(mark, tmp_path):
     ("heading", "code"),
     [("トルク[Nm]", "cp932"), ("力矩[Nm]", "gb2312"), ("Größe läge ÄÖ °C", "cp1252"), ("couple é à", "cp1252")],
 )
-def test_headings_in_legacy_encodings_are_decoded(heading, code, tmp_path):
+def test_headings_in_legacy_encodings_are_decoded(heading: str, code: str, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(f"t,{heading},x\n0,1,2\n1,2,3\n", encoding=code)
     with opened_log(tmp_path / "log.csv", TextFormatSpec()) as log:
         assert heading in log.headings
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_units_of_a_log_are_read_or_asked_for(name, tmp_path):
+def test_units_of_a_log_are_read_or_asked_for(name: str, tmp_path: Path) -> None:
     log = LOGS[name]
     columns = np.stack([x * scale for x, scale in zip((T, U, Q), log.scales, strict=True)], axis=1)
     if log.head.count(log.sep) == 3 and not log.head.startswith("%"):
@@ -110,7 +111,7 @@ def test_units_of_a_log_are_read_or_asked_for(name, tmp_path):
 
 
 @pytest.mark.parametrize("form", ["%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f", "%H:%M:%S.%f"])
-def test_dates_and_times_of_day_are_a_clock(form, tmp_path):
+def test_dates_and_times_of_day_are_a_clock(form: str, tmp_path: Path) -> None:
     start, comma = datetime(2024, 5, 1, 9, 30), "," if "," in form else "."
     stamps = [(start + timedelta(seconds=t)).strftime(form) for t in T.tolist()]
     numbers = [f"{u:.7f};{q:.7f}".replace(".", comma) for u, q in zip(U.tolist(), Q.tolist(), strict=True)]
@@ -121,7 +122,7 @@ def test_dates_and_times_of_day_are_a_clock(form, tmp_path):
     assert "friction:" in text
 
 
-def test_a_torque_without_a_motion_of_its_own_is_not_used(tmp_path):
+def test_a_torque_without_a_motion_of_its_own_is_not_used(tmp_path: Path) -> None:
     """One position is the motion of one motor."""
     study = drafted(tmp_path, save(tmp_path / "log.csv", "t,tau_1,tau_2,q_1", T, U, 0.5 * U, Q))
     channels = study.experiment.as_recorded().channels
@@ -186,7 +187,7 @@ FAULTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_one_fault_of_a_log_changes_no_number(fault, tmp_path):
+def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> None:
     """Inertia, viscous and Coulomb friction to 1 % from what `new` writes and `check` accepts."""
     (tmp_path / "log.csv").write_text("\n".join(["time,tau_1,q_1", *FAULTS[fault]()]) + "\n")
     study = drafted(tmp_path, tmp_path / "log.csv")
@@ -203,7 +204,7 @@ def test_one_fault_of_a_log_changes_no_number(fault, tmp_path):
     assert fault in ("none", "heading again", "time of zero", "cut off") or said
 
 
-def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path):
+def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path: Path) -> None:
     """Torque at four times the rate of the position, which begins 0.4 s later."""
     nptdms = pytest.importorskip("nptdms")
     fast, start = np.arange(4 * len(LONG)) / (4 * RATE), np.datetime64("2024-05-01T10:00:00.000000")
@@ -223,7 +224,7 @@ def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path):
     assert np.median(np.abs(record.torque - torque)) < 1e-3
 
 
-def test_cells_of_matlab_7_3_are_names_and_units(tmp_path):
+def test_cells_of_matlab_7_3_are_names_and_units(tmp_path: Path) -> None:
     """Of an iddata struct."""
     with h5py.File(tmp_path / "log.mat", "w", userblock_size=512) as file:
         group, texts = file.create_group("data"), file.create_group("#refs#")
@@ -243,7 +244,7 @@ def test_cells_of_matlab_7_3_are_names_and_units(tmp_path):
     assert "rate_hz: 250 " in text
 
 
-def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path):
+def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: Path) -> None:
     """Time histories are read; power spectra are refused by their name."""
     pyuff = pytest.importorskip("pyuff")
     keys = {"rsp_dir": 3, "ref_dir": 0, "ref_node": 0, "id1": "", "rsp_ent_name": "NONE", "ref_ent_name": "NONE"}
@@ -262,7 +263,7 @@ def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path):
         texts_from_logs(tmp_path / "new", [tmp_path / "psd.uff"])
 
 
-def test_signals_of_different_lengths_without_rates_are_refused(tmp_path):
+def test_signals_of_different_lengths_without_rates_are_refused(tmp_path: Path) -> None:
     """As of two topics."""
     np.savez(tmp_path / "log.npz", tau_1=U[::5], q_1=Q)
     with refused("records/clock", place="log.npz", holds=("tau_1 300", "q_1 1500")):

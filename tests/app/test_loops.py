@@ -1,5 +1,7 @@
 """Loops of a study from the command line: results that agree, a section that runs when pasted, and wrong input."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plants.arm_study import STUDY, command
@@ -9,7 +11,7 @@ from elastid.study import load
 
 
 @pytest.mark.slow
-def test_a_fitted_study_gets_loops(fitted_arm, capsys):
+def test_a_fitted_study_gets_loops(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All files agree, and the pasted section is a controller of a study."""
     run = fitted_arm.parent / "run"
     assert command("loops", fitted_arm, "--samples", "12", "--delay", "1") == 0

@@ -1,6 +1,7 @@
 """Maps of a study from the command line."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from elastid.store.results import read_fit, read_map
 
 
 @pytest.mark.slow
-def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(fitted_arm):
+def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(fitted_arm: Path) -> None:
     """The same seed gives the same bytes; a path's postures are those of its rows; the result answers itself."""
     run = fitted_arm.parent / "run"
     assert command("map", fitted_arm, "--random", "30") == 0

@@ -77,7 +77,7 @@ def written(folder: Path, start: int, formats: str = "[]") -> tuple[Path, list[s
     return path, [study, first, second, names["spring"]]
 
 
-def test_columns_of_a_log_are_said_as_texts(tmp_path):
+def test_columns_of_a_log_are_said_as_texts(tmp_path: Path) -> None:
     """Of another program, whose names may hold anything."""
     (tmp_path / "log.csv").write_text('time,"\x1b[31mred\x07","\u202egnp","a\nb"\n0,1,2,3\n1,2,3,4\n', "utf-8")
     _, said = on_a_terminal(tmp_path, "inspect", "log.csv")
@@ -88,7 +88,7 @@ def test_columns_of_a_log_are_said_as_texts(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", range(0, len(HOSTILE), 12))
-def test_a_whole_run_has_them_as_texts(tmp_path, start):
+def test_a_whole_run_has_them_as_texts(tmp_path: Path, start: int) -> None:
     """Terminal, run.log, summary.json, report.html and its figures, every export, every file inspected."""
     path, names = written(tmp_path, start, "[png]")
     code, said = on_a_terminal(tmp_path, "run", path.name, "--run", "out", "--jobs", "1")

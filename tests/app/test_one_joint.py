@@ -27,7 +27,7 @@ def command(name: str, folder: Path, run: Path, *words: str | Path) -> int:
     return cli.run_command([name, f"{folder}/study.yml", "--run", f"{run}", "-q", "--jobs", "1", *map(str, words)])
 
 
-def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder):
+def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder: Path) -> None:
     """The integral of u = J q_m'' + f_m q_m' + I q_l'' from rest to rest is f_m times the way."""
     (folder / "move.csv").write_text("1 deg\n0\n20\n")
     words = ("--path", folder / "move.csv", "--time", "0.5", "--samples", "2")
@@ -42,7 +42,7 @@ def test_the_impulse_of_a_move_is_that_of_viscous_friction(folder):
     assert np.trapezoid(torque, t) == pytest.approx(friction * np.deg2rad(20), rel=1e-2)
 
 
-def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder, monkeypatch):
+def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """That of the study, or those that are asked for."""
     design = create_autospec(model_commands.design_loops, side_effect=FitError("fit/not-trusted", "not now"))
     monkeypatch.setattr(model_commands, "design_loops", design)
@@ -52,7 +52,7 @@ def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder, monkeyp
         assert (family.rate_hz, delay) == expected
 
 
-def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder):
+def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder: Path) -> None:
     """In all postures, the motor held."""
     assert command("map", folder, folder / "run", "--random", "3") == 0
     mapped, stiffness = read_map(folder / "run" / "map.h5"), read_fit(folder / "run" / "fit.h5").values["k_1"]
@@ -60,7 +60,7 @@ def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder):
     np.testing.assert_allclose(mapped["frequency_1"].value, np.full(3, expected), rtol=1e-3)
 
 
-def test_draws_scatter_about_the_fit(folder):
+def test_draws_scatter_about_the_fit(folder: Path) -> None:
     assert command("export", folder, folder / "run", "--to", "samples", "--count", "9") == 0
     robots = [load_robot(path) for path in (folder / "run" / "export" / "samples" / "robots").iterdir()]
     result = read_fit(folder / "run" / "fit.h5")
@@ -70,7 +70,7 @@ def test_draws_scatter_about_the_fit(folder):
     assert np.abs(z).max() < 4
 
 
-def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder, tmp_path):
+def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Path, tmp_path: Path) -> None:
     """Torque and motion of its twin within 1 %."""
     run = folder / "run"
     assert command("predict", folder, tmp_path, "--with", run, "--set", "seed=5") == 0
@@ -82,7 +82,7 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder, tmp
 
 
 @pytest.mark.slow
-def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder, tmp_path):
+def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder: Path, tmp_path: Path) -> None:
     """The log says how far it is; references are those of its plan; simulated logs are not those of a robot."""
     words = ("--goal", "k_1: 0.014 %")
     assert command("live", folder, tmp_path, *words, "--simulate") == 0

@@ -13,7 +13,7 @@ from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_nu
 from elastid.friction_study.commanded import DELAY
 from elastid.friction_study.result import RIGID_TERMS, FrictionNumber, FrictionResult, JointFriction
 from elastid.model.formulation import formulate
-from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot
+from elastid.robot import Axis, Body, Friction, Joint, Motor, Placement, Robot
 from elastid.robot.simplified import without_friction
 from elastid.simulation.controller import feed_forward
 from elastid.study import load_robot
@@ -45,7 +45,7 @@ def predicted(folder: Path, *words: str | Path) -> tuple[int, dict]:
 
 
 @pytest.mark.slow
-def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log, tmp_path):
+def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log: Path, tmp_path: Path) -> None:
     """Exit code 3, and the factor 2.5 of the period first among the tests."""
     model = tmp_path / "robot.yml"
     model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
@@ -61,7 +61,7 @@ def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log, tmp
 
 
 @pytest.mark.slow
-def test_urdf_is_a_model_with_its_damping_and_friction(log, tmp_path):
+def test_urdf_is_a_model_with_its_damping_and_friction(log: Path, tmp_path: Path) -> None:
     """All inertia is of the link, which is the same to the joint; other gains than the log's by option."""
     joint = CommandedJoint()
     x = -joint.gravity / 9.81
@@ -75,7 +75,7 @@ def test_urdf_is_a_model_with_its_damping_and_friction(log, tmp_path):
 
 @pytest.mark.oracle
 @pytest.mark.slow
-def test_mjcf_is_a_model_with_its_servo(log, tmp_path):
+def test_mjcf_is_a_model_with_its_servo(log: Path, tmp_path: Path) -> None:
     """Armature, damping, frictionloss, kp and kv; a servo of another kp is named although the log has the right one."""
     pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
     joint = CommandedJoint()
@@ -106,7 +106,7 @@ experiment:
 
 
 @pytest.mark.slow
-def test_channels_and_controller_of_a_study_are_used(log, tmp_path):
+def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) -> None:
     """Positions in degrees and of the other sign; the gains of the study, not of the log."""
     with np.load(log) as content:
         signals = {name: content[name] for name in ("command", "position")}
@@ -122,7 +122,7 @@ def test_channels_and_controller_of_a_study_are_used(log, tmp_path):
 
 
 @pytest.mark.parametrize("axis", ["z", "y", (0.6, 0.0, 0.8)])
-def test_numbers_of_a_study_by_commands_make_pendulums(axis, tmp_path):
+def test_numbers_of_a_study_by_commands_make_pendulums(axis: Axis, tmp_path: Path) -> None:
     """J q'' + f q' + G cos q + H sin q of each joint, whatever the file has; a delay, and offsets apart.
 
     identified_robot.yml has these numbers if gravity acts across the axis.
@@ -152,7 +152,7 @@ def test_numbers_of_a_study_by_commands_make_pendulums(axis, tmp_path):
     np.testing.assert_allclose(feed_forward(model, np.zeros(1), q, still, still + 1) - rest, 0.02, atol=1e-12)
 
 
-def test_missing_gains_and_models_are_refused(tmp_path):
+def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
     """Before anything is simulated."""
     model = tmp_path / "robot.yml"
     model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
@@ -167,7 +167,7 @@ def test_missing_gains_and_models_are_refused(tmp_path):
     assert predicted(tmp_path / "e", model, "--log", tmp_path / "log.npz", *two)[0] == 2
 
 
-def test_robot_in_place_of_the_study_of_with_is_refused(tmp_path):
+def test_robot_in_place_of_the_study_of_with_is_refused(tmp_path: Path) -> None:
     """The text of a URDF has no section of logs: exit code 2, and no internal error."""
     model = tmp_path / "leg.urdf"
     model.write_text(URDF.format(x=0.1, I=0.03), encoding="utf-8")

@@ -45,7 +45,9 @@ def assert_within(result: Result, **truth: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.0, 0.0043, 0.02])
 @pytest.mark.parametrize(("kp", "kd", "k"), [(400.0, 20.0, 500.0), (900.0, 45.0, 8000.0)])
-def test_numbers_from_references_are_true(delay_s, kp, kd, k, tmp_path, monkeypatch):
+def test_numbers_from_references_are_true(
+    delay_s: float, kp: float, kd: float, k: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Stiffness within 1 %, damping 5 %, inertia 2 %, delay within 0.1 ms, all within 4 std; status converged."""
     plant = ReferencedJoint(k=k, kp=kp, kd=kd, delay_s=delay_s)
     result = fitted(plant.write(tmp_path / "a", Jm_1={}), monkeypatch)
@@ -60,7 +62,7 @@ def test_numbers_from_references_are_true(delay_s, kp, kd, k, tmp_path, monkeypa
 
 
 @pytest.mark.slow
-def test_whole_run_of_a_stated_delay_reports(tmp_path, monkeypatch):
+def test_whole_run_of_a_stated_delay_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A delay that is stated rightly is no parameter; all stages of the run are carried out."""
     study = JOINT.write(tmp_path / "a", delay_r={"start": JOINT.delay_s, "fixed": True})
     result = fitted(study, monkeypatch, ("measure", "estimate", "fit", "validate", "report"))
@@ -71,7 +73,7 @@ def test_whole_run_of_a_stated_delay_reports(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_wrong_delay_is_a_misfit_whose_cause_is_named(tmp_path, monkeypatch):
+def test_wrong_delay_is_a_misfit_whose_cause_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A stated delay that is 2.3 ms off: status misfit, and the first cause is a delay of the references."""
     study = JOINT.write(tmp_path / "a", delay_r={"start": 0.005, "fixed": True})
     result = fitted(study, monkeypatch)
@@ -82,7 +84,7 @@ def test_wrong_delay_is_a_misfit_whose_cause_is_named(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_wrong_gains_are_a_misfit_or_identified(tmp_path, monkeypatch):
+def test_wrong_gains_are_a_misfit_or_identified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gains that are 20 % off the stated ones: status misfit; as parameters they are found."""
     stated = JOINT.kp / 1.2, JOINT.kd / 1.2
     assert fitted(JOINT.write(tmp_path / "a", stated=stated), monkeypatch).status in ("misfit", "model_error")
@@ -93,7 +95,7 @@ def test_wrong_gains_are_a_misfit_or_identified(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_wrong_damping_gain_moves_viscous_friction_alone(tmp_path, monkeypatch):
+def test_wrong_damping_gain_moves_viscous_friction_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A k_d that is 20 % off and viscous friction are alike: stiffness, damping and delay stay within 4 std."""
     result = fitted(JOINT.write(tmp_path / "a", stated=(JOINT.kp, JOINT.kd / 1.2)), monkeypatch)
     truth = {"k_1": JOINT.k, "d_1": JOINT.d, "delay_r": JOINT.delay_s}
@@ -104,7 +106,9 @@ def test_wrong_damping_gain_moves_viscous_friction_alone(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_sum_of_damping_gain_and_friction_is_stated_for_free_gains(tmp_path, monkeypatch):
+def test_sum_of_damping_gain_and_friction_is_stated_for_free_gains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With a prior of 20 % of each gain neither k_d nor friction is identified, but their sum is."""
     study = JOINT.write(tmp_path / "a", stated=(JOINT.kp, JOINT.kd / 1.2), **GAINS)
     result = fitted(study, monkeypatch)
@@ -114,7 +118,9 @@ def test_sum_of_damping_gain_and_friction_is_stated_for_free_gains(tmp_path, mon
 
 
 @pytest.mark.slow
-def test_torques_and_references_in_one_fit_identify_gains_and_friction(tmp_path, monkeypatch):
+def test_torques_and_references_in_one_fit_identify_gains_and_friction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Gains that are 20 % off: references alone know k_d + f, with torques of other records each is known to 1 %."""
     stated = JOINT.kp / 1.2, JOINT.kd / 1.2
     responses = []
@@ -144,7 +150,9 @@ def test_torques_and_references_in_one_fit_identify_gains_and_friction(tmp_path,
         ("linkage", {"a": [0.0, 0.2, -0.1], "b": [0.4, -0.4, 0.3], "c": [-0.3, 0.7, 0.1]}),
     ],
 )
-def test_numbers_of_arms_from_references_are_true(name, postures, tmp_path, monkeypatch):
+def test_numbers_of_arms_from_references_are_true(
+    name: str, postures: dict[str, list[float]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An elastic joint without a motor, and a closed loop: all numbers within 4 std; stiffness 0.5 %, delay 1 us."""
     robot = arm(friction=0.0) if name == "extended joint" else load_robot(LINKAGE)
     result = fitted(write(tmp_path / "a", robot, postures, 0.006), monkeypatch)
@@ -175,7 +183,9 @@ def combination(result: Result) -> tuple[float, float]:
         (ReferencedJoint(forward=0.5, delay_s=0.006, cycle=4, is_linear=True), {"target": True}),
     ],
 )
-def test_forms_of_logs_are_exact(plant, options, tmp_path, monkeypatch):
+def test_forms_of_logs_are_exact(
+    plant: ReferencedJoint, options: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Logs slower than the controller, angles behind the gear, exact velocities, references every 4 ms: no bias."""
     result = fitted(plant.write(tmp_path / "a", noise=1e-10, **options), monkeypatch)
     values = result.parameters.as_dict(result.x)
@@ -185,7 +195,7 @@ def test_forms_of_logs_are_exact(plant, options, tmp_path, monkeypatch):
     assert values["delay_r"] == pytest.approx(plant.delay_s, abs=1e-6)
 
 
-def test_check_accepts_references_of_a_known_controller(tmp_path, monkeypatch):
+def test_check_accepts_references_of_a_known_controller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`elastid check` accepts the study; without a robot or controller it asks for torques."""
     study = JOINT.write(tmp_path / "a", logs=1)
     monkeypatch.chdir(study.parent)

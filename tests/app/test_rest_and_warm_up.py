@@ -43,7 +43,7 @@ def numbers(result: FrictionResult) -> dict[str, FrictionNumber]:
 
 
 @pytest.mark.slow
-def test_bristles_from_logs_at_rest_alone(tmp_path):
+def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
     """Two amplitudes, no other log: sigma_0 to 1 % and sigma_1 to 10 %, within their intervals, with page and JSON."""
     rng = np.random.default_rng(3)
     for name, size in (("small", 0.05), ("large", 0.1)):
@@ -69,7 +69,7 @@ def warm(folder: Path, log: warm_rig.WarmLog, *files: str) -> Run:
 
 
 @pytest.mark.slow
-def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path):
+def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
     """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
     joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0))).at("1")
     assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)

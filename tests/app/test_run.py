@@ -74,13 +74,15 @@ def worked_on(monkeypatch) -> list[str]:
         (["robot.bodies.0.mass=1"], ALL),
     ],
 )
-def test_only_stages_that_depend_on_a_change_run_again(copy, worked_on, overrides, expected):
+def test_only_stages_that_depend_on_a_change_run_again(
+    copy: Path, worked_on: list[str], overrides: list[str], expected: list[str]
+) -> None:
     """A key of the study reaches the stages that read it, and those after them."""
     run_all(run_in(copy, *overrides))
     assert worked_on == expected
 
 
-def test_check_foretells_the_plan(finished):
+def test_check_foretells_the_plan(finished: Path) -> None:
     """Numbers of its experiments, periods and lines."""
     text, plan = overview(load(finished / "study.yml").study), read_plan(finished / "run" / "plan.h5")
     numbers = re.search(r"(\d+) experiments: .*\s+(\d+) periods of .* \((\d+) of transient\); (\d+) ", text)
@@ -89,7 +91,9 @@ def test_check_foretells_the_plan(finished):
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores of a process are those of Linux")
-def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(finished, monkeypatch):
+def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(
+    finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     started = []
     monkeypatch.setattr(running, "load_for_workers", started.append)
     run_all(run_in(finished, jobs=2))
@@ -102,7 +106,7 @@ def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(f
         os.sched_setaffinity(0, cores)
 
 
-def test_a_fit_leaves_the_robot_with_its_numbers(finished):
+def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
     """identified_robot.yml is read as a robot with every fitted number; export writes the same file."""
     run = run_in(finished)
     values = read_fit(run.path("fit")).values
@@ -116,7 +120,7 @@ def test_a_fit_leaves_the_robot_with_its_numbers(finished):
     assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
 
 
-def test_a_result_that_has_changed_on_the_disk_is_made_again(copy, capsys):
+def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One bit of a response: `run` says so and ends with the bytes that were there; the fit alone refuses it."""
     path = copy / "run" / "frf.h5"
     before = path.read_bytes()
@@ -134,7 +138,9 @@ def test_a_result_that_has_changed_on_the_disk_is_made_again(copy, capsys):
 @pytest.mark.parametrize(
     ("name", "stage"), [("summary.json", "fit"), ("report.html", "report"), ("references/*.csv", "design")]
 )
-def test_a_text_that_has_changed_on_the_disk_is_made_again(copy, worked_on, capsys, name, stage):
+def test_a_text_that_has_changed_on_the_disk_is_made_again(
+    copy: Path, worked_on: list[str], capsys: pytest.CaptureFixture[str], name: str, stage: str
+) -> None:
     """One digit that another program would read, or a robot would follow: `run` says so and makes it again."""
     path = min((copy / "run").glob(name))
     spoilt = bytearray(path.read_bytes())
@@ -145,7 +151,7 @@ def test_a_text_that_has_changed_on_the_disk_is_made_again(copy, worked_on, caps
     assert path.name in capsys.readouterr().err
 
 
-def test_every_result_says_where_it_came_from(finished):
+def test_every_result_says_where_it_came_from(finished: Path) -> None:
     """Study with robot, seed, version and hashes, in every file."""
     for name in ("plan.h5", "records.h5", "frf.h5", "fit.h5", "validation.h5"):
         stamp = read_stamp(finished / "run" / name)
@@ -159,7 +165,7 @@ def test_every_result_says_where_it_came_from(finished):
     assert " UTC: elastid" in log
 
 
-def test_a_stage_alone_asks_for_what_it_reads(finished, copy, tmp_path):
+def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_path: Path) -> None:
     """And names the command; nothing is written."""
     study = finished / "study.yml"
     with refused("run/earlier-stage"):
@@ -181,7 +187,9 @@ class Interrupting(SimulatedRig):
         return super().measure(experiment)
 
 
-def test_a_stopped_measurement_goes_on_where_it_was(finished, tmp_path, monkeypatch):
+def test_a_stopped_measurement_goes_on_where_it_was(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Finished experiments are kept and not simulated again; the end is the same to the bit."""
     run = run_of(finished / "study.yml", tmp_path / "run")
     run_all(run, ["design"])
@@ -200,7 +208,7 @@ def test_a_stopped_measurement_goes_on_where_it_was(finished, tmp_path, monkeypa
     assert not (run.partial("measure")).exists()
 
 
-def test_the_summary_has_the_truth_beside_each_estimate(finished):
+def test_the_summary_has_the_truth_beside_each_estimate(finished: Path) -> None:
     """Schema 1; the mode is that of both inertias on the spring."""
     summary = summary_of(finished / "run")
     assert summary["schema"] == 1
@@ -212,7 +220,7 @@ def test_the_summary_has_the_truth_beside_each_estimate(finished):
     assert summary["modes"][0]["frequency_hz"][0] == pytest.approx(np.sqrt(60 * 2e3) / (2 * np.pi), rel=0.01)
 
 
-def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch):
+def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit sees the others alone; validation and summary speak of all."""
     seen = []
     inner = fitting.identified
@@ -229,7 +237,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy, monkeypatch
     assert [error["configuration"] for error in summary["frf_error"]] == ["a", "b"]
 
 
-def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy):
+def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
     """A mass without gravity moves nothing: FitError names it, and nothing of before is passed off as of this one."""
     run = run_in(copy, "fit.parameters.m_load.start=1")
     (copy / "run" / "figures" / "mine.png").touch()
@@ -257,7 +265,7 @@ def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("never_converging")
-def test_a_fit_that_did_not_converge_is_still_shown(copy):
+def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
     """The report shows where it stands, the command fails, and fails again when nothing is left to do."""
     run = run_in(copy, "fit.starts=1")
     for _ in range(2):

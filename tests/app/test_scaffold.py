@@ -36,7 +36,7 @@ def made(urdf: str, folder: Path) -> int:
     return run_command(["new", str(folder / "new"), "--from", str(folder / "arm.urdf")])
 
 
-def test_gears_are_guessed_by_the_inertia_that_they_drive(tmp_path):
+def test_gears_are_guessed_by_the_inertia_that_they_drive(tmp_path: Path) -> None:
     """Of the last joint it does not depend on the posture: I + m c^2."""
     assert made(ARM, tmp_path) == 0
     assert run_command(["check", str(tmp_path / "new" / "study.yml")]) == 0
@@ -51,26 +51,26 @@ def test_gears_are_guessed_by_the_inertia_that_they_drive(tmp_path):
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_a_study_of_any_tree_checks(seed, tmp_path):
+def test_a_study_of_any_tree_checks(seed: int, tmp_path: Path) -> None:
     urdf, moving = written(seed)
     assert made(urdf, tmp_path) == 0
     assert run_command(["check", str(tmp_path / "new" / "study.yml")]) == 0
     assert {joint.name for joint in load(tmp_path / "new" / "study.yml").study.robot.driven} == {*moving}
 
 
-def test_a_robot_without_springs_has_a_study_of_its_motors(tmp_path):
+def test_a_robot_without_springs_has_a_study_of_its_motors(tmp_path: Path) -> None:
     (tmp_path / "arm.yml").write_text(yaml_text(arm.robot(damping=None)))
     study = new_from_logs(tmp_path / "new", [tmp_path / "arm.yml"])
     assert run_command(["check", str(study)]) == 0
     assert [*load(study).study.fit.parameters] == ["fm_*"]
 
 
-def test_a_file_that_is_no_robot_leaves_no_study(tmp_path):
+def test_a_file_that_is_no_robot_leaves_no_study(tmp_path: Path) -> None:
     assert made(ARM.replace('type="continuous"', 'type="floating"'), tmp_path) == 2
     assert not (tmp_path / "new").exists()
 
 
-def test_a_joint_whose_links_have_no_inertia_is_refused_at_its_line(tmp_path):
+def test_a_joint_whose_links_have_no_inertia_is_refused_at_its_line(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     inertia = '<inertia ixx="{0}" iyy="{0}" izz="{0}"/>'
     link = '<link name="{1}"><inertial><mass value="0.2"/>' + inertia + "</inertial></link>\n"
@@ -83,7 +83,7 @@ def test_a_joint_whose_links_have_no_inertia_is_refused_at_its_line(tmp_path):
 
 
 @pytest.mark.parametrize(("share", "limit"), [(0.0, 500.0), (-1.5, 700.0)])
-def test_gravity_takes_half_of_no_torque_limit_in_drafted_postures(tmp_path, share, limit):
+def test_gravity_takes_half_of_no_torque_limit_in_drafted_postures(tmp_path: Path, share: float, limit: float) -> None:
     """An arm that its motors hold stretched out with 343 of 500 Nm would have no torque left to be excited.
 
     share: turns of the second motor's gear per turn of the first joint.

@@ -27,7 +27,7 @@ def summary_of(friction: CompensatedFriction | None) -> Any:
     return summary("s", ROBOT, some_fit(), (), (), (), (), friction)["friction"]
 
 
-def test_the_summary_has_levels_shapes_and_what_they_explain():
+def test_the_summary_has_levels_shapes_and_what_they_explain() -> None:
     """An entry a motor, as JSON; on the motor side as the robot file has it."""
     assert summary_of(None) is None
     entries = summary_of(taken_friction())

@@ -62,7 +62,7 @@ def write_log(folder: Path, realisation: int, friction: float) -> None:
     save(folder / f"{realisation}.csv", "torque,motor,joint", signals)
 
 
-def test_sensor_sign_is_the_one_of_the_motor_torque(tmp_path):
+def test_sensor_sign_is_the_one_of_the_motor_torque(tmp_path: Path) -> None:
     """`new` writes it; `check` reports a study with the other one at the line of the sensor."""
     study, path = drafted(tmp_path, arm_log(tmp_path, scale=-1.0)), tmp_path / "new" / "study.yml"
     assert [c.sign for c in study.experiment.as_recorded().channels if c.role == "d"] == [1, 1]
@@ -74,7 +74,7 @@ def test_sensor_sign_is_the_one_of_the_motor_torque(tmp_path):
         load_with_logs(path)
 
 
-def test_sensors_of_unknown_size_are_not_used(tmp_path):
+def test_sensors_of_unknown_size_are_not_used(tmp_path: Path) -> None:
     """Unit, side and ratio of sensor or motor may be the reason, and nothing shows which of them."""
     study = drafted(tmp_path, arm_log(tmp_path, scale=1e3))
     assert not [c for c in study.experiment.as_recorded().channels if c.role == "d"]
@@ -82,7 +82,7 @@ def test_sensors_of_unknown_size_are_not_used(tmp_path):
 
 
 @pytest.mark.slow
-def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp_path):
+def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp_path: Path) -> None:
     """Inside their intervals, within 0.1 and 1 %, with a third of the torque lost in friction; the motor is unknown."""
     for realisation in (1, 2):
         write_log(tmp_path, realisation, friction=3.0)
@@ -130,7 +130,7 @@ def arm_log(folder: Path, scale: float = 1.0) -> Path:
     return save(folder / "arm.csv", head, t, torques[:2].T, angles, torques[2:].T)
 
 
-def test_sensors_next_to_motor_torques_are_found(tmp_path):
+def test_sensors_next_to_motor_torques_are_found(tmp_path: Path) -> None:
     """Each with the sign of the torque that the links exert on the motor."""
     channels = drafted(tmp_path, arm_log(tmp_path)).experiment.as_recorded().channels
     sensors = [(c.at, c.channel, c.sign) for c in channels if c.role == "d"]
@@ -139,7 +139,7 @@ def test_sensors_next_to_motor_torques_are_found(tmp_path):
 
 
 @pytest.mark.slow
-def test_friction_in_front_of_sensors_needs_no_model_of_the_links(tmp_path):
+def test_friction_in_front_of_sensors_needs_no_model_of_the_links(tmp_path: Path) -> None:
     """Coulomb and viscous friction of both joints within 1 %; the links and gravity are in the sensors' torques."""
     drafted(tmp_path, arm_log(tmp_path))
     assert run_command(["run", str(tmp_path / "new" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0

@@ -1,6 +1,7 @@
 """Moves of a study from the command line, and friction compensation."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from elastid.use.tune import IDENTIFIED, RIGID
 
 
 @pytest.mark.slow
-def test_a_fitted_study_commands_a_move(fitted_arm, capsys):
+def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All files are there and agree; the same bytes again."""
     study = fitted_arm
     run, path = study.parent / "run", study.parent / "move.csv"
@@ -39,7 +40,7 @@ def test_a_fitted_study_commands_a_move(fitted_arm, capsys):
 @needs_compiler
 @pytest.mark.oracle("fmpy")
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm, version):
+def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path, version: int) -> None:
     """In another program, with nothing set: as exactly as planned, and not at all with the path of another time."""
     study = fitted_arm
     import fmpy
@@ -62,7 +63,7 @@ def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm, vers
 
 
 @pytest.mark.slow
-def test_a_fitted_study_compensates_friction(fitted_arm):
+def test_a_fitted_study_compensates_friction(fitted_arm: Path) -> None:
     """The friction of the motors over velocity is there in C."""
     assert command("export", fitted_arm, "--to", "compensation") == 0
     assert (fitted_arm.parent / "run" / "export" / "compensation" / "friction.c").is_file()

@@ -12,7 +12,7 @@ from elastid.excitation.grids import grid_lines, line_frequencies, with_detectio
 from elastid.excitation.spec import MultisineSpec, planned_lines
 
 
-def test_full_grid_holds_every_line_of_the_band_and_its_edges():
+def test_full_grid_holds_every_line_of_the_band_and_its_edges() -> None:
     """1 to 40 Hz in a period of 10 s at 2 kHz: lines 10 to 400, though 0.1 Hz is no binary number."""
     lines = grid_lines("full", (1.0, 40.0), 2000.0, 20000)
     assert lines.tolist() == list(range(10, 401))
@@ -21,13 +21,13 @@ def test_full_grid_holds_every_line_of_the_band_and_its_edges():
 
 @given(first=st.integers(1, 60), width=st.integers(2, 60), n=st.integers(250, 400))
 @settings(deadline=None, max_examples=40)
-def test_odd_grid_is_odd_wherever_the_band_begins(first, width, n):
+def test_odd_grid_is_odd_wherever_the_band_begins(first: int, width: int, n: int) -> None:
     """Odd lines only, all of those in the band, also where the band begins on an even line."""
     lines = grid_lines("odd", (first / n, (first + width) / n), 1.0, n)
     assert lines.tolist() == [k for k in range(first, first + width + 1) if k % 2]
 
 
-def test_odd_odd_grid_leaves_every_second_odd_line_to_odd_distortion():
+def test_odd_odd_grid_leaves_every_second_odd_line_to_odd_distortion() -> None:
     """1, 5, 9 ...: the sum of three such lines is 3 (mod 4), where none is excited."""
     lines = grid_lines("odd-odd", (2.0, 20.0), 100.0, 100)
     assert lines.tolist() == [5, 9, 13, 17]
@@ -37,7 +37,7 @@ def test_odd_odd_grid_leaves_every_second_odd_line_to_odd_distortion():
 
 @given(group=st.integers(3, 5), n=st.integers(3, 80), seed=st.integers(0, 1000))
 @settings(deadline=None, max_examples=40)
-def test_of_every_group_of_lines_one_is_left_for_detection(group, n, seed):
+def test_of_every_group_of_lines_one_is_left_for_detection(group: int, n: int, seed: int) -> None:
     """Excited and detection lines together are the grid; each whole group has exactly one detection line."""
     odd = np.arange(n) * 2 + 7
     lines = with_detection(odd, group, np.random.default_rng(seed))
@@ -68,7 +68,7 @@ def test_lines_that_no_band_holds_are_refused_with_those_that_it_does(lines):
 
 @given(ratio=st.floats(1.02, 1.6), last=st.integers(50, 900), odd=st.booleans())
 @settings(deadline=None, max_examples=40)
-def test_quasi_logarithmic_lines_keep_their_ratio_where_lines_are_dense(ratio, last, odd):
+def test_quasi_logarithmic_lines_keep_their_ratio_where_lines_are_dense(ratio: float, last: int, odd: bool) -> None:
     """Strictly rising, odd where asked for, and within half a grid step of the ratio or else the next line."""
     step = 2 if odd else 1
     lines = grid_lines("odd-quasi-log" if odd else "quasi-log", (1.0, last), 2000.0, 2000, ratio)
@@ -79,7 +79,7 @@ def test_quasi_logarithmic_lines_keep_their_ratio_where_lines_are_dense(ratio, l
     assert lines[-1] * ratio > last - step
 
 
-def test_every_input_of_a_zippered_grid_has_its_own_interleaved_lines():
+def test_every_input_of_a_zippered_grid_has_its_own_interleaved_lines() -> None:
     """Seven lines for three inputs; fewer lines than inputs are refused."""
     assert zippered(7, 3).tolist() == [0, 1, 2, 0, 1, 2, 0]
     with refused("excitation/lines", place="excitation.orthogonal"):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.excitation.multisine import (
+    Sweep,
     amplitudes,
     experiments,
     orthogonal_set,
@@ -17,10 +18,13 @@ from elastid.excitation.multisine import (
     synthesise,
 )
 from elastid.excitation.phases import crest_factors
+from elastid.excitation.spec import Phases
 
 
 @pytest.mark.parametrize("spectrum", [(), ((2.0, 10.0), (20.0, 1.0))])
-def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(spectrum):
+def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
+    spectrum: tuple[tuple[float, float], ...],
+) -> None:
     """RMS over a period of the sampled signal, for a flat and for a shaped spectrum."""
     lines = grid_lines("odd", (1.0, 40.0), 200.0, 2000)
     rms = np.array([12.0, 3.0, 0.5])
@@ -30,7 +34,7 @@ def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(spectrum):
         np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), rms, rtol=1e-12)
 
 
-def test_amplitude_table_is_straight_on_log_log_axes_and_multiplies_a_power_law():
+def test_amplitude_table_is_straight_on_log_log_axes_and_multiplies_a_power_law() -> None:
     """Points in any order; a slope of -1 between them; constant beyond the ends."""
     freq_hz = np.array([1.0, 2.0, 4.0, 10.0, 20.0, 40.0])
     table = relative_amplitudes(freq_hz, 0.0, ((20.0, 1.0), (2.0, 10.0)))
@@ -38,7 +42,7 @@ def test_amplitude_table_is_straight_on_log_log_axes_and_multiplies_a_power_law(
     np.testing.assert_allclose(relative_amplitudes(freq_hz, -0.5, ((20.0, 1.0), (2.0, 10.0))), table * freq_hz**-0.5)
 
 
-def test_synthesis_is_the_sum_of_its_cosines():
+def test_synthesis_is_the_sum_of_its_cosines() -> None:
     """u(t) = Re sum U exp(j omega t), the phasor convention of model and estimator."""
     lines, U = np.array([2, 5]), np.array([[1 + 1j], [0.5 - 2j]])
     t = np.arange(64) / 64
@@ -52,7 +56,7 @@ def test_synthesis_is_the_sum_of_its_cosines():
     odd=st.booleans(),
 )
 @settings(deadline=None, max_examples=30)
-def test_every_set_has_orthogonal_inputs_of_equal_power(case, phases, odd):
+def test_every_set_has_orthogonal_inputs_of_equal_power(case: tuple, phases: Phases, odd: bool) -> None:
     """U U^H is diagonal at every line, and over the lines every input has n_u times the power of its amplitudes."""
     kind, n_u = case
     lines = grid_lines("odd" if odd else "full", (1.0, 40.0), 100.0, 100)
@@ -65,7 +69,7 @@ def test_every_set_has_orthogonal_inputs_of_equal_power(case, phases, odd):
     assert np.linalg.cond(U).max() < 100
 
 
-def test_optimised_phases_lower_the_crest_factor_of_the_compressed_signal():
+def test_optimised_phases_lower_the_crest_factor_of_the_compressed_signal() -> None:
     """Of the torque of a lone input: below 1.45, where random phases have more than 2; amplitudes stay."""
     lines, amplitude = np.arange(1, 16), np.ones((15, 1))
     crest = []
@@ -77,7 +81,7 @@ def test_optimised_phases_lower_the_crest_factor_of_the_compressed_signal():
     assert crest[1] > 2
 
 
-def test_a_binary_signal_has_a_flat_spectrum_and_a_logarithmic_sweep_one_that_falls():
+def test_a_binary_signal_has_a_flat_spectrum_and_a_logarithmic_sweep_one_that_falls() -> None:
     """Lines of a band-limited pseudo-random binary signal are alike to a factor of 2; 1 / f of power by a sweep."""
     lines = np.arange(10, 200)
     magnitude = np.abs(sweep_spectrum("prbs", lines))
@@ -88,14 +92,14 @@ def test_a_binary_signal_has_a_flat_spectrum_and_a_logarithmic_sweep_one_that_fa
 
 @pytest.mark.parametrize("lines", [np.arange(10, 200), np.arange(11, 400, 2)])
 @pytest.mark.parametrize("kind", ["linear-sweep", "log-sweep"])
-def test_a_sweep_passes_its_lines_from_the_first_to_the_last(kind, lines):
+def test_a_sweep_passes_its_lines_from_the_first_to_the_last(kind: Sweep, lines: np.ndarray) -> None:
     """Group delay of the middle lines, in the sweep's length: a period, or half of one with odd lines."""
     delay = -np.diff(np.unwrap(np.angle(sweep_spectrum(kind, lines)))) / (2 * np.pi) % 1
     at = (np.log(lines) if kind == "log-sweep" else lines)[:-1]
     np.testing.assert_allclose(delay[40:-40], (np.interp(at, at[[0, -1]], [0.0, 1.0]))[40:-40], atol=0.05)
 
 
-def test_a_sweep_multiplies_the_amplitudes_that_are_asked_for():
+def test_a_sweep_multiplies_the_amplitudes_that_are_asked_for() -> None:
     """Twice the amplitude at a line is twice that of the sweep there, at the power of the amplitudes."""
     lines, amplitude = np.arange(10, 60), np.ones((50, 1))
     amplitude[20:] = 2.0
@@ -105,7 +109,7 @@ def test_a_sweep_multiplies_the_amplitudes_that_are_asked_for():
     assert np.linalg.norm(U) == pytest.approx(np.linalg.norm(amplitude), rel=1e-12)
 
 
-def test_a_small_multisine_is_odd_and_has_the_peak_that_is_asked_for():
+def test_a_small_multisine_is_odd_and_has_the_peak_that_is_asked_for() -> None:
     """Within its band; the second half of its period is the first one reversed."""
     signal = small_multisine(0.3, (2.0, 9.0), 1000, 100.0, np.random.default_rng(1))
     assert np.abs(signal).max() == pytest.approx(0.3, rel=1e-12)

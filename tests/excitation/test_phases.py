@@ -22,7 +22,7 @@ from elastid.excitation.phases import (
 
 
 @pytest.mark.parametrize("n", [1, 2, 4, 8, 12, 16, 20, 24])
-def test_hadamard_matrices_are_signs_and_orthogonal(n):
+def test_hadamard_matrices_are_signs_and_orthogonal(n: int) -> None:
     """H^T H = n I, entries +-1."""
     H = hadamard(n)
     np.testing.assert_array_equal(np.abs(H), 1)
@@ -30,13 +30,13 @@ def test_hadamard_matrices_are_signs_and_orthogonal(n):
 
 
 @pytest.mark.parametrize("n", [3, 6, 10, 28])
-def test_without_a_hadamard_matrix_the_dft_is_offered(n):
+def test_without_a_hadamard_matrix_the_dft_is_offered(n: int) -> None:
     """The message says for which numbers there is one, and what to take instead."""
     with refused("excitation/lines"):
         hadamard(n)
 
 
-def test_a_zippered_experiment_excites_one_input_at_each_line():
+def test_a_zippered_experiment_excites_one_input_at_each_line() -> None:
     """Every input in turn, over the experiments of a set."""
     W = orthogonal_basis("zippered", 10, 3)
     assert np.all((W != 0).sum(axis=2) == 1)
@@ -53,13 +53,13 @@ def eye(F: int, n_u: int) -> np.ndarray:
     return np.repeat(np.eye(n_u)[None], F, axis=0).astype(complex)
 
 
-def test_crest_factor_of_a_sine_is_sqrt_two_and_of_a_pulse_train_is_high():
+def test_crest_factor_of_a_sine_is_sqrt_two_and_of_a_pulse_train_is_high() -> None:
     """One line: peak / RMS = sqrt 2. F lines in phase: F / sqrt(F / 2)."""
     assert crest_factors(np.array([3]), np.array([2j])) == pytest.approx(np.sqrt(2), rel=1e-2)
     assert crest_factors(np.arange(1, 33), np.ones(32, complex)) == pytest.approx(np.sqrt(2 * 32), rel=1e-2)
 
 
-def test_known_crest_factors_of_random_schroeder_and_newman_phases():
+def test_known_crest_factors_of_random_schroeder_and_newman_phases() -> None:
     """Full grid of 31 lines: 2.86 is the median of random phases, 1.78 Schroeder's; Newman's are near those."""
     rng, lines = np.random.default_rng(0), np.arange(1, 32)
     crest = crest_factors(lines, np.exp(1j * random_phases((400, 31), rng)))
@@ -69,7 +69,7 @@ def test_known_crest_factors_of_random_schroeder_and_newman_phases():
 
 
 @pytest.mark.parametrize("p", [4, 64])
-def test_gradient_of_the_norm_is_its_derivative(p):
+def test_gradient_of_the_norm_is_its_derivative(p: int) -> None:
     """Against finite differences, for a set of two inputs seen through a response to three outputs."""
     rng, lines = np.random.default_rng(3), np.array([1, 2, 4, 7, 8])
     response = circular(rng, (5, 3, 2))
@@ -94,7 +94,9 @@ def test_gradient_of_the_norm_is_its_derivative(p):
         pytest.param(np.arange(1, 32), -1, 1.20, id="1/f"),
     ],
 )
-def test_optimised_phases_reach_the_crest_factors_of_long_searches(lines, power, goal):
+def test_optimised_phases_reach_the_crest_factors_of_long_searches(
+    lines: np.ndarray, power: float, goal: float
+) -> None:
     """True peaks; what peers reach at best, in a fraction of a second."""
     signals = one_signal(lines, lines.astype(float) ** power)
     _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(0)))
@@ -102,7 +104,7 @@ def test_optimised_phases_reach_the_crest_factors_of_long_searches(lines, power,
 
 
 @pytest.mark.slow
-def test_all_signals_of_an_orthogonal_set_are_compressed_together():
+def test_all_signals_of_an_orthogonal_set_are_compressed_together() -> None:
     """Worst of the 36 signals of six inputs: at most 1.51, where random phases have 4 and Schroeder's 1.9."""
     lines = np.arange(1, 41)
     signals = Signals(lines, orthogonal_basis("dft", 40, 6), eye(40, 6), np.full(6, np.sqrt(20)))
@@ -113,7 +115,7 @@ def test_all_signals_of_an_orthogonal_set_are_compressed_together():
     np.testing.assert_allclose(product, 6 * eye(40, 6), atol=1e-10)
 
 
-def test_torque_and_velocity_are_compressed_together():
+def test_torque_and_velocity_are_compressed_together() -> None:
     """Behind a resonance a flat torque of crest 1.4 has a peaky velocity; both in one cost come out below 1.75."""
     lines = np.arange(1, 61)
     s = 1j * lines / 20.0
@@ -128,7 +130,7 @@ def test_torque_and_velocity_are_compressed_together():
     assert crest_factors(lines, signals.spectra(a, b)[1])[0, 1] > 2
 
 
-def test_peaks_are_found_between_the_samples():
+def test_peaks_are_found_between_the_samples() -> None:
     """The true peak of two cosines in phase is at 0, wherever the samples are."""
     S = np.exp(-1j * np.array([5, 6]) * 0.01)
     assert peaks(np.array([5, 6]), S) == pytest.approx(2.0, rel=5e-3)

@@ -1,5 +1,7 @@
 """Multisines that a study cannot ask for, each refused by the key that is to blame, next to some that it can."""
 
+from typing import Any
+
 import pytest
 from plants.refusals import advised
 
@@ -31,7 +33,7 @@ SPOILT = (
 
 
 @pytest.mark.parametrize(("key", "keys"), SPOILT, ids=str)
-def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key, keys):
+def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key: str, keys: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=key):
         MultisineSpec(**{**KNOWN, **keys})
 
@@ -43,7 +45,7 @@ def test_the_period_that_a_refusal_gives_is_taken():
     assert MultisineSpec(**{**known, "period": advised(caught, "take")}).period_samples == 632
 
 
-def test_amplitudes_are_levels_that_are_measured_one_after_the_other():
+def test_amplitudes_are_levels_that_are_measured_one_after_the_other() -> None:
     """Two amplitudes are two levels, each a multisine of its own; one amplitude is the multisine itself."""
     two = MultisineSpec(**{**KNOWN, "torque_rms": ((20.0, 5.0), (10.0, 2.5))})
     assert [two.at_amplitude(level).amplitudes for level in (1, 2)] == [((20.0, 5.0),), ((10.0, 2.5),)]
@@ -51,5 +53,5 @@ def test_amplitudes_are_levels_that_are_measured_one_after_the_other():
 
 
 @pytest.mark.parametrize("keys", GOOD, ids=str)
-def test_a_multisine_that_can_be_played_is_taken(keys):
+def test_a_multisine_that_can_be_played_is_taken(keys: dict[str, Any]) -> None:
     assert MultisineSpec(**{**KNOWN, **keys}).period_samples == 1000

@@ -18,7 +18,7 @@ from elastid.response import Response
 MOTORS = ("motor 1", "motor 2", "motor 3")
 
 
-def test_each_input_is_held_against_its_own_noise():
+def test_each_input_is_held_against_its_own_noise() -> None:
     """The second one is strong, weak but quiet, or absent; the first one is noisier than it throughout."""
     rng = np.random.default_rng(0)
     F, P, noise = 600, 4, np.array([1.0, 1e-5])
@@ -35,7 +35,7 @@ def test_each_input_is_held_against_its_own_noise():
         assert flags[:, 2].mean() < 0.02
 
 
-def test_a_record_that_the_other_realisations_contradict_is_named():
+def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
     """A torque that is 5 % off in one of six experiments; nothing without it, or where periods differ by as much."""
     rng, F, M = np.random.default_rng(2), 40, 3
     G = circular(rng, (F, 2, 2))
@@ -82,14 +82,14 @@ def codes(u: np.ndarray, y: np.ndarray) -> list[str]:
     return [note.code for note in hit_notes(record(u, y))]
 
 
-def test_clean_hits_and_other_forces_have_no_note():
+def test_clean_hits_and_other_forces_have_no_note() -> None:
     u, y = hits()
     assert codes(u, y) == []
     assert pulses(np.random.default_rng(0).normal(size=5000)) is None
     assert pulses(np.zeros(100)) is None
 
 
-def test_a_double_hit_is_named_with_its_dips():
+def test_a_double_hit_is_named_with_its_dips() -> None:
     """A second blow 25 ms later and half as strong makes dips every 40 Hz."""
     u, y = hits()
     u[4450 : 4450 + WIDTH] = 0.5 * u[4400 : 4400 + WIDTH]
@@ -102,7 +102,7 @@ def test_a_double_hit_is_named_with_its_dips():
     ("fault", "code"), [("force", "frf/overload"), ("answer", "frf/overload"), ("begin", "frf/hits"),
                         ("end", "frf/hits")],
 )  # fmt: skip
-def test_faults_are_named(fault, code):
+def test_faults_are_named(fault: str, code: str) -> None:
     u, y = hits()
     if fault == "force":
         u = np.minimum(u, 70.0)
@@ -115,7 +115,7 @@ def test_faults_are_named(fault, code):
     assert codes(u, y) == [code]
 
 
-def test_records_of_one_configuration_have_one_clock_and_the_same_places():
+def test_records_of_one_configuration_have_one_clock_and_the_same_places() -> None:
     """Clocks differ by at most 1e-4."""
     first = record(*hits())
     checks.refuse_mismatch([first, replace(first, rate_hz=RATE_HZ * (1 + 9e-5))])
@@ -124,7 +124,7 @@ def test_records_of_one_configuration_have_one_clock_and_the_same_places():
             checks.refuse_mismatch([first, replace(first, **changed)])
 
 
-def test_equal_phases_and_scattered_realisations_have_a_note():
+def test_equal_phases_and_scattered_realisations_have_a_note() -> None:
     """Inputs that differ by 10 % are a repeat; scatter of 0.5 |G| counts at 50 times the noise, not at twice."""
     U = np.random.default_rng(0).normal(size=(99, 1, 1)) + 0j
     blocks = [Block(u, u, None, np.full(1, 2.0), np.zeros((99, 1)), 4) for u in (U, 1.1 * U, U[::-1])]

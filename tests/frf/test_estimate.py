@@ -40,7 +40,9 @@ def _experiments(G: np.ndarray, lines: np.ndarray, M: int, rng: np.random.Genera
 
 @given(n_y=st.integers(1, 4), n_u=st.integers(1, 4), extra=st.integers(0, 2), seed=st.integers(0, 10**6))
 @settings(deadline=None, max_examples=25)
-def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(n_y, n_u, extra, seed):
+def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(
+    n_y: int, n_u: int, extra: int, seed: int
+) -> None:
     """Without noise G is exact, with as many experiments as inputs and, by least squares, with more."""
     rng, lines = np.random.default_rng(seed), np.arange(3, 40, 3)
     G = _plant(len(lines), n_y, n_u, seed)
@@ -54,7 +56,7 @@ def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(n_y, n_u, 
     assert response.total is None
 
 
-def test_a_torque_that_is_held_between_samples_acts_later_and_weaker():
+def test_a_torque_that_is_held_between_samples_acts_later_and_weaker() -> None:
     """u is held for a sample: Y = G H U, so the estimate is the plant and not the plant with its hold."""
     lines = np.arange(1, 100)
     record = _experiments(np.ones((99, 1, 1), dtype=complex), lines, 1, np.random.default_rng(0))[0]
@@ -64,7 +66,7 @@ def test_a_torque_that_is_held_between_samples_acts_later_and_weaker():
 
 
 @pytest.mark.parametrize("injection", ["reference", "torque"])
-def test_closed_loop_error_obeys_its_identity(injection):
+def test_closed_loop_error_obeys_its_identity(injection: str) -> None:
     """One block in closed loop: G^ - G = V (R - V)^-1 (F^-1 + G), or V (R - F V)^-1 (I + F G), to 1e-12."""
     rng, lines, n = np.random.default_rng(3), np.arange(2, 30), 3
     shape = (len(lines), n, n)
@@ -106,7 +108,7 @@ def _monte_carlo(
     return np.mean(true, axis=0), np.mean(noise, axis=0), np.mean(total, axis=0)
 
 
-def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo():
+def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo() -> None:
     """Noise on inputs and outputs: variances within 5 %, the whole matrix within 5 % of its diagonal."""
     true, noise, total = _monte_carlo(3, 3, runs=60)
     scale = np.sqrt(np.outer(np.diag(true).real, np.diag(true).real))
@@ -116,14 +118,14 @@ def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo():
 
 
 @pytest.mark.parametrize(("scale", "runs"), [slow((), 150), ((1.0, 0.4, 2.0), 60)])
-def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale, runs):
+def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tuple[float, ...], runs: int) -> None:
     """An error that repeats over periods and changes with the phases; also where realisations differ in amplitude."""
     true, noise, total = _monte_carlo(3, 2, runs, distortion=0.3, scale=scale)
     np.testing.assert_allclose(np.diag(total).real, np.diag(true).real, rtol=0.06)
     assert np.all(np.diag(noise).real < 0.5 * np.diag(true).real)
 
 
-def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs():
+def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs() -> None:
     """Three outputs from two periods of one input: of rank one at each line, and regular over its neighbours."""
     rng, lines = np.random.default_rng(0), np.arange(5, 50)
     records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(0.0, 1.0))
@@ -136,7 +138,7 @@ def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_
     assert (both.total.form, both.total.dof) == ("kronecker", 1)
 
 
-def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts():
+def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts() -> None:
     """P = 2 in one experiment and 16 in the other: the variance of the mean of inputs is the sum of both parts."""
     rng, lines = np.random.default_rng(0), np.arange(5, 120)
     U = np.eye(2)[:, None, :] * np.ones((2, len(lines), 2))
@@ -148,7 +150,7 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
     np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
 
 
-def test_lines_without_excitation_are_left_out_with_a_word():
+def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     """`full` where every second line is excited: the others have no answer."""
     rng, lines = np.random.default_rng(0), np.arange(5, 60, 2)
     records = _experiments(_plant(len(lines), 2, 2), lines, 2, rng, P=8, noise=(1e-3, 1e-3))
@@ -157,7 +159,7 @@ def test_lines_without_excitation_are_left_out_with_a_word():
     assert response.notes[0].code == "frf/lines-discarded"
 
 
-def test_lines_can_be_stated_planned_or_limited_to_a_band():
+def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:
     """planned and band together; an empty band is refused."""
     lines = np.arange(5, 60, 2)
     records = _experiments(_plant(len(lines), 1, 1), lines, 1, np.random.default_rng(0))
@@ -208,7 +210,7 @@ ABSURD = {
 
 @pytest.mark.parametrize("method", [*METHODS, *LOCAL])
 @pytest.mark.parametrize("change", NO_INPUT.values(), ids=NO_INPUT)
-def test_inputs_that_tell_nothing_are_refused(change, method):
+def test_inputs_that_tell_nothing_are_refused(change: Change, method: str) -> None:
     """By mean over realisations, pooled, and local methods alike; the message names the inputs."""
     with refused("frf/inputs-not-separable", "frf/lines"):
         estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)
@@ -216,14 +218,14 @@ def test_inputs_that_tell_nothing_are_refused(change, method):
 
 @pytest.mark.parametrize("method", ["arithmetic", "errors_in_variables", "local_rational"])
 @pytest.mark.parametrize("change", ABSURD.values(), ids=ABSURD)
-def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change, method):
+def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change: Change, method: str) -> None:
     """A wrong unit, or a placeholder for a missing value; squares of it would overflow."""
     with refused("records/missing-samples", place="record c-r0-e0"):
         estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0])
-def test_an_output_that_does_not_move_is_named(value):
+def test_an_output_that_does_not_move_is_named(value: float) -> None:
     records = [replace(r, y=_with(1, value)(r.y)) for r in _records()]
     response = estimate(records, EstimatorSpec(method="arithmetic"), LINES)
     (note,) = [note for note in response.notes if note.code == "frf/low-signal-to-noise"]
@@ -267,7 +269,7 @@ def response() -> Response:
 
 @pytest.mark.parametrize("velocities", [False, True])
 @pytest.mark.parametrize("injected", [False, True])
-def test_motion_and_feedback_are_those_of_the_records(velocities, injected):
+def test_motion_and_feedback_are_those_of_the_records(velocities: bool, injected: bool) -> None:
     """Mean squares of angles, the carrier's among them, and F at all lines where the injected torque is known.
 
     Without it the lines between the excited ones show F, where distortion moves the motors.
@@ -283,7 +285,7 @@ def test_motion_and_feedback_are_those_of_the_records(velocities, injected):
     np.testing.assert_allclose(found.feedback, FEEDBACK, rtol=1e-6, atol=0.1)
 
 
-def test_torques_that_no_feedback_explains_show_none():
+def test_torques_that_no_feedback_explains_show_none() -> None:
     """Of torques that are noise; and nothing is known of motion where no motor was logged."""
     logs, _ = records()
     rng = np.random.default_rng(0)

@@ -26,7 +26,7 @@ def record(reference: FloatArray) -> Record:
 
 
 @pytest.mark.parametrize("n", [2, 4, 5, 12])
-def test_steps_of_references_have_their_cycle(n):
+def test_steps_of_references_have_their_cycle(n: int) -> None:
     """References that are held for n samples from any sample on, or joined by lines: their cycle and interpolation."""
     held = wave((K + 1) // n * n)
     assert reference_steps(record(held)) == (n, "hold")
@@ -34,7 +34,7 @@ def test_steps_of_references_have_their_cycle(n):
     assert reference_steps(record(((1 - part) * wave((K + 1) // n * n - n) + part * held).round(9))) == (n, "linear")
 
 
-def test_smooth_or_coarse_references_have_no_steps():
+def test_smooth_or_coarse_references_have_no_steps() -> None:
     """References at the rate of the log, rounded to a tenth of their steps or not: a cycle of one sample."""
     assert reference_steps(record(wave(K))) == (1, "hold")
     assert reference_steps(record(wave(K).round(4)))[0] == 1

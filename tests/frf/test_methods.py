@@ -1,6 +1,7 @@
 """Estimators of a response against theory and Monte Carlo; fewer experiments than motors."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("n_y", "n_u"), [(1, 1), (3, 3), (3, 2), (2, 3)])
-def test_every_method_is_exact_without_noise(method, n_y, n_u):
+def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) -> None:
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     F = len(lines)
     G = circular(rng, (F, n_y, n_u)) + 2
@@ -61,7 +62,7 @@ def test_every_method_is_exact_without_noise(method, n_y, n_u):
 
 
 @pytest.mark.parametrize("injection", ["reference", "torque"])
-def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection):
+def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection: str) -> None:
     """Output noise fed back into the inputs: what many blocks leave of the error is the bias of H1."""
     rng, M, F, n = np.random.default_rng(1), 400, 30, 2
     G, C = circular(rng, (F, n, n)) + 2 * np.eye(n), circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -74,7 +75,7 @@ def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(
     assert error["h1"] > 2 * error["joint"]
 
 
-def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased():
+def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() -> None:
     """Correlated noise on inputs and outputs, known from the periods: its error, scatter alone, is far below its."""
     rng, M, F, n = np.random.default_rng(1), 1500, 12, 2
     G = circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -87,7 +88,7 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased():
     assert error["errors_in_variables"] < 0.3 * error["h1"]
 
 
-def test_an_experiment_of_several_periods_counts_as_so_many_of_one():
+def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
     """The maximum likelihood estimate of both, and the variance of h1 of one input by the noise of each experiment."""
     rng, F, P = np.random.default_rng(4), 8, np.array([3, 4, 3, 4, 4])
     U, Y, Z = (circular(rng, (F, n, k)) for n, k in ((2, 5), (2, 5), (4, 9)))
@@ -103,7 +104,7 @@ def test_an_experiment_of_several_periods_counts_as_so_many_of_one():
     np.testing.assert_allclose(variance, np.sum(power / P, axis=1) / np.sum(power, axis=1) ** 2, rtol=1e-12)
 
 
-def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs():
+def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
     """Two realisations of one experiment each move two inputs in two ways: H1 has an answer, a mean has none."""
     rng, lines = np.random.default_rng(0), np.arange(4, 40)
     G = circular(rng, (36, 2, 2))
@@ -123,7 +124,7 @@ def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs():
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_h1_agrees_with_welch_spectra_line_by_line(n):
+def test_h1_agrees_with_welch_spectra_line_by_line(n: int) -> None:
     """The definition written out over SciPy's cross spectra, to 1e-10; 0.3 of noise on every input and output."""
     rng = np.random.default_rng(3)
     G = circular(rng, (96, n, n))
@@ -138,7 +139,7 @@ def test_h1_agrees_with_welch_spectra_line_by_line(n):
 
 
 @pytest.mark.oracle("best_linear_approximation")
-def test_means_and_covariances_agree_with_best_linear_approximation():
+def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     """G and its total covariance by the robust method, noisy inputs; its package needs Python 3.12."""
     from best_linear_approximation import robust
 
@@ -169,7 +170,7 @@ ONE = (
 
 
 @pytest.mark.slow
-def test_one_experiment_of_two_motors_finds_both_springs(study, tmp_path):
+def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: Path) -> None:
     """From study to report: both true stiffnesses to 1 %, in one run of the robot."""
     run = run_of(study, tmp_path / "run", *ONE)
     run_all(run)

@@ -27,7 +27,7 @@ def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[
 
 
 @pytest.mark.parametrize(("periods", "noise"), [(3, 1e-3), (4, 1e-2), (6, 1e-3), (12, 1e-2)])
-def test_a_transient_at_the_start_is_left_out_and_described(periods, noise):
+def test_a_transient_at_the_start_is_left_out_and_described(periods: int, noise: float) -> None:
     """A decaying oscillation of 30 % in the first period; the word names record, period, size and channel."""
     record = steady_record(periods, noise=noise)
     t = np.arange(record.n_samples) / N
@@ -40,7 +40,7 @@ def test_a_transient_at_the_start_is_left_out_and_described(periods, noise):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_slow_transient_is_found_below_fast_noise(seed):
+def test_a_slow_transient_is_found_below_fast_noise(seed: int) -> None:
     """The angle of a loop that settles: all noise of its acceleration is at fast lines, all of the transient at slow
     ones, where it moves the damping of the motor. Without it all periods are kept."""
     record = steady_record(3, quantity="position", noise=2e-5, seed=seed)
@@ -51,14 +51,14 @@ def test_a_slow_transient_is_found_below_fast_noise(seed):
     assert len(trusted(periods_of(record, LINES, "acceleration"), AUTO).periods) == 3
 
 
-def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not():
+def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not() -> None:
     """A number in the study; one that leaves less than two periods is refused."""
     assert _kept(steady_record(6), replace(AUTO, transient_periods=2))[0] == [2, 3, 4, 5]
     with refused("frf/periods", place="record c-r0-e0"):
         _kept(steady_record(4), replace(AUTO, transient_periods=3))
 
 
-def test_of_two_periods_the_second_is_settled_where_the_first_decays_to_it():
+def test_of_two_periods_the_second_is_settled_where_the_first_decays_to_it() -> None:
     """A transient of 3 % at the start of a log; of three periods their distances tell it, and the log stays.
 
     So does one whose transient is a millionth of the motion, however far above the noise.
@@ -76,7 +76,7 @@ def test_of_two_periods_the_second_is_settled_where_the_first_decays_to_it():
 
 
 @pytest.mark.parametrize("periods", [5, 8, 20])
-def test_single_bad_periods_are_left_out_and_described(periods):
+def test_single_bad_periods_are_left_out_and_described(periods: int) -> None:
     """A burst of 10 % in one period, a lost sample in the encoder of another (from eight periods on)."""
     record = steady_record(periods, noise=0.01)
     y = record.y.copy()
@@ -91,7 +91,7 @@ def test_single_bad_periods_are_left_out_and_described(periods):
 
 
 @pytest.mark.parametrize("n_lines", [4, slow(20), 75])
-def test_good_periods_are_almost_never_left_out(n_lines):
+def test_good_periods_are_almost_never_left_out(n_lines: int) -> None:
     """Gaussian noise, 3 to 20 periods, few or many lines: less than one record in a hundred loses a period."""
     lost = 0
     for seed in range(400):
@@ -101,7 +101,7 @@ def test_good_periods_are_almost_never_left_out(n_lines):
     assert lost <= 4
 
 
-def test_the_bad_periods_of_a_real_bench_are_left_out_and_no_other():
+def test_the_bad_periods_of_a_real_bench_are_left_out_and_no_other() -> None:
     """The first of 20, and the 7th and 14th of those after it."""
     study = load(with_records(BENCH_STUDY)).study
     rig = RecordedRig(study.robot, study.experiment, BENCH_STUDY.parent)
@@ -109,7 +109,7 @@ def test_the_bad_periods_of_a_real_bench_are_left_out_and_no_other():
     assert set(range(20)) - {*trusted(periods, EstimatorSpec()).periods.tolist()} == {0, 7, 14}
 
 
-def test_periods_of_a_slow_wander_are_kept():
+def test_periods_of_a_slow_wander_are_kept() -> None:
     """A random walk has its scatter in few lines, where the distances of three or five periods differ by chance."""
     lost = 0
     for seed in range(100):
@@ -120,7 +120,7 @@ def test_periods_of_a_slow_wander_are_kept():
     assert lost <= 1
 
 
-def test_a_steady_drift_is_no_transient():
+def test_a_steady_drift_is_no_transient() -> None:
     """The first of four periods is far from the last two, and the last one as far from the first two."""
     record = steady_record(4, noise=1e-5)
     drifting = 1 + 0.01 * np.repeat(np.arange(4), N)[:, None]
@@ -129,7 +129,7 @@ def test_a_steady_drift_is_no_transient():
     assert _kept(replace(record, y=record.y * decaying))[0] == [2, 3]
 
 
-def test_periods_of_a_long_record_are_compared_with_some_of_them(monkeypatch):
+def test_periods_of_a_long_record_are_compared_with_some_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pairs of all would not fit into memory; the same bad periods are found, among those compared with or not."""
     record = steady_record(60, noise=0.01)
     y = record.y.copy()

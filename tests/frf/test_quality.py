@@ -3,6 +3,7 @@
 import tracemalloc
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def nonlinear(
     return [replace(one, y=function(one.u) + noise * rng.normal(size=one.u.shape), r=None) for one in records]
 
 
-def test_coherence_is_that_of_theory():
+def test_coherence_is_that_of_theory() -> None:
     """One input: 1 / (1 + noise / signal); two independent ones: half each, and all of it together."""
     rng, lines, s = np.random.default_rng(0), np.arange(10, 400), 0.3
     records = experiments_of(np.ones((len(lines), 1, 1)), lines, 12, rng, P=6, noise=(0.0, s * np.sqrt(N) / 2))
@@ -41,7 +42,7 @@ def test_coherence_is_that_of_theory():
     np.testing.assert_allclose(multiple, 1)
 
 
-def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path):
+def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) -> None:
     """Two and six configurations of 1.5 MB of records each: the peak is that of one."""
     rng, lines = np.random.default_rng(0), np.arange(21, 61, 2)
 
@@ -69,7 +70,7 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path):
 FREQ = np.arange(10.0, 131.0)
 
 
-def test_modes_are_found_with_their_bandwidth():
+def test_modes_are_found_with_their_bandwidth() -> None:
     """2 zeta f_0 of two modes to 3 %, on a fine grid."""
     freq_hz = np.linspace(20, 120, 4001)
     G = two_modes(freq_hz, np.eye(2))
@@ -79,7 +80,7 @@ def test_modes_are_found_with_their_bandwidth():
     assert len(local_modes(freq_hz, G, np.full(G.shape, np.abs(G).max() ** 2 / 100))[0]) == 0
 
 
-def test_a_window_wider_than_the_modal_bandwidth_gets_a_word():
+def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     """With the numbers; a polynomial where one mode is narrower, a rational function where it holds too many modes."""
     G = two_modes(FREQ, np.eye(2), zeta=0.05)
     found = local_modes(FREQ, G, np.zeros(G.shape))
@@ -91,7 +92,7 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word():
     assert len(wide_windows(found, FREQ, 10 * span, poles=1)) == 1
 
 
-def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom():
+def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom() -> None:
     """2 x 2: the full matrix from 9 realisations on, a Kronecker product below, variances alone where one is left."""
     rng, lines = np.random.default_rng(0), np.arange(10, 70)
     records = experiments_of(rng.normal(size=(60, 2, 2)), lines, 9, rng, noise=(0.1, 0.1))
@@ -111,7 +112,7 @@ def rms(levels: np.ndarray) -> float:
     return float(np.sqrt(np.mean(levels**2)))
 
 
-def test_a_square_falls_on_even_lines_and_nowhere_else():
+def test_a_square_falls_on_even_lines_and_nowhere_else() -> None:
     """y = u + 0.1 u^2, odd lines: the even level is that of its spectrum, exactly; G is 1 and has no distortion."""
     records = nonlinear(lambda u: u + 0.1 * u**2, ODD, 2)
     response = estimate(records, ALL_PERIODS, ODD)
@@ -127,7 +128,7 @@ def test_a_square_falls_on_even_lines_and_nowhere_else():
 ODD_RANDOM = np.delete(ODD, 4 * np.arange(1, 34) + np.random.default_rng(3).integers(4, size=33))
 
 
-def test_a_cube_falls_on_odd_lines_that_were_left_out():
+def test_a_cube_falls_on_odd_lines_that_were_left_out() -> None:
     """y = u + 0.05 u^3 on an odd-random grid: nothing even; the odd level is that of the excited lines' scatter."""
     response = estimate(nonlinear(lambda u: u + 0.05 * u**3, ODD_RANDOM, 30), ALL_PERIODS, ODD_RANDOM)
     quality = response.quality
@@ -138,7 +139,7 @@ def test_a_cube_falls_on_odd_lines_that_were_left_out():
     assert response.G.mean() == pytest.approx(1 + 0.15, rel=0.01)
 
 
-def test_levels_are_corrected_for_what_the_feedback_makes_of_them():
+def test_levels_are_corrected_for_what_the_feedback_makes_of_them() -> None:
     """u = r - C y: y at an even line holds the loop's share of the distortion v, Y - G U is v itself."""
     rng, C = np.random.default_rng(0), 3.0
     R = orthogonal_set(np.full((len(ODD), 1), 0.1), rng)[0]
@@ -149,7 +150,7 @@ def test_levels_are_corrected_for_what_the_feedback_makes_of_them():
     np.testing.assert_allclose(response.quality.even.amplitude, 0.01, rtol=1e-9)
 
 
-def test_one_realisation_of_an_odd_random_grid_shows_its_total_variance():
+def test_one_realisation_of_an_odd_random_grid_shows_its_total_variance() -> None:
     """The fast method: the predicted variance of one realisation is the scatter of many, within 15 %."""
     records = nonlinear(lambda u: u + 0.05 * u**3, ODD_RANDOM, 30, noise=0.02)
     single = [estimate([replace(record, realisation=0)], ALL_PERIODS, ODD_RANDOM) for record in records]

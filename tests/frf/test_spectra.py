@@ -7,16 +7,17 @@ import pytest
 from plants.refusals import refused
 from plants.steady_record import AUTO, LINES, RATE, N, periods_of, steady_record
 
+from elastid.base.arrays import IntArray
 from elastid.frf import lines as module
 from elastid.frf import spectra
 from elastid.frf.estimate import estimate
 from elastid.frf.lines import analysed_lines, find_excited
 from elastid.frf.spectra import RecordSpectra, single_logs, undivided_logs
-from elastid.record import MOTION_ORDER
+from elastid.record import MOTION_ORDER, Motion
 
 
 @pytest.mark.parametrize("lines", [LINES, np.array([1, 2, 7, N // 8 - 1]), np.array([3, N // 2 - 1])])
-def test_amplitudes_are_those_of_the_transform_of_each_period(lines):
+def test_amplitudes_are_those_of_the_transform_of_each_period(lines: IntArray) -> None:
     record = steady_record(3)
     record = replace(record, u=np.random.default_rng(0).standard_normal(record.u.shape))
     expected = np.fft.rfft(record.u.reshape(3, N, -1), axis=1)[:, lines] * 2 / N
@@ -25,7 +26,7 @@ def test_amplitudes_are_those_of_the_transform_of_each_period(lines):
 
 @pytest.mark.parametrize("measured", ["position", "velocity", "acceleration"])
 @pytest.mark.parametrize("wanted", ["position", "velocity", "acceleration"])
-def test_any_motion_becomes_any_other_exactly(measured, wanted):
+def test_any_motion_becomes_any_other_exactly(measured: Motion, wanted: Motion) -> None:
     """(j omega)^order to rounding, up and down; a finite difference would be 2 % off at the highest line."""
     spectra = periods_of(steady_record(quantity=measured), LINES, wanted)
     j_omega = 2j * np.pi * LINES * RATE / N
@@ -33,7 +34,7 @@ def test_any_motion_becomes_any_other_exactly(measured, wanted):
     np.testing.assert_allclose(spectra.Y[:, :, 0] / spectra.U[:, :, 0], np.tile(expected, (4, 1)), rtol=1e-9)
 
 
-def test_without_a_rate_a_derivative_is_per_sample():
+def test_without_a_rate_a_derivative_is_per_sample() -> None:
     """omega = 2 pi f with f in units of the sampling rate."""
     record = replace(steady_record(quantity="velocity"), rate_hz=1.0, has_rate=False)
     response = estimate([record], AUTO, LINES)
@@ -43,7 +44,7 @@ def test_without_a_rate_a_derivative_is_per_sample():
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity"])
-def test_a_motion_that_drifts_steadily_gives_the_same_spectra(quantity):
+def test_a_motion_that_drifts_steadily_gives_the_same_spectra(quantity: Motion) -> None:
     """A ramp a thousand times the motion changes nothing: neither amplitude nor, by its scatter, the noise level."""
     record = steady_record(6, quantity)
     ramp = 1000 * record.y.std() * np.linspace(0, 1, record.n_samples)[:, None]
@@ -51,7 +52,7 @@ def test_a_motion_that_drifts_steadily_gives_the_same_spectra(quantity):
     np.testing.assert_allclose(drifting, still, rtol=0, atol=1e-9 * np.abs(still).max())
 
 
-def test_a_position_that_wanders_is_cleaned_of_most_of_its_leakage():
+def test_a_position_that_wanders_is_cleaned_of_most_of_its_leakage() -> None:
     """A random walk of the velocity under the position: twenty times less scatter than of the plain DFT."""
     record = steady_record(20, "position")
     rng = np.random.default_rng(2)
@@ -62,7 +63,7 @@ def test_a_position_that_wanders_is_cleaned_of_most_of_its_leakage():
     assert 20 * cleaned.std(axis=0).mean() < plain.std(axis=0).mean()
 
 
-def test_drift_removal_adds_no_noise_to_an_encoder_without_drift():
+def test_drift_removal_adds_no_noise_to_an_encoder_without_drift() -> None:
     """White noise on the position: the variance at every line from the third on is what the DFT alone would have."""
     lines = np.arange(3, 80)
     record = steady_record(2, "position")
@@ -74,7 +75,7 @@ def test_drift_removal_adds_no_noise_to_an_encoder_without_drift():
     np.testing.assert_allclose(np.mean(variance, axis=0)[10:].mean(), 4 * s**2 / N, rtol=0.02)
 
 
-def test_half_wave_records_give_two_estimates_of_a_period_and_a_true_noise_level():
+def test_half_wave_records_give_two_estimates_of_a_period_and_a_true_noise_level() -> None:
     """Odd lines, one period of 400 samples, an offset on all signals: G exact, and the noise of white noise."""
     lines = np.arange(1, 120, 2)
     whole = steady_record(2, lines=lines)
@@ -92,7 +93,7 @@ def test_half_wave_records_give_two_estimates_of_a_period_and_a_true_noise_level
     assert np.mean(true) == pytest.approx(4 * s**2 / N, rel=0.06)
 
 
-def test_a_half_wave_position_that_wanders_in_one_half_period_has_its_other_spectra():
+def test_a_half_wave_position_that_wanders_in_one_half_period_has_its_other_spectra() -> None:
     """What moves the mean of the record, and not the ends of the other half periods, is no part of these."""
     lines, half = np.arange(1, 120, 2), N // 2
     record = replace(steady_record(3, "position", lines=lines), half_wave=True)
@@ -102,7 +103,7 @@ def test_a_half_wave_position_that_wanders_in_one_half_period_has_its_other_spec
     np.testing.assert_allclose(np.delete(slow, 2, 0), np.delete(still, 2, 0), rtol=0, atol=1e-6 * record.y.std())
 
 
-def test_half_wave_records_have_no_even_lines():
+def test_half_wave_records_have_no_even_lines() -> None:
     """`full` is refused, and a half-wave position that is off centre and drifts is no trouble."""
     lines = np.arange(1, 120, 2)
     record = replace(steady_record(2, "position", lines=lines), half_wave=True)
@@ -112,7 +113,7 @@ def test_half_wave_records_have_no_even_lines():
     np.testing.assert_allclose(estimate([off_centre], AUTO, lines).G[:, 0, 0], 1.0, atol=2e-2)
 
 
-def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log():
+def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log() -> None:
     """Samples, references and periods left out are those of each log."""
     record = replace(steady_record(), starts=(1,), discarded_periods=(2,))
     first, second = single_logs(record)
@@ -143,7 +144,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize(("lines", "amplitude"), SHAPES.values(), ids=SHAPES)
-def test_excited_lines_are_found_in_spectra_of_every_shape(lines, amplitude):
+def test_excited_lines_are_found_in_spectra_of_every_shape(lines: np.ndarray, amplitude: np.ndarray) -> None:
     """Exactly the excited ones, with noise 60 dB and nonlinear distortion 35 dB below the excited lines next to it."""
     rng, candidates = np.random.default_rng(0), np.arange(1, 500)
     noise = 1e-6 * np.min(amplitude) ** 2 * np.ones(len(candidates))
@@ -155,7 +156,7 @@ def test_excited_lines_are_found_in_spectra_of_every_shape(lines, amplitude):
     np.testing.assert_array_equal(found, lines)
 
 
-def test_inputs_of_noise_have_no_excited_line():
+def test_inputs_of_noise_have_no_excited_line() -> None:
     """And the message says what to look at."""
     record = steady_record(4)
     rng = np.random.default_rng(0)
@@ -163,7 +164,9 @@ def test_inputs_of_noise_have_no_excited_line():
         analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)
 
 
-def test_the_driver_of_a_large_record_has_the_mean_and_noise_of_all_its_periods(monkeypatch):
+def test_the_driver_of_a_large_record_has_the_mean_and_noise_of_all_its_periods(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """One period at a time, the first of five left out."""
     record = steady_record(5)
     rng = np.random.default_rng(0)

@@ -49,7 +49,7 @@ def taken(law: Law, curve: Curve, v: np.ndarray, viscous: float, step: float) ->
 
 
 @pytest.mark.parametrize(("law", "curve"), [(LUGRE, STRIBECK), (DAHL, COULOMB)])
-def test_exact_updates_follow_the_differential_equation(law, curve):
+def test_exact_updates_follow_the_differential_equation(law: Bristle, curve: Curve) -> None:
     """Steps of 1 ms are within 2 % of F_c of scipy's Radau; with a tenth of the step the error is 50 times smaller."""
     v, (speed, bend) = motion(1, top=0.05), (ca.SX.sym(name) for name in "vz")
     rate = ca.Function("rate", [speed, bend], [law.rate(speed, bend, curve)])
@@ -75,7 +75,7 @@ def test_exact_updates_follow_the_differential_equation(law, curve):
 
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=60), st.floats(1e-6, 0.1))
 @settings(deadline=None, max_examples=60)
-def test_no_step_takes_bristles_beyond_what_sticks(velocities, step):
+def test_no_step_takes_bristles_beyond_what_sticks(velocities: list[float], step: float) -> None:
     """|sigma_0 z| <= F_s whatever the velocities and however long the steps; of Maxwell elements nu_i F_s each."""
     v = np.array(velocities)
     for law in (LUGRE, DAHL):
@@ -87,7 +87,7 @@ def test_no_step_takes_bristles_beyond_what_sticks(velocities, step):
 
 @pytest.mark.parametrize("law", DYNAMIC)
 @pytest.mark.parametrize("v", [-0.5, -0.02, -0.004, 0.004, 0.02, 0.5])
-def test_steady_sliding_takes_tustins_torque_in_both_directions(law, v):
+def test_steady_sliding_takes_tustins_torque_in_both_directions(law: Law, v: float) -> None:
     """sgn(v) g(v) + alpha_3 v |v|, to rounding, from rest and from the other direction."""
     curve = Curve(F_C, F_S, 1 / NU_S, 0.3)
     expected = math.copysign(F_C + (F_S - F_C) * math.exp(-((v / NU_S) ** 2)), v) + 0.3 * v * abs(v)
@@ -99,7 +99,7 @@ def test_steady_sliding_takes_tustins_torque_in_both_directions(law, v):
     np.testing.assert_allclose(static, expected, rtol=1 - math.tanh(abs(v) / SLIDING_VELOCITY) + 1e-12)
 
 
-def test_lugre_drifts_under_a_ripple_below_break_away_and_maxwell_slip_does_not():
+def test_lugre_drifts_under_a_ripple_below_break_away_and_maxwell_slip_does_not() -> None:
     """Strain cycles about a bent state relax LuGre's torque cycle by cycle; Maxwell slip's loop is closed."""
     bend, cycle = np.full(50, 1e-2), np.tile(np.repeat([-1e-2, 1e-2], 20), 50)
     for law, closed in ((ELEMENTS, True), (Bristle(1e4), False)):
@@ -109,7 +109,7 @@ def test_lugre_drifts_under_a_ripple_below_break_away_and_maxwell_slip_does_not(
         assert (drift < 1e-9) == closed
 
 
-def test_at_rest_bristles_are_a_spring_to_ground():
+def test_at_rest_bristles_are_a_spring_to_ground() -> None:
     """About v = 0, z = 0: dz'/dv = 1, dtau/dz = sigma_0, dtau/dv = sigma_1, so dtau/d(displacement) = sigma_0."""
     v, z = ca.SX.sym("v"), ca.SX.sym("z")
     slopes = ca.Function("slopes", [v, z], [
@@ -126,7 +126,7 @@ def test_at_rest_bristles_are_a_spring_to_ground():
 @given(st.integers(0, 10_000), st.sampled_from([0.02, 0.2, 2.0]))
 @settings(deadline=None, max_examples=30)
 @pytest.mark.slow
-def test_what_passes_the_check_gives_no_energy(seed, top):
+def test_what_passes_the_check_gives_no_energy(seed: int, top: float) -> None:
     """Constant sigma_1 with just enough viscous friction, and a falling one at its bound, only take."""
     v = motion(seed, top)((np.arange(20_000) + 0.5) * 5e-5)
     sigma_1 = 30.0
@@ -140,7 +140,7 @@ def test_what_passes_the_check_gives_no_energy(seed, top):
 
 
 @pytest.mark.parametrize(("part", "gives"), [(0.5, True), (1.0, False)])
-def test_what_fails_the_check_gives_energy(part, gives):
+def test_what_fails_the_check_gives_energy(part: float, gives: bool) -> None:
     """Bristles bent by slow sliding, then a jump to 100 rad/s: half the viscous friction needed is not enough."""
     sigma_1, step = 30.0, 1e-8
     viscous = part * sigma_1 * (F_S - F_C) / F_C

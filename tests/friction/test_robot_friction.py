@@ -1,6 +1,7 @@
 """The friction of a robot on the link side, under load and temperature."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import casadi as ca
@@ -28,7 +29,7 @@ from elastid.robot import (
 )
 
 
-def test_friction_of_a_robot_is_seen_from_the_link():
+def test_friction_of_a_robot_is_seen_from_the_link() -> None:
     """Torques times |ratio|, stiffness and damping times its square, velocities divided by it; joints as they are."""
     n = 50.0
     lugre = Friction(0.5, 0.7, 2.0, 1e-4, lugre=LuGre(30.0, 0.01, 5.0))
@@ -51,7 +52,7 @@ def test_friction_of_a_robot_is_seen_from_the_link():
     np.testing.assert_allclose(float(link), n * float(motor), rtol=1e-12)
 
 
-def test_load_and_temperature_change_the_curve():
+def test_load_and_temperature_change_the_curve() -> None:
     """Affine in |load|; dry friction and Stribeck velocity affine, viscous friction exponential in temperature."""
     n = 100.0
     warm = TemperatureDependence(25.0, stiction=0.01, stribeck_velocity=0.1, viscous=0.02, decay=20.0, coulomb=0.002)
@@ -75,7 +76,7 @@ def sliding(one: PlacedLaw, v: float, load: float = 0.0, temperature: float | No
     return float(ca.DM(curve.torque(v))) * np.sign(v) + float(ca.DM(curve.growing(v)))
 
 
-def test_the_published_law_of_a_large_robot_is_held_exactly():
+def test_the_published_law_of_a_large_robot_is_held_exactly() -> None:
     """tau_f of a joint both ways at speeds, loads and temperatures, in parts of 26 Nm on the motor's side."""
     T_0 = 40.0
     fading = p.ALPHA_T * math.exp(-T_0 / p.T_V)
@@ -91,7 +92,7 @@ def test_the_published_law_of_a_large_robot_is_held_exactly():
 
 
 @pytest.mark.parametrize("n", [1.0, 40.0, -40.0])
-def test_two_directions_have_levels_and_slopes_of_their_own(n):
+def test_two_directions_have_levels_and_slopes_of_their_own(n: float) -> None:
     """F_c + c and F_c - c, viscous d more and d less; a gear that reverses exchanges them for the link."""
     one = placed(Friction(2.0, directions=Directions(0.3, 0.5)), n)
     for v_motor in (7.0, -7.0):
@@ -100,7 +101,7 @@ def test_two_directions_have_levels_and_slopes_of_their_own(n):
         np.testing.assert_allclose(sliding(one, v_motor / n), n * on_motor, rtol=1e-12)
 
 
-def test_bristles_slide_at_the_level_of_their_direction():
+def test_bristles_slide_at_the_level_of_their_direction() -> None:
     """A LuGre law pulled steadily either way ends at the level of that way."""
     one = placed(Friction(2.0, directions=Directions(0.3), lugre=LuGre(1e3)))
     curve = one.symbols(list(ca.vertsplit(ca.SX(one.curve()))))
@@ -119,6 +120,6 @@ def test_bristles_slide_at_the_level_of_their_direction():
         (lambda: MeasuredRange(speed=(2.0, 1.0)), r"\[2, 1\]"),
     ],
 )
-def test_laws_that_cannot_be_are_refused(wrong, numbers):
+def test_laws_that_cannot_be_are_refused(wrong: Callable[[], object], numbers: str) -> None:
     with pytest.raises(ValueError, match=numbers):
         wrong()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from elastid.friction.static import LINEAR, SLIDING_VELOCITY, Conditions, Curve, Tustin, columns, phi_1, slopes
 
 
-def test_phi_1_has_the_derivatives_of_its_series():
+def test_phi_1_has_the_derivatives_of_its_series() -> None:
     """1, -1/2, 1/3 at 0; no jump where the series hands over."""
     x = ca.SX.sym("x")
     first = ca.jacobian(phi_1(x), x)
@@ -30,14 +30,14 @@ def torque(v: np.ndarray, *numbers: float) -> np.ndarray:
 
 @given(st.floats(-10, 10), st.floats(0, 1e3))
 @settings(deadline=None)
-def test_friction_takes_energy_and_never_more_than_its_level(v, F_c):
+def test_friction_takes_energy_and_never_more_than_its_level(v: float, F_c: float) -> None:
     """tau_f v >= 0 on the left-hand side, so the motion loses energy, and |tau_f| <= F_c."""
     (tau_f,) = torque(np.array([v]), F_c)
     assert tau_f * v >= 0
     assert abs(tau_f) <= F_c
 
 
-def test_under_gaussian_velocity_friction_is_viscous_on_average():
+def test_under_gaussian_velocity_friction_is_viscous_on_average() -> None:
     """Bussgang: E[tau_f v] / E[v^2] = sqrt(2 / pi) F_c / sigma_v, up to (v_s / sigma_v)^2."""
     F_c, sigma = 20.0, 0.05
     v = np.linspace(-8 * sigma, 8 * sigma, 200_001)
@@ -62,7 +62,7 @@ def closed_form(c: Conditions, eta: Mapping[str, float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("eta", [ETA, ETA | {"load.stribeck_velocity": 0.3}])
-def test_the_columns_of_a_law_are_its_closed_form_and_its_slopes_their_differences(eta):
+def test_the_columns_of_a_law_are_its_closed_form_and_its_slopes_their_differences(eta: dict[str, float]) -> None:
     rng = np.random.default_rng(1)
     warm = np.where(np.arange(30) % 5, rng.uniform(20, 60, 30), np.nan)
     c = Conditions(rng.uniform(0.01, 1, 30), rng.choice([-1.0, 0, 1], 30), rng.uniform(0, 20, 30), warm)

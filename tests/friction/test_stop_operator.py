@@ -13,7 +13,7 @@ from elastid.friction.stop_operator import Path, bristle, stop
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])  # a machine may be busy
 @given(arrays(np.float64, 40, elements=st.floats(-3, 3)), st.floats(0.1, 4))
-def test_a_stop_operator_follows_its_recursion(q, D):
+def test_a_stop_operator_follows_its_recursion(q: np.ndarray, D: float) -> None:
     """s(k) = clip(s(k - 1) + q(k) - q(k - 1), -D, D), also where q stands still."""
     q = np.round(q, 1)
     expected = [0.0]
@@ -22,7 +22,7 @@ def test_a_stop_operator_follows_its_recursion(q, D):
     np.testing.assert_allclose(stop(Path.of(q), D), expected, atol=1e-12)
 
 
-def test_a_bristle_follows_its_differential_equation():
+def test_a_bristle_follows_its_differential_equation() -> None:
     """ds = dq - |dq| s / D in ten thousand small steps."""
     t = np.linspace(0, 1, 10_001)
     q = np.sin(7 * t) + 0.4 * np.sin(31 * t)
@@ -32,7 +32,7 @@ def test_a_bristle_follows_its_differential_equation():
     np.testing.assert_allclose(bristle(Path.of(q), 0.2), s, atol=1e-3)
 
 
-def test_states_in_c_are_those_of_numpy(monkeypatch):
+def test_states_in_c_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also of a path whose first points are left out, and of one that stands still; to rounding."""
     if not is_compiled():
         pytest.skip("the kernels in C are not built")

@@ -61,7 +61,7 @@ def errors(found: PreslidingFit) -> tuple[float, float]:
     return found.sigma_0 / plant.SIGMA_0 - 1, found.sigma_1 / plant.SIGMA_1 - 1
 
 
-def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away():
+def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away() -> None:
     """At half of it and at it, the link on its spring known."""
     found = fit_presliding_responses(
         "joint 1", presliding_responses(measured((0.075, 0.15), 1)), JOINT, (plant.VISCOUS, 0.0)
@@ -92,7 +92,7 @@ def test_a_law_has_the_bristles_of_its_test_at_rest_and_supplies_no_energy(tmp_p
     assert 0.8 * largest < bristles.damping_velocity < largest
 
 
-def test_noise_without_a_period_identifies_bristles():
+def test_noise_without_a_period_identifies_bristles() -> None:
     """20 s of noise from 3 to 90 Hz at two amplitudes, within 1 and 2 %."""
     logs = [record("", peak, round(100 * peak), 0.005, plant.FINE_COUNT, is_noise=True) for peak in (0.1, 0.2)]
     found = fit_presliding_responses("joint 1", presliding_responses(logs), JOINT, (plant.VISCOUS, 0.0))
@@ -101,7 +101,9 @@ def test_noise_without_a_period_identifies_bristles():
 
 @pytest.mark.parametrize("inertias", [(1.0, 1.0), (1.05, 0.875)])
 @pytest.mark.parametrize("factor", [0.8, 1.0, 1.2])
-def test_noise_and_counts_leave_the_numbers_inside_their_intervals(inertias, factor):
+def test_noise_and_counts_leave_the_numbers_inside_their_intervals(
+    inertias: tuple[float, float], factor: float
+) -> None:
     """16 bit, torque noise of a seventh of the torque, a spring of the file that is off, or inertias as well."""
     of_motor, of_link = inertias
     joint = ElasticJoint(of_motor * plant.MOTOR, of_link * plant.LINK, factor * plant.STIFFNESS, plant.DAMPING)
@@ -117,7 +119,7 @@ def noisy_responses() -> tuple[PreslidingResponse, ...]:
 
 
 @pytest.mark.parametrize(("inertia", "sigma_0", "sigma_1"), [(0.03, 300.0, 0.5), (0.5, 4000.0, 3.0)])
-def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia, sigma_0, sigma_1):
+def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia: float, sigma_0: float, sigma_1: float) -> None:
     """That never slip: a spring and a damper to ground, exactly, its torque held from sample to sample."""
     b, a, _ = cont2discrete(([1.0], [inertia, sigma_1, sigma_0]), 1 / RATE)
     torques = [multisine(peak, np.random.default_rng(r)) for peak in (0.05, 0.1) for r in range(2)]
@@ -133,7 +135,7 @@ def test_bristles_of_a_rigid_joint_are_found_with_its_inertia(inertia, sigma_0, 
 
 
 @pytest.mark.parametrize("amplitude", [0.1, 0.3])
-def test_slip_under_a_gaussian_motion_is_as_it_is_linearised(amplitude):
+def test_slip_under_a_gaussian_motion_is_as_it_is_linearised(amplitude: float) -> None:
     """z' = v - |v| z / z_s by steps of a millisecond: z over q, in the mean over all lines, to a tenth of the slip."""
     n, lines = 1 << 14, np.arange(50, 500)
     Q = np.zeros(n // 2 + 1, complex)
@@ -185,7 +187,7 @@ def error(found: Elements) -> float:
 
 
 @pytest.mark.slow
-def test_few_elements_are_chosen_and_nearly_as_good():
+def test_few_elements_are_chosen_and_nearly_as_good() -> None:
     found = fit_presliding(log(1), 0.5)
     assert 3 <= np.sum(found.stiffness > 0) <= 8
     assert error(found) < 0.025
@@ -206,7 +208,7 @@ def test_one_bristle_is_one_element(elements):
     assert found.threshold[0] == pytest.approx(4e-3, rel=0.01)
 
 
-def test_the_robot_file_has_the_same_shares_and_stiffness():
+def test_the_robot_file_has_the_same_shares_and_stiffness() -> None:
     slip = TRUTH_PRESLIDING.to_maxwell_slip()
     assert sum(slip.shares) == pytest.approx(1.0)
     assert sum(slip.stiffness) == pytest.approx(float(STIFFNESS.sum()))
@@ -214,7 +216,7 @@ def test_the_robot_file_has_the_same_shares_and_stiffness():
     np.testing.assert_allclose(levels, TRUTH_PRESLIDING.threshold)
 
 
-def test_loops_of_a_few_counts_are_refused():
+def test_loops_of_a_few_counts_are_refused() -> None:
     with refused("friction/presliding-loops", place="loops of joint 1") as caught:
         fit_presliding(replace(log(0), resolution=5e-3), None)
     moved, least = advised(caught, "moved by"), advised(caught, "more than")

@@ -78,7 +78,7 @@ def assert_recovered(fit: CommandedJoint, i: int, delay_s: float) -> None:
 
 
 @pytest.mark.parametrize("delay_s", [slow(0.0), 0.005, slow(0.010), slow(0.020)])
-def test_one_joint_is_recovered_at_every_delay(delay_s, tmp_path):
+def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -> None:
     """A regression on k_p (r - q) - k_d q' is off by +55 % in J and +171 % in f at 10 ms."""
     r = references(600, 1, 0.35, 4.0)
     q = positions(one_joint, r, delay_s, steps=10) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
@@ -127,7 +127,7 @@ def test_links_of_a_model_load_their_motors_by_the_equations_of_the_arm(tmp_path
 
 @pytest.mark.slow
 @pytest.mark.parametrize("differentiates", [False, True])
-def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates, tmp_path):
+def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates: bool, tmp_path: Path) -> None:
     """Feedback held for 1 ms: f is k_p T / 2 = 10 % too low with a continuous controller."""
     r = references(3000, 1, 0.35, 4.0)
     q = positions(one_joint, r, 0.005, tick=5, differentiates=differentiates)
@@ -142,7 +142,7 @@ def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates, t
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.0, 0.010])
-def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(delay_s, tmp_path):
+def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(delay_s: float, tmp_path: Path) -> None:
     """The masses are those of the robot model; both joints share the delay, and move as measured by commands alone."""
     r = references(3000, 2, 0.4, 2.0)
     q = positions(two_joints, r, delay_s) + np.random.default_rng(1).normal(0, 1e-4, r.shape)
@@ -157,7 +157,7 @@ def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(del
 
 
 @pytest.mark.slow
-def test_wrong_gains_are_refused_or_named(tmp_path):
+def test_wrong_gains_are_refused_or_named(tmp_path: Path) -> None:
     """A velocity gain that is 20 % too large leaves viscous friction below 0; every result names its gains."""
     r = references(2000, 1, 0.35, 4.0)
     q = positions(one_joint, r, 0.005)
@@ -170,7 +170,7 @@ def test_wrong_gains_are_refused_or_named(tmp_path):
 
 
 @pytest.mark.slow
-def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path):
+def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path: Path) -> None:
     """A single joint cannot tell them; gravity and inertia of known masses do."""
     r = references(2000, 2, 0.4, 2.0)
     q = positions(two_joints, r, 0.005)
@@ -179,7 +179,7 @@ def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path)
 
 
 @pytest.mark.slow
-def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path):
+def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path: Path) -> None:
     """T_d + f / k_p is known, T_d and f are not: below k_p / (f + k_d) friction is a delay."""
     r = references(3000, 1, 0.35, 0.6)
     q = positions(one_joint, r, 0.010) + np.random.default_rng(3).normal(0, 1e-3, r.shape)

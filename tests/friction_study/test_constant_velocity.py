@@ -6,6 +6,7 @@ Passes under several loads have gravity of their own and one curve of friction.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def passes(
     return found
 
 
-def test_levels_are_right_under_gravity_of_four_times_the_friction():
+def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
     """Without noise within 0.2 %, with 5 % of noise within 0.4 % at the median speed and as stated elsewhere."""
     quiet = estimate_friction_curve(passes(0, noise=0.0), True, 2 * np.pi / RATIO)
     np.testing.assert_allclose(quiet.torque, level(quiet.speed), rtol=2e-3)
@@ -78,7 +79,7 @@ def test_levels_are_right_under_gravity_of_four_times_the_friction():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("memory", [slow(0.0), 0.03])
-def test_levels_are_covered_whatever_the_noise_remembers(memory):
+def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
     """12 campaigns of 12 speeds: 95 % intervals hold 91 % or more."""
     held = []
     for seed in range(12):
@@ -87,7 +88,7 @@ def test_levels_are_covered_whatever_the_noise_remembers(memory):
     assert 0.91 < np.mean(held) < 0.99
 
 
-def test_slopes_of_two_directions_are_no_offset():
+def test_slopes_of_two_directions_are_no_offset() -> None:
     levels = estimate_friction_curve(passes(2, uneven=6e-4), True, 2 * np.pi / RATIO)
     assert set(levels.direction) == {1.0, -1.0}
     law = StaticLaw.of(levels, LawSpec())
@@ -106,12 +107,12 @@ def test_slopes_of_two_directions_are_no_offset():
         ),
     ],
 )
-def test_passes_that_tell_nothing_are_refused(wrong, code):
+def test_passes_that_tell_nothing_are_refused(wrong, code: str) -> None:
     with refused(code):
         estimate_friction_curve(wrong(passes(0, SPEEDS[:3])), True)
 
 
-def test_a_level_below_gravity_and_noise_does_not_count():
+def test_a_level_below_gravity_and_noise_does_not_count() -> None:
     """Noise of five times the friction, 10 s a pass."""
     with refused("friction/constant-velocity"):
         estimate_friction_curve(passes(0, SPEEDS[-2:], noise=30.0), True)
@@ -129,7 +130,7 @@ def loaded(record: FrictionRecord, load: float) -> FrictionRecord:
     return replace(record, torque=record.torque + further, load=f"{load:g}", load_torque=load)
 
 
-def test_gravity_of_one_load_is_not_friction_of_another():
+def test_gravity_of_one_load_is_not_friction_of_another() -> None:
     """Levels grow by what friction does, to its noise, although gravity grows by far more."""
     _, measured = records(template(*SMALL))
     loads = (0.0, 100.0, 200.0)
@@ -153,7 +154,7 @@ def found() -> FrictionResult:
 
 
 @pytest.mark.slow
-def test_the_numbers_are_those_of_the_truth(found):
+def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
     """Each within its interval of 99.9 %; parts that one load and no thermometer cannot show are held with reasons."""
     numbers = {number.name: number for number in found.numbers}
     assert {"Fc_m1", "Fs_m1", "vs_m1", "f_m1"} <= set(numbers)
@@ -166,7 +167,7 @@ def test_the_numbers_are_those_of_the_truth(found):
     assert {held.term for held in found.at("1").unidentified} >= {"load", "temperature"}
 
 
-def test_the_robots_file_has_the_law_and_its_ranges(found, tmp_path):
+def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_path: Path) -> None:
     """Read back, it is the robot whose friction has the numbers of the table, on the side of the motor."""
     text = robot_of_friction(template().study.name, template().study.as_robot(), found)
     assert all(f"#   {number.name} = " in text for number in found.numbers)
@@ -179,7 +180,7 @@ def test_the_robots_file_has_the_law_and_its_ranges(found, tmp_path):
     assert motor.friction.measured.speed == pytest.approx((0.87, 157.1), rel=0.02)
 
 
-def test_numbers_that_no_contact_has_make_no_law():
+def test_numbers_that_no_contact_has_make_no_law() -> None:
     """Viscous friction that would drive backwards: no number of it is stated, and a note says why."""
     v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
     one = np.ones_like(v)
@@ -192,7 +193,7 @@ def test_numbers_that_no_contact_has_make_no_law():
     assert [note.code for note in result.at("1").notes] == ["friction/law"]
 
 
-def test_runs_at_one_speed_give_its_torque_and_no_law():
+def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
     """At 1.2 rad/s from 25 to 45 degC: the torque there and its change with temperature, without Coulomb friction."""
     (scatter, noise), degc = np.random.default_rng(4).standard_normal((2, 40)), np.linspace(25, 45, 40)
     v, torque = 1.2 * (1 + 3e-3 * scatter), 9.6 - 0.05 * (degc - 35) + 0.05 * noise
@@ -204,7 +205,7 @@ def test_runs_at_one_speed_give_its_torque_and_no_law():
     assert (found.status, found.at("1").friction) == ("partly", None)
 
 
-def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels():
+def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
     """20 K above the reference and under 30 Nm; the file's numbers where nothing is compared."""
     warm = TemperatureDependence(25.0, stiction=0.002, viscous=1e-3, decay=20.0)
     law = Friction(0.2, 0.3, 5.0, load=LoadDependence(0.05, 0.08), temperature=warm)
@@ -220,7 +221,7 @@ def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels():
     assert true_numbers(robot, "1")["Fc_m1"] == pytest.approx(20.0)
 
 
-def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has():
+def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> None:
     """F_c forwards 24, backwards 20, and as many std to each end as of F_c itself."""
     speed = np.tile(np.geomspace(0.01, 1.0, 8), 2)
     way = np.repeat([1.0, -1.0], 8)

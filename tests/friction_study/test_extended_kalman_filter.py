@@ -56,7 +56,7 @@ def nees(track: Track, name: str, truth: FloatArray) -> float:
 
 
 @pytest.mark.slow
-def test_friction_that_warms_up_is_followed_through_stops(kalman):
+def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) -> None:
     """Torque within 0.4 %, NEES at most 1.2, NIS 0.9 to 1.1."""
     run = simulate(stops_and_moves(25), seed=1)
     track = tracked(kalman, run)
@@ -72,7 +72,7 @@ def test_friction_that_warms_up_is_followed_through_stops(kalman):
 
 
 @pytest.mark.slow
-def test_a_bristle_taken_for_certain_is_seen():
+def test_a_bristle_taken_for_certain_is_seen() -> None:
     """Without the slip's noise a filter that is sure of all else is many std off: its innovations say so."""
     run, sure = simulate(stops_and_moves(20), seed=1), KalmanFilter(replace(FOLLOWED, tolerances={}), RATE_HZ)
     track = tracked(sure, run, FilterNoise(angle=NOISE.angle, torque=NOISE.torque, drift=DRIFT, slip=0.0))
@@ -83,7 +83,7 @@ def test_a_bristle_taken_for_certain_is_seen():
 
 
 @pytest.mark.slow
-def test_noise_is_found_from_innovations():
+def test_noise_is_found_from_innovations() -> None:
     """Torque noise within 10 % from a guess of a third; a bristle that is LuGre's slips no more than guessed."""
     kalman = KalmanFilter(FOLLOWED, RATE_HZ)
     run = simulate(rich(5), seed=5)
@@ -92,7 +92,7 @@ def test_noise_is_found_from_innovations():
     assert found.slip == pytest.approx(NOISE.slip)
 
 
-def test_correlated_torque_noise_keeps_its_variance():
+def test_correlated_torque_noise_keeps_its_variance() -> None:
     """w_k+1 = a w_k + e_k, a = exp(-T / tau), has std sigma where var e = sigma^2 (1 - a^2)."""
     joint, noise = replace(FOLLOWED, correlation_s=0.02), replace(NOISE, correlated=0.3)
     driving = noise.vector(joint, RATE_HZ)[2]
@@ -109,7 +109,7 @@ def codes(found: TrackedFriction) -> set[str]:
     return {note.code for note in found.notes}
 
 
-def test_constant_speed_says_what_it_cannot_know():
+def test_constant_speed_says_what_it_cannot_know() -> None:
     """Coulomb friction and an offset are distinguished by reversals."""
     constant = followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4))
     assert "filter/not-observable" in codes(constant)
@@ -117,7 +117,7 @@ def test_constant_speed_says_what_it_cannot_know():
 
 
 @pytest.mark.parametrize(("viscous", "noise"), [(1e3, 1.0), (1.0, 20.0)])
-def test_filter_that_lost_the_log_diverges_at_a_time(viscous, noise):
+def test_filter_that_lost_the_log_diverges_at_a_time(viscous: float, noise: float) -> None:
     """Viscous friction a thousand times too large at the start, noise of 20 times."""
     joint = replace(FOLLOWED, viscous=viscous * FOLLOWED.viscous)
     expected = replace(NOISE, angle=noise * NOISE.angle, torque=noise * NOISE.torque)
@@ -126,7 +126,7 @@ def test_filter_that_lost_the_log_diverges_at_a_time(viscous, noise):
     assert 5.0 <= float(re.findall(r"^at (\S+) s:", lost.consistency.divergence)[0]) <= 7.0
 
 
-def test_filter_in_blocks_continues_its_estimate(monkeypatch, kalman):
+def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch, kalman: KalmanFilter) -> None:
     """Blocks of a fifth of a second bound the memory and change no number."""
     run = simulate(rich(0.5), 4)
     whole = tracked(kalman, run)
@@ -136,7 +136,7 @@ def test_filter_in_blocks_continues_its_estimate(monkeypatch, kalman):
 
 
 @pytest.mark.slow
-def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins():
+def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> None:
     """Another motion of half a second, 1 rad away, changes nothing of the noise that is found."""
     run = simulate(rich(1.5), 5).samples
     short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + 1.0)
@@ -149,7 +149,7 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins():
     assert after.noise == alone.noise
 
 
-def test_a_band_holds_stiction_that_falls_with_warmth():
+def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
     """F_s / F_c of 1.30 for the 1.40 that the filter holds: its band has F_c, that of a filter that is sure has not."""
     run = simulate(stops_and_moves(14), 1, stiction_ratio=1.3)
     held = {}
@@ -162,7 +162,7 @@ def test_a_band_holds_stiction_that_falls_with_warmth():
     assert held["exact"] < 0.5
 
 
-def test_what_a_study_has_identified_narrows_the_bands():
+def test_what_a_study_has_identified_narrows_the_bands() -> None:
     """Inertia to 0.5 % and gravity to 1 % of a rigid joint."""
     one = np.ones(1)
     levels = FrictionCurve("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
@@ -199,7 +199,7 @@ def test_friction_of_the_records_in_which_a_joint_moves_alone_is_followed():
 
 
 @pytest.mark.parametrize("joint", [FOLLOWED, replace(FOLLOWED, stiffness=0.0)])
-def test_momentum_grows_by_the_torques_that_act(joint):
+def test_momentum_grows_by_the_torques_that_act(joint: TrackedJoint) -> None:
     """Of motor and link on their spring, or of a rigid joint, under drive, load, its offset and all but no friction."""
     free = {"coulomb": 1e-12, "viscous": 1e-12, "bristle_stiffness": 1e-12, "bristle_damping": 0.0}
     frictionless = replace(joint, followed=("offset",), **free)

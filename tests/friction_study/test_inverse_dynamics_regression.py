@@ -46,7 +46,7 @@ def swing(seed: int = 0, uneven: float = 0.0, noise: float = 1.0) -> Motion:
 
 
 @pytest.mark.slow
-def test_inertia_friction_and_gravity_are_found_and_covered():
+def test_inertia_friction_and_gravity_are_found_and_covered() -> None:
     """30 logs with noise correlated over 0.1 s: unbiased, and 95 % intervals hold the truth."""
     truth = {"inertia": J, "coulomb": F_C, "viscous": VISCOUS, "gravity.cos": COS, "gravity.sin": SIN}
     found = [regress_motion(swing(seed)).regression for seed in range(30)]
@@ -68,7 +68,7 @@ def with_noise(motion: Motion, std: float, seed: int = 0) -> Motion:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("std", [2e-4, 5e-4])
-def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std):
+def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std: float) -> None:
     """8 logs; in a band of 20 Hz the noise lowers the inertia by 4 to 16 %."""
     fits = [regress_motion(with_noise(swing(seed), std, seed)) for seed in range(8)]
     errors = np.array([(fit.regression["inertia"] - J) / fit.regression.std("inertia") for fit in fits])
@@ -78,7 +78,7 @@ def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 2 * np.pi / RATIO])
-def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn):
+def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn: float) -> None:
     """6 logs over half a radian under cogging and Coulomb friction by the motor's turn, whose ratio is known or not."""
     step_s, t = 5e-4, np.arange(60_000) * 5e-4
     joints, references = [], []
@@ -118,7 +118,7 @@ def test_a_change_between_bands_is_in_the_interval_and_a_misfit_where_it_is_larg
         assert ("viscous" in found.misfit) == (widened > std)
 
 
-def test_directions_are_told_apart_only_where_they_are():
+def test_directions_are_told_apart_only_where_they_are() -> None:
     assert not any(regress_motion(swing(seed)).terms.by_direction for seed in range(3))
     fit = regress_motion(swing(1, uneven=6.0))
     assert fit.terms.by_direction
@@ -127,7 +127,7 @@ def test_directions_are_told_apart_only_where_they_are():
     assert change_of(fit.regression, even)[fit.regression.names.index("directions.viscous")] == 0
 
 
-def test_friction_over_the_angle_is_a_part_where_it_matters():
+def test_friction_over_the_angle_is_a_part_where_it_matters() -> None:
     """From 3 % of Coulomb friction on, however well it shows."""
     log = swing(3, noise=0.05)
     wave = np.sign(np.gradient(log.position)) * (log.position - log.position.mean()) / np.ptp(log.position)
@@ -136,7 +136,7 @@ def test_friction_over_the_angle_is_a_part_where_it_matters():
     assert much.terms.angles
 
 
-def test_ripple_and_a_stribeck_effect_are_parts_where_they_are():
+def test_ripple_and_a_stribeck_effect_are_parts_where_they_are() -> None:
     log = swing(3)
     v = np.gradient(log.position) * log.rate_hz
     more = 3 * np.cos(2 * np.pi * 40 / (2 * np.pi) * log.position) + 4 * np.sign(v) * np.exp(-((v / 0.15) ** 2))
@@ -160,7 +160,7 @@ def test_ripple_and_a_stribeck_effect_are_parts_where_they_are():
     ],
     ids=["too short", "turned", "one way", "too slow"],
 )
-def test_motions_that_tell_nothing_are_refused(wrong):
+def test_motions_that_tell_nothing_are_refused(wrong) -> None:
     with refused("friction/motion", place="motion of joint 1"):
         regress_motion(wrong(swing()))
 
@@ -171,7 +171,7 @@ def axis() -> MotionFriction:
     return regress_motion(Motion("joint 1", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True))
 
 
-def test_a_real_axis_has_the_published_mass_and_two_slopes(axis):
+def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction) -> None:
     """Janot, Gautier and Brunot (2019): 95.11 kg, 203.50 N s/m, 20.39 N with both directions alike.
 
     From all samples; without those near a reversal, where friction is lower, the numbers are others, and the intervals,
@@ -193,7 +193,7 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis):
     assert all(name in axis.time_summary for name, seconds in axis.seconds.items() if seconds and name != "used")
 
 
-def test_a_held_command_acts_half_a_sample_later():
+def test_a_held_command_acts_half_a_sample_later() -> None:
     """The delay that a regression finds where angles were read as a torque began is gone where the log says so."""
     rate, T = 200.0, 1 / 200
     t = np.arange(8000) / rate
@@ -225,7 +225,7 @@ def with_link(resonance_hz: float, share: float = 0.5) -> Motion:
     return Motion("joint 1", rate, np.round(q / 6e-6) * 6e-6, torque)
 
 
-def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none():
+def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -> None:
     """A link at 6 to 15 Hz; one at 1 kHz is rigid, though the noise of its angle is in acceleration and torque."""
     for resonance_hz in (6.0, 15.0):
         fit = regress_motion(with_link(resonance_hz))
@@ -240,7 +240,7 @@ def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none():
 @pytest.mark.parametrize(
     ("at_hz", "stiffer", "inertia"), [(10, 1, 1), slow(10, 1.1, 1), slow(10, 1, 0.8), (1000, 1, 1)]
 )
-def test_spring_of_the_robot_model_is_in_the_regression(at_hz, stiffer, inertia):
+def test_spring_of_the_robot_model_is_in_the_regression(at_hz: float, stiffer: float, inertia: float) -> None:
     """A link at 10 Hz, of a model whose stiffness or inertia is off, too, and a rigid one: J in its interval of 2 %."""
     link = 0.5 * INERTIA
     spring = ElasticJoint(0.5 * INERTIA, inertia * link, stiffer * link * (2 * np.pi * 10.0) ** 2, 0.0)
@@ -268,7 +268,7 @@ def held(fit: MotionFriction, part: str) -> str:
     return next((each.reason for each in fit.unidentified if each.term == part), "")
 
 
-def test_friction_that_changes_with_temperature_has_numbers_for_it():
+def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     """F_c falls by 0.06 N*m/K, viscous friction by a factor e in 20 K; both numbers hold at the mean temperature."""
     fit = regress_motion(warming(slope=-0.06, share=0.4))
     T_0 = fit.terms.reference
@@ -287,7 +287,7 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it():
     assert by_heat.reference == pytest.approx(T_0)
 
 
-def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_says_so():
+def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_says_so() -> None:
     fits = [regress_motion(warming(seed)) for seed in range(2)]
     fits += [regress_motion(replace(warming(), temperature=none)) for none in (np.full(30000, 25.0), None)]
     assert not any(fit.terms.heat for fit in fits)
@@ -296,7 +296,7 @@ def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_
     ] * 2
 
 
-def test_a_stribeck_effect_below_all_speeds_has_no_numbers():
+def test_a_stribeck_effect_below_all_speeds_has_no_numbers() -> None:
     """Ways at 0.1 rad/s and faster, F_s over 0.05 rad/s: F_c is right, and stiction no number."""
     rng, n = np.random.default_rng(0), round(60 * RATE)
     speed = np.concatenate([

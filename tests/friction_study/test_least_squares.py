@@ -31,7 +31,7 @@ def bursts(rng: np.random.Generator) -> Equations:
 
 
 @pytest.mark.slow
-def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom():
+def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom() -> None:
     """Six moments against a minute of 24 cosines; 95 % of the intervals of 1000 draws hold the truth."""
     rng = np.random.default_rng(1)
     fits = [solve([bursts(rng)], RATE_HZ) for _ in range(1000)]
@@ -44,7 +44,7 @@ def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom():
 @pytest.mark.slow
 @pytest.mark.parametrize(("logs", "seconds"), [(1, 60.0), (4, 12.0)])
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_intervals_hold_the_truth_whatever_the_correlation(logs, seconds, correlation):
+def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: float, correlation: float) -> None:
     """95 % of them, of 300 draws of two numbers, by one log or several; the std by the spread to a fifth."""
     rng = np.random.default_rng(0)
     fits = [solve([log(rng, seconds, correlation) for _ in range(logs)], RATE_HZ) for _ in range(300)]
@@ -56,7 +56,7 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs, seconds, correl
     np.testing.assert_allclose(np.sqrt(np.mean(std**2, axis=0)), error.std(axis=0), rtol=0.25)
 
 
-def test_a_search_ends_at_the_optimum_of_each_start_that_has_one():
+def test_a_search_ends_at_the_optimum_of_each_start_that_has_one() -> None:
     """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ def test_a_search_ends_at_the_optimum_of_each_start_that_has_one():
     np.testing.assert_allclose(ends[0].x, [1, 1], rtol=1e-6)
 
 
-def test_chance_of_terms_is_uniform_where_they_are_not_there():
+def test_chance_of_terms_is_uniform_where_they_are_not_there() -> None:
     """One term more in a fit of 40 residuals of white noise, 400 times: below 5 % in 5 % +- 3 %."""
     rng = np.random.default_rng(0)
     chances = []
@@ -78,7 +78,7 @@ def test_chance_of_terms_is_uniform_where_they_are_not_there():
     assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.08
 
 
-def test_the_scattered_covariance_needs_no_variances():
+def test_the_scattered_covariance_needs_no_variances() -> None:
     """Weights wrong by factors up to three: the std of a slope is its spread over 300 draws to 5 %."""
     rng = np.random.default_rng(5)
     x, factor = np.linspace(-1.0, 1.0, 200), np.exp(np.linspace(-1.0, 1.0, 200))

@@ -23,7 +23,7 @@ def record(q: FloatArray, **changes: Any) -> FrictionRecord:
     return FrictionRecord("log", "1", "motion", RATE, np.round(q / count) * count, sliding_torque(q), **changes)
 
 
-def test_every_pass_of_a_log_is_found_and_its_levels_are_right():
+def test_every_pass_of_a_log_is_found_and_its_levels_are_right() -> None:
     """Five speeds there and back under gravity of 2.5 times friction: levels within 0.2 %."""
     found = detect_passes(record(trapezoids(SPEEDS)), True)
     assert [each.speed for each in found] == pytest.approx(SPEEDS, rel=0.01)
@@ -33,24 +33,24 @@ def test_every_pass_of_a_log_is_found_and_its_levels_are_right():
     assert levels.notes == ()
 
 
-def test_a_log_of_one_speed_gives_its_own_passes_alone():
+def test_a_log_of_one_speed_gives_its_own_passes_alone() -> None:
     found = detect_passes(record(trapezoids((0.2, 0.5, 0.2)), speed=0.2), True)
     assert [each.speed for each in found] == pytest.approx([0.2, 0.2], rel=0.01)
 
 
-def test_a_motion_without_plateaus_has_no_passes():
+def test_a_motion_without_plateaus_has_no_passes() -> None:
     t = np.arange(5000) / RATE
     assert detect_passes(record(0.5 * np.sin(2 * np.pi * 0.4 * t)), True) == ()
 
 
 @pytest.mark.parametrize("position", [trapezoids((0.5,), travel=0.05), trapezoids((0.5,))[: round(2.1 * RATE)]])
-def test_a_log_without_its_pass_is_refused(position):
+def test_a_log_without_its_pass_is_refused(position: FloatArray) -> None:
     """Too short a way, and no way back."""
     with refused("friction/constant-velocity-runs", holds="0.5 rad/s"):
         detect_passes(record(position, speed=0.5), True)
 
 
-def test_ways_whose_speed_wanders_with_the_cogging_are_passes():
+def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:
     """15 Nm of cogging on 115 Nm: twelve speeds of twelve, levels within 0.5 %, a slope of 12 % between directions."""
     joint = CoggedJoint(uneven=0.12 * 60)
     speeds = np.geomspace(0.05, 1.0, 12)
@@ -77,7 +77,7 @@ def regression(noise: np.ndarray, ripple: float) -> PassRegression:
     return PassRegression.of(passes, False, 1.0)
 
 
-def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression():
+def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression() -> None:
     """The fifth of a motor turn; the level is that of the truth either way."""
     noise = 0.01 * np.random.default_rng(1).standard_normal(8000)
     for ripple, names in ((0.5, {"ripple.5c", "ripple.5s"}), (0.0, set())):
@@ -87,7 +87,7 @@ def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression():
         assert found.solve()[0][0] == pytest.approx(3.0, abs=2e-3)
 
 
-def test_the_variance_of_a_level_counts_the_correlation_of_the_noise():
+def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
     """sigma^2 / n (1 + phi) / (1 - phi) of noise x_k+1 = phi x_k + e, var e = sigma^2 (1 - phi^2)."""
     phi, n = 0.5, 14_000
     e = np.random.default_rng(2).standard_normal(n) * np.sqrt(1 - phi**2)
@@ -98,7 +98,7 @@ def test_the_variance_of_a_level_counts_the_correlation_of_the_noise():
     assert variance == pytest.approx((1 + phi) / (1 - phi) / n, rel=0.15)
 
 
-def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts():
+def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
     """Within a ramp of 2 rad/s^3 half a sample of 10 ms changes an acceleration by 0.01 rad/s^2."""
     rate = 100.0
     t = np.arange(200) / rate

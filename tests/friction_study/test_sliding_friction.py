@@ -41,7 +41,7 @@ def identified(folder: Path, gain: float, loads: tuple[str, ...], seed: int = 0)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.9, 1.0, 1.15])
-def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain, tmp_path):
+def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain: float, tmp_path: Path) -> None:
     """Inside its interval in 7 of 8 draws and within 1 % in all; the order of the logs does not matter."""
     inside = []
     for seed in range(0, 16, 2):
@@ -56,7 +56,7 @@ def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain, tmp_path):
 
 
 @pytest.mark.parametrize("loads", [("empty", "empty"), ("full", "full")])
-def test_without_a_difference_no_gain_is_known(loads, tmp_path):
+def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path: Path) -> None:
     """All other numbers have their intervals, inertia that of all that turned."""
     result = identified(tmp_path, 1.1, loads)
     assert not any(number.name.startswith("gain") for number in result.numbers)
@@ -69,8 +69,18 @@ def test_without_a_difference_no_gain_is_known(loads, tmp_path):
     assert (joint.misfit, [part.term for part in joint.missing], result.status) == ("", ["stribeck"], "partly")
 
 
+def test_a_torque_that_has_nothing_to_do_with_the_motion_identifies_nothing(tmp_path: Path) -> None:
+    """Noise in place of the torque."""
+    write_log(tmp_path / "0.csv", Q, 20 * np.random.default_rng(3).standard_normal(len(Q)))
+    measured = read_friction_logs(ROBOT, logs(FileSpec("0.csv")), tmp_path, ["1"], {})
+    result = identify_friction(
+        ROBOT, identify_sliding_friction(ROBOT, ROBOT.driven, measured), measured, FrictionSpec()
+    )
+    assert (result.status, [part.term for part in result.joints[0].missing]) == ("failed", ["friction"])
+
+
 @pytest.mark.parametrize("factor", [1 / RATIO, 1 / RATIO**2, RATIO])
-def test_mixed_sides_of_a_gear_are_refused(factor, tmp_path):
+def test_mixed_sides_of_a_gear_are_refused(factor: float, tmp_path: Path) -> None:
     with refused("friction/rigid-body", place="0.csv"):
         identified(tmp_path, factor, ("empty",))
 
@@ -124,7 +134,7 @@ def identified_run_down(folder: Path, starts: tuple[float, ...], seed: int = 0, 
 
 
 @pytest.mark.slow
-def test_a_run_down_gives_friction_over_speed_with_intervals(tmp_path):
+def test_a_run_down_gives_friction_over_speed_with_intervals(tmp_path: Path) -> None:
     """Coulomb, viscous and Stribeck friction of 6 draws: 95 % intervals hold at least 14 of 18, none is useless."""
     inside = []
     for seed in range(6):
@@ -138,7 +148,7 @@ def test_a_run_down_gives_friction_over_speed_with_intervals(tmp_path):
 
 
 @pytest.mark.slow
-def test_run_downs_both_ways_have_the_law_and_no_balance(tmp_path):
+def test_run_downs_both_ways_have_the_law_and_no_balance(tmp_path: Path) -> None:
     result = identified_run_down(tmp_path, (40.0, -40.0))
     numbers = {number.symbol: number.value for number in result.numbers}
     v = np.geomspace(0.5, 40, 20)
@@ -149,13 +159,13 @@ def test_run_downs_both_ways_have_the_law_and_no_balance(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_known_torque_that_brakes_is_no_friction(tmp_path):
+def test_a_known_torque_that_brakes_is_no_friction(tmp_path: Path) -> None:
     result = identified_run_down(tmp_path, (40.0,), drive=-1.0)
     number = next(number for number in result.numbers if number.symbol == "F_c")
     assert number.value == pytest.approx(F_C, abs=0.15)
 
 
-def test_a_motion_one_way_names_the_run_down(tmp_path):
+def test_a_motion_one_way_names_the_run_down(tmp_path: Path) -> None:
     """As a motion it is refused; a torque of zeros too."""
     identified_run_down(tmp_path, (40.0,), drive=-1.0)
     with refused("records/values"):

@@ -29,7 +29,7 @@ def reasons(law: StaticLaw) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_the_whole_published_law_is_chosen_and_held_by_a_robot():
+def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
     """All twelve numbers; simulated from the robot's file at any speed, load and temperature inside the ranges."""
     levels = published_levels()
     law = StaticLaw.of(drawn(levels, 0), LawSpec())
@@ -57,7 +57,9 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot():
         ({"speeds": (60.0, 100.0, 280.0)}, "stribeck", 3),
     ],
 )
-def test_what_the_conditions_cannot_tell_is_named_and_has_no_number(conditions, part, count):
+def test_what_the_conditions_cannot_tell_is_named_and_has_no_number(
+    conditions: dict[str, tuple[float, ...]], part: str, count: int
+) -> None:
     law = StaticLaw.of(drawn(published_levels(**conditions), 3), LawSpec())
     assert f" {count};" in reasons(law)[part]
 
@@ -69,7 +71,7 @@ def test_three_temperatures_and_loads_tell_all_of_their_parts(conditions):
     assert law.dof == len(law.curve.torque) - len(law.names)
 
 
-def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribeck_velocity():
+def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribeck_velocity() -> None:
     """nu_s is 34 rad/s at 60 degC."""
     fast, slow = (
         StaticLaw.of(drawn(published_levels(tuple(np.geomspace(low, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
@@ -89,7 +91,7 @@ def plain(uneven: float = 0.0) -> FrictionCurve:
 
 
 @pytest.mark.slow
-def test_directions_are_one_unless_the_levels_tell_them_apart():
+def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
     """Of 100 even axes at most 5 are called uneven (1 % is stated); a slope 20 % apart is found, in N s/m."""
     uneven = sum("directions.viscous" in StaticLaw.of(drawn(plain(), seed), LawSpec()).names for seed in range(100))
     assert uneven <= 5
@@ -99,13 +101,13 @@ def test_directions_are_one_unless_the_levels_tell_them_apart():
     assert "stiction" not in law.names
 
 
-def test_friction_that_drives_is_refused():
+def test_friction_that_drives_is_refused() -> None:
     with refused("friction/constant-velocity", place="friction torques of joint 1"):
         replace(plain(), torque=-plain().torque)
 
 
 @pytest.mark.slow
-def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction():
+def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction() -> None:
     """F_c 10, F_s 13 N*m over 0.1 rad/s, speeds from 0.1: too few show it, 12 leave F_s out, and F_c's interval holds.
 
     The law itself holds at the speeds that were measured.
@@ -129,7 +131,7 @@ def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction(
     assert "0.88" in reasons(few)["stribeck"]
 
 
-def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_file():
+def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_file() -> None:
     speeds, warmth = np.tile(np.geomspace(0.05, 2.0, 8), 4), np.repeat([25.0, 32.0, 40.0, 47.0], 8)
     torque = 10 - 0.05 * (warmth - 36) + 8 * speeds
     none, noise = np.zeros(32), np.random.default_rng(0).standard_normal(32)
@@ -142,7 +144,7 @@ def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_fil
     assert law_of_joint.sliding(0.5, temperature=25.0) + 0.5 * viscous == pytest.approx(10 + 0.55 + 4, rel=0.01)
 
 
-def test_the_published_surface_is_refitted():
+def test_the_published_surface_is_refitted() -> None:
     """240 exact levels, 12 numbers: exact to rounding."""
     levels = published_levels()
     fit = fit_curve(levels, TERMS)
@@ -153,7 +155,7 @@ def test_the_published_surface_is_refitted():
 
 
 @pytest.mark.slow
-def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth():
+def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth() -> None:
     """60 data sets: scatter over stated std 0.8 to 1.25 for each of 12 numbers, 720 intervals at 95 %."""
     levels = published_levels()
     truth = fit_curve(levels, TERMS)
@@ -167,7 +169,7 @@ def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth():
     assert 0.92 < np.mean(np.abs(error) < 1.96 * stated) < 0.975
 
 
-def test_too_few_levels_are_refused_with_their_number():
+def test_too_few_levels_are_refused_with_their_number() -> None:
     with refused("friction/law", holds=("3 friction torques", "4 parameters")):
         fit_curve(
             published_levels((1.0, 10.0, 100.0), (0.0,), (40.0,)),

@@ -1,5 +1,6 @@
 """The temperature of a joint from its power, and friction that follows it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -69,7 +70,7 @@ def without_tests(whole: WarmUp) -> WarmUp:
     [(True, True), (True, False), (False, True)],
     ids=["both", "thermometer", "friction alone, relative"],
 )
-def test_half_of_four_hours_has_the_numbers(thermometer, tests):
+def test_half_of_four_hours_has_the_numbers(thermometer: bool, tests: bool) -> None:
     first = first_half(campaign(0, thermometer=thermometer))
     model = fit_warm_up(first if tests else without_tests(first))
     assert model.time_constants[0] == pytest.approx(TIME_CONSTANT, rel=0.1)
@@ -86,7 +87,7 @@ def test_half_of_four_hours_has_the_numbers(thermometer, tests):
 
 
 @pytest.mark.slow
-def test_a_second_node_is_taken_only_where_there_is_one():
+def test_a_second_node_is_taken_only_where_there_is_one() -> None:
     one = [fit_warm_up(campaign(seed)) for seed in range(8)]
     assert sum(len(model.time_constants) == 2 for model in one) <= 1
     two = fit_warm_up(campaign(1, second_share=0.3))
@@ -95,7 +96,7 @@ def test_a_second_node_is_taken_only_where_there_is_one():
 
 
 @pytest.mark.slow
-def test_stated_std_is_the_scatter():
+def test_stated_std_is_the_scatter() -> None:
     """ln h and ln C / h over 12 campaigns."""
     models = [fit_warm_up(without_tests(campaign(seed))) for seed in range(12)]
     single = [model for model in models if len(model.time_constants) == 1]
@@ -113,11 +114,11 @@ def test_stated_std_is_the_scatter():
         lambda w: without_tests(replace(w, log=replace(w.log, temperature=np.nan * w.log.temperature))),
     ],
 )
-def test_a_warm_up_that_tells_nothing_is_refused(wrong):
+def test_a_warm_up_that_tells_nothing_is_refused(wrong: Callable[[WarmUp], WarmUp]) -> None:
     with refused("friction/warm-up", place="warm-up"):
         fit_warm_up(wrong(campaign(0)))
 
 
-def test_tests_at_nearly_one_speed_are_at_one():
+def test_tests_at_nearly_one_speed_are_at_one() -> None:
     """Measured speeds differ a little from pass to pass."""
     np.testing.assert_allclose(alike_speeds(np.array([1.0, 0.2, 1.02, 0.2])), [1.01, 0.2, 1.01, 0.2])

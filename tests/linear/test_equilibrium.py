@@ -72,7 +72,7 @@ def test_spring_too_soft_for_its_load_is_refused():
         equilibrium(model, model.theta, Configuration("up", (0.0,)))
 
 
-def test_a_joint_without_load_rests_inside_its_gap():
+def test_a_joint_without_load_rests_inside_its_gap() -> None:
     loose = with_joints(pendulum(5e3), lambda joint: replace(joint, spring=Spring(5e3, 1.0, backlash=1e-3)))
     model = serial(loose)
     for angle, count in ((np.pi, 1), (1.5, 0)):
@@ -89,7 +89,7 @@ def test_not_finite_parameter_is_refused():
         equilibrium(model, theta, Configuration("c", (0.1,)))
 
 
-def test_a_joint_that_moves_no_inertia_is_named():
+def test_a_joint_that_moves_no_inertia_is_named() -> None:
     """A massless hand on a spring: its mass matrix is singular, which no solver below can say."""
     joint = Joint("2", "y", spring=Spring(1e3))
     upper = Body("arm", joints=(Joint("1", "y", Spring(1e3), Motor(1e-3, 50)),), mass=1.0, inertia=0.1)

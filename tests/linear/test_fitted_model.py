@@ -11,7 +11,7 @@ from elastid.linear.fitted_model import FittedModel, ModelErrorFactor
 ANGLES = np.array([0.4, -0.9])
 
 
-def test_principal_compliances_are_eigenvalues_and_their_directions_have_no_shear():
+def test_principal_compliances_are_eigenvalues_and_their_directions_have_no_shear() -> None:
     """The softest first; a force along one of them deflects along it, in the axes of the base."""
     stiff = result().at(ANGLES, axes="world").stiffness()
     values, directions = stiff.principal
@@ -24,7 +24,7 @@ def test_principal_compliances_are_eigenvalues_and_their_directions_have_no_shea
     np.testing.assert_array_equal(stiff.matrix, np.full((6, 6), np.nan))
 
 
-def test_a_band_is_centred_on_its_response_and_the_simultaneous_one_is_wider():
+def test_a_band_is_centred_on_its_response_and_the_simultaneous_one_is_wider() -> None:
     """At 95 and at 68 %; std is between them and zero."""
     model, lines = result().at(ANGLES), np.linspace(2.0, 40.0, 30)
     wide, narrow = model.response_band(lines), model.response_band(lines, 0.68)
@@ -33,7 +33,7 @@ def test_a_band_is_centred_on_its_response_and_the_simultaneous_one_is_wider():
     assert np.all(wide.pointwise >= narrow.pointwise)
 
 
-def test_the_deviation_of_a_response_is_that_of_its_shifts():
+def test_the_deviation_of_a_response_is_that_of_its_shifts() -> None:
     """The root of the sum of their squares; a parameter of which nothing is known counts with 100."""
     fit, lines = result(), np.linspace(2.0, 40.0, 5)
     (model,) = fit.linear
@@ -51,7 +51,7 @@ def test_the_deviation_of_a_response_is_that_of_its_shifts():
     np.testing.assert_allclose(np.abs(largest), 100 * np.abs(moved) / 1e-6, rtol=1e-4)
 
 
-def test_modes_have_shapes_of_largest_entry_one():
+def test_modes_have_shapes_of_largest_entry_one() -> None:
     """Coordinates are those of the robot, motors held at zero."""
     modes = result().at(ANGLES).modes()
     assert modes.shapes.shape == (len(modes.coordinates), len(modes.freq_hz))
@@ -61,7 +61,7 @@ def test_modes_have_shapes_of_largest_entry_one():
     assert len(modes.freq_hz) == 2
 
 
-def test_numbers_follow_the_fit_and_their_slopes_are_those_of_differences():
+def test_numbers_follow_the_fit_and_their_slopes_are_those_of_differences() -> None:
     """Parameters of the fit, and a held mass that a doubt moves by a factor."""
     own = result()
     doubt = ModelErrorFactor(np.array([0.03, -0.02, 0.0, 0.01]), ("m_fore", "c_fore_x"), (0.1, 5e-3), (True, False))

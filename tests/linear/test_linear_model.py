@@ -52,7 +52,7 @@ def linear(gains: tuple[Channel, ...]) -> LinearModel:
     return Linearisation.of(model).at(Configuration("c1", (0.3, -0.5)), model.theta, outputs, "acceleration")
 
 
-def test_gains_multiply_rows_and_divide_columns_of_a_response():
+def test_gains_multiply_rows_and_divide_columns_of_a_response() -> None:
     """By the formula, by the kernel and by the state space; motor 2 and motor 1 as output and input are apart."""
     model, calibrated = linear(GAINS), linear(())
     G = frequency_response(calibrated, calibrated.theta_ref, FREQ_HZ)

@@ -45,7 +45,7 @@ def found(robot: Robot, angles: list[float], spec: ModelSpec | None = None) -> t
 
 
 @pytest.mark.parametrize(("angle", "sign"), [(0.0, 1), (np.pi, -1)])
-def test_a_pendulum_on_a_spring_has_its_weight_s_share(angle, sign):
+def test_a_pendulum_on_a_spring_has_its_weight_s_share(angle: float, sign: int) -> None:
     """m g l beside k where it hangs; where it stands upright its weight helps the mode on: a negative share."""
     k, m, length, rotor = 4e3, 20.0, 0.7, 1.5
     joint = Joint("1", "y", Spring(k), Motor(rotor))
@@ -59,7 +59,7 @@ def test_a_pendulum_on_a_spring_has_its_weight_s_share(angle, sign):
     assert np.sign(energy.load[-1]) == sign
 
 
-def test_a_nonlinear_spring_counts_with_its_tangent():
+def test_a_nonlinear_spring_counts_with_its_tangent() -> None:
     """A horizontal arm deflects its gear; only the spring and the weight store anything, and theirs is all of it."""
     joint = Joint("1", "y", Spring(2e4, cubic=5e7), Motor(1.5))
     arm = Body("a", joints=(joint,), mass=40.0, center_of_mass=(0.5, 0, 0), inertia=0.1)
@@ -91,7 +91,7 @@ QUICK = {"after the gears", "in series", "constrained", "minimal"}
 
 
 @pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in ROBOTS])
-def test_the_share_of_a_spring_is_what_its_stiffness_does_to_the_frequency(name):
+def test_the_share_of_a_spring_is_what_its_stiffness_does_to_the_frequency(name: str) -> None:
     """d ln f^2 / d ln k (Rayleigh), by differences of the modes of other robots; without weight they sum to one."""
     robot, angles, spec = ROBOTS[name]
     freq_hz, energy = found(robot, angles, spec)

@@ -50,7 +50,7 @@ def linear_of(robot: Robot, angles: tuple[float, ...], form: str | None = None) 
     return model, linearisation.at(posture, model.theta, model.inputs, "position")
 
 
-def test_gravity_softens_as_a_hanging_pendulum_swings():
+def test_gravity_softens_as_a_hanging_pendulum_swings() -> None:
     """E[cos e] = 1 - rms^2 / 2: m g c of less stiffness, at every frequency, as statistical linearisation has it."""
     model, linear = linear_of(PENDULUM, (0.0,))
     rms = 0.02
@@ -60,7 +60,7 @@ def test_gravity_softens_as_a_hanging_pendulum_swings():
     np.testing.assert_allclose(effect, expected, rtol=1e-3)
 
 
-def test_sums_and_differences_of_lines_meet_the_motion_again():
+def test_sums_and_differences_of_lines_meet_the_motion_again() -> None:
     """A pendulum that leans: the curvature of its gravity twice, and between them the pendulum at omega +- omega_k."""
     angle, rms, lines = 0.9, 0.01, (0.55, 1.4)
     model, linear = linear_of(PENDULUM, (angle,))
@@ -77,7 +77,7 @@ def test_sums_and_differences_of_lines_meet_the_motion_again():
     np.testing.assert_allclose(effect[:, 0, 0], 1 / (L(omega) + change) - 1 / L(omega), rtol=1e-3)
 
 
-def test_a_posture_that_gave_way_is_where_the_motor_was_measured():
+def test_a_posture_that_gave_way_is_where_the_motor_was_measured() -> None:
     """Of a mean 1 mrad off the configuration: gravity's stiffness there, to first order; 0.1 rad is another zero."""
     angle, shift = 0.9, 1e-3
     model, linear = linear_of(PENDULUM, (angle,))
@@ -91,7 +91,7 @@ def test_a_posture_that_gave_way_is_where_the_motor_was_measured():
     np.testing.assert_array_equal(other, kept)
 
 
-def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection():
+def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection() -> None:
     """The linearisation of a Duffing spring, k + 3 k_3 sigma^2, of the deflection that goes with the motor's motion."""
     k, cubic, inertia = 2e4, 4e8, 3.0
     joint = Joint("1", "z", Spring(k, 5.0, cubic=cubic), Motor(4.0, 1.0, 10.0))
@@ -108,7 +108,7 @@ def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection():
 
 
 @pytest.mark.parametrize("feedback", [False, True])
-def test_multipliers_and_minimal_coordinates_say_the_same_of_a_loop(feedback):
+def test_multipliers_and_minimal_coordinates_say_the_same_of_a_loop(feedback: bool) -> None:
     """The linkage's rod as a constraint that turns and stretches, and cut: of two sums of terms that differ widely."""
     robot = load_robot(ROBOTS / "linkage_arm.yml")
     lines, effects = np.array([0.5, 3.0, 7.5, 12.0]), []
@@ -142,7 +142,7 @@ def beyond_scatter(
 
 
 @pytest.mark.slow
-def test_records_of_a_moving_arm_show_it_in_its_motors_and_at_points_that_turn():
+def test_records_of_a_moving_arm_show_it_in_its_motors_and_at_points_that_turn() -> None:
     """Three axes and a link that bends and twists; a point's acceleration along an axis, and an accelerometer's."""
     outputs = (*ARM.motor_locations, "frame tool z", "accelerometer tool x")
     simulated = SimulatedSpec(outputs=outputs, compiled=True)

@@ -57,7 +57,7 @@ def tapped(outputs: tuple[str, ...], motors: Motors = "free", loop: JointLoop | 
 
 
 @pytest.mark.parametrize("motors", ["locked", "free", "controlled"])
-def test_a_tapped_robot_is_that_of_equations_of_its_own(motors):
+def test_a_tapped_robot_is_that_of_equations_of_its_own(motors: Motors) -> None:
     """To 1e-9 of the largest element: tool by force, and motor by force where these turn; a delay is no part of it."""
     loop = (
         JointLoop(np.array([3e5, 1e5]), np.array([2e3, 9e2]), np.array([5.0, 9.0])) if motors == "controlled" else None
@@ -73,7 +73,7 @@ def test_a_tapped_robot_is_that_of_equations_of_its_own(motors):
 
 
 @pytest.mark.parametrize("outputs", [MOTIONS, ("motor 1", "accelerometer tool y")])
-def test_derivatives_hold_where_the_geometry_moves_the_force(outputs):
+def test_derivatives_hold_where_the_geometry_moves_the_force(outputs: tuple[str, ...]) -> None:
     """To all numbers of the file within their tolerances, against differences of models linearised there."""
     robot, spec = arm(Tolerances()), FitSpec()
     parameters = with_tolerances(choose(spec, robot, ["tapped"]), robot, spec)

@@ -18,7 +18,7 @@ from elastid.record import Record
 from elastid.response import Covariance, Response
 
 
-def test_an_exponential_window_is_taken_out_of_the_damping():
+def test_an_exponential_window_is_taken_out_of_the_damping() -> None:
     r"""Hits with answers times exp(-t / 0.5 s): the poles of the response have 2 / s more of damping each."""
     tau, t = 0.5, np.arange(2**14) / 400
     poles = 2 * np.pi * NATURAL * (1j * np.sqrt(1 - ZETA**2) - ZETA) - 1 / tau
@@ -43,7 +43,7 @@ def shaken(seed: int) -> Record:
 
 
 @pytest.mark.slow
-def test_dampings_by_segments_have_no_leakage():
+def test_dampings_by_segments_have_no_leakage() -> None:
     """Five modes of a random shaker by H1, barely resolved: 20 dampings unbiased, too large by 3 % and more without."""
     ratios, without = [], []
     for seed in range(4):
@@ -56,7 +56,7 @@ def test_dampings_by_segments_have_no_leakage():
     assert np.mean(without) > 1.03
 
 
-def test_the_intervals_hold_the_modes_of_whole_records():
+def test_the_intervals_hold_the_modes_of_whole_records() -> None:
     """Mean square of error over std of frequency and damping, 12 draws of multisines on three masses: at most 2."""
     natural, damping, _ = true_modes()
     errors = []
@@ -74,7 +74,7 @@ def test_the_intervals_hold_the_modes_of_whole_records():
     assert np.mean(np.square(errors)) < 2
 
 
-def test_a_band_without_lines_is_refused_and_a_study_goes_on():
+def test_a_band_without_lines_is_refused_and_a_study_goes_on() -> None:
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)))
     with refused("modal/lines", place="configuration bench"):
         estimate_modes(response, band_hz=(40, 41))
@@ -82,7 +82,7 @@ def test_a_band_without_lines_is_refused_and_a_study_goes_on():
     assert none.shape_std.shape == none.shapes.shape == (1, 0)
 
 
-def test_overloaded_hits_have_no_modes_but_those_that_are_named():
+def test_overloaded_hits_have_no_modes_but_those_that_are_named() -> None:
     """A note on clipped hits at the response; of a band alone its modes are found."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
     clipped = replace(response, notes=(Note("frf/overload", "3 of 5 hits stay at 20", "record a"),))
@@ -91,7 +91,7 @@ def test_overloaded_hits_have_no_modes_but_those_that_are_named():
     np.testing.assert_allclose(estimate_modes(clipped, poles_hz=tuple(NATURAL)).freq_hz, NATURAL, rtol=1e-3)
 
 
-def test_a_roving_hammer_shows_shapes_where_it_hits():
+def test_a_roving_hammer_shows_shapes_where_it_hits() -> None:
     """The transposed response of one accelerometer and three hits: the same shapes and intervals, at the inputs."""
     shapes = np.random.default_rng(1).normal(size=(3, 5))
     still = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, noise=0.02)

@@ -15,7 +15,7 @@ from elastid.response import Covariance
 
 
 @pytest.mark.parametrize("kind", [slow("white"), slow("not stated"), slow("correlated"), "of few degrees of freedom"])
-def test_the_intervals_of_a_draw_are_its_errors(kind):
+def test_the_intervals_of_a_draw_are_its_errors(kind: str) -> None:
     """Mean square of error over std of frequency, damping and shape, 16 draws of five modes: 0.6 to 1.5."""
     shapes = np.outer([1.0, 0.5], np.ones(5))
     errors, exact = [], modal_response(FREQ_HZ, NATURAL, ZETA, shapes)
@@ -39,7 +39,7 @@ def test_the_intervals_of_a_draw_are_its_errors(kind):
     assert np.all(squares < 1.5)
 
 
-def test_a_window_that_no_pole_went_through_is_named():
+def test_a_window_that_no_pole_went_through_is_named() -> None:
     """0.05 s takes more damping out than light modes have; 10 s does not, nor 1.326 s, all that one of them has."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
     assert "modal/damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
@@ -57,7 +57,7 @@ def test_periods_that_are_too_short_for_the_damping_are_named_with_those_that_ar
         assert told == [("modal/damping", "bench", pytest.approx([1, 2, 50, 40], rel=0.02))] * is_short
 
 
-def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none():
+def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
     """Of another shape, farther off or stronger it is a mode."""
     strong = FittedMode(50.0, 0.01, 0.01, 1e-4, np.array([[1.0, 2.0j, -1.0]]), np.full((1, 3), 1e-3))
     log_comparison = replace(strong, freq_hz=50.1, residue=0.01j * strong.residue)
@@ -70,7 +70,7 @@ def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none():
 
 
 @pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
-def test_a_broad_pole_that_is_lower_than_its_surroundings_or_unknown_is_background(unit):
+def test_a_broad_pole_that_is_lower_than_its_surroundings_or_unknown_is_background(unit: float) -> None:
     """By its peak R / (2 pi zeta f) over a flat response of size 1, in any unit; a light one is a mode all the same."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((2, 5)))
     flat = replace(response, G=np.full(response.G.shape, unit / np.sqrt(2)))

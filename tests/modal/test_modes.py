@@ -18,7 +18,7 @@ from elastid.response import Covariance
 KINDS = strategies.sampled_from(["position", "velocity", "acceleration"])
 
 
-def test_mac_ignores_factors_and_sees_angles():
+def test_mac_ignores_factors_and_sees_angles() -> None:
     """The MAC of real shapes at an angle of 30 degrees is its cosine squared."""
     first = np.array([[1.0], [0.0]])
     second = np.array([[np.sqrt(3) / 2], [0.5]]) * (2 - 3j)
@@ -27,7 +27,7 @@ def test_mac_ignores_factors_and_sees_angles():
 
 @settings(deadline=None, max_examples=15)
 @given(strategies.integers(0, 2**32 - 1), strategies.integers(1, 4), strategies.integers(1, 3), KINDS)
-def test_what_a_fit_states_is_what_fits_beside_it_have(seed, n, n_y, quantity):
+def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: int, quantity: str) -> None:
     """Residues and levels of exact data, squares with one pole more or less."""
     rng = np.random.default_rng(seed)
     natural = np.arange(20.0, 20.0 + 25 * n, 25) + rng.uniform(0, 8, n)
@@ -57,7 +57,7 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed, n, n_y, quantity):
 
 @settings(deadline=None, max_examples=10)
 @given(strategies.integers(0, 2**32 - 1))
-def test_variances_are_those_of_neighbours_or_of_outputs_and_inputs(seed):
+def test_variances_are_those_of_neighbours_or_of_outputs_and_inputs(seed: int) -> None:
     """White noise on a cubic along uneven lines, as it scatters; a + b |G|^2 of a few degrees of freedom, as stated."""
     rng = np.random.default_rng(seed)
     freq_hz, std = np.cumsum(rng.uniform(0.5, 1.5, 4000)), np.array([[1e-3, 5.0]])

@@ -17,7 +17,7 @@ from elastid.modal.poles import HIGHEST, poles_over_orders, residual_peaks, stab
 from elastid.response import Covariance, Response
 
 
-def test_an_exact_response_gives_its_modes():
+def test_an_exact_response_gives_its_modes() -> None:
     """Three masses: frequencies, dampings and shapes to rounding."""
     natural, damping, shapes = true_modes()
     freq_hz = np.arange(20, 800) / 8
@@ -32,7 +32,7 @@ def test_an_exact_response_gives_its_modes():
     np.testing.assert_allclose(modes.shapes.real, shapes / largest, atol=1e-8)
 
 
-def test_a_pole_is_stable_where_the_order_before_has_it_within_a_hundredth():
+def test_a_pole_is_stable_where_the_order_before_has_it_within_a_hundredth() -> None:
     """Of its frequency, and its damping within a twentieth."""
     before = 40.0 * np.array([-0.01 + 1j, -0.02 + 2j])
     same, moved, damped = 40.0 * np.array([-0.01004 + 1.004j, -0.02 + 2.05j, -0.022 + 2j])
@@ -41,7 +41,7 @@ def test_a_pole_is_stable_where_the_order_before_has_it_within_a_hundredth():
     np.testing.assert_array_equal(diagram.stable, [False, False, True, False, False])
 
 
-def test_what_a_model_leaves_has_candidates_at_its_peaks():
+def test_what_a_model_leaves_has_candidates_at_its_peaks() -> None:
     """On the lines of all modes that it lacks, at several dampings."""
     data = modal_data(modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5))), np.ones((len(FREQ_HZ), 1, 1)))
     found = residual_peaks(ModalFit(data, np.empty(0, complex))) * data.basis.scale / (2 * np.pi)
@@ -51,7 +51,7 @@ def test_what_a_model_leaves_has_candidates_at_its_peaks():
 
 @settings(deadline=None, max_examples=30)
 @given(strategies.integers(0, 2**32 - 1), *(strategies.integers(1, 3) for _ in range(3)))
-def test_a_matrix_fraction_of_the_order_has_its_poles_and_no_other(seed, n_u, n_y, half):
+def test_a_matrix_fraction_of_the_order_has_its_poles_and_no_other(seed: int, n_u: int, n_y: int, half: int) -> None:
     """Residues of rank 1 along z and a constant matrix are a fraction of order 2 n / n_u, for any weights."""
     rng, n = np.random.default_rng(seed), half * n_u
     freq_hz = np.cumsum(rng.uniform(0.5, 1.5, 150))
@@ -71,7 +71,7 @@ def test_a_matrix_fraction_of_the_order_has_its_poles_and_no_other(seed, n_u, n_
     assert np.abs(orders[2 * half + 2][:, None] / poles - 1).min(axis=0).max() < 1e-6
 
 
-def test_a_double_root_is_two_modes():
+def test_a_double_root_is_two_modes() -> None:
     """Two shapes at 40 Hz, two inputs: both, whose span is that of the true ones."""
     shapes = np.array([[1.0, 0.2, 0.5], [0.3, -1.0, 0.4], [0.6, 0.5, -0.9], [-0.2, 0.8, 0.3]])
     response = modal_response(FREQ_HZ, np.array([40.0, 40.0, 70.0]), np.array([0.01, 0.01, 0.02]), shapes, 2, 0.002)
@@ -82,7 +82,7 @@ def test_a_double_root_is_two_modes():
     assert np.abs(outside).max() < 0.01
 
 
-def test_noise_alone_has_no_mode():
+def test_noise_alone_has_no_mode() -> None:
     """Eight records, white and rising with frequency, one to four outputs, stated and not."""
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -94,7 +94,7 @@ def test_noise_alone_has_no_mode():
         assert estimate_modes(Response(FREQ_HZ, G, ("u",), outputs, "velocity", BENCH, noise)).n_modes == 0
 
 
-def test_six_by_six_and_chosen_poles():
+def test_six_by_six_and_chosen_poles() -> None:
     """Poles that are named are taken: two of five, of 6 x 6; the others are in the residuals of a band."""
     shapes = np.random.default_rng(2).normal(size=(6, 5))
     response = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, 6, 0.01)
@@ -104,7 +104,7 @@ def test_six_by_six_and_chosen_poles():
     np.testing.assert_allclose(modes.zeta, ZETA[1:3], rtol=0.02)
 
 
-def test_a_chosen_frequency_without_a_pole_is_named():
+def test_a_chosen_frequency_without_a_pole_is_named() -> None:
     """Between two modes there is none: the pole that wanders to a mode is not that at 55 Hz; two may name one mode."""
     shapes = np.random.default_rng(2).normal(size=(3, 5))
     response = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, 1, 0.01)
@@ -117,7 +117,7 @@ def test_a_chosen_frequency_without_a_pole_is_named():
 
 @pytest.mark.oracle("sdypy.EMA")
 @pytest.mark.filterwarnings("ignore:.*outside the frequency range")  # its own upper limit, which it cuts off
-def test_poles_and_shapes_agree_with_sdypy_ema():
+def test_poles_and_shapes_agree_with_sdypy_ema() -> None:
     """Four modes seen at five places under one force, noise of 0.05 %: frequencies to 0.02 %, dampings to 5 %.
 
     Its estimator minimises an equation error, in which noise raises dampings by some per cent.
@@ -142,7 +142,7 @@ def test_poles_and_shapes_agree_with_sdypy_ema():
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_resonances_between_lines_are_modes_once_and_three_disturbed_lines_are_none(seed):
+def test_resonances_between_lines_are_modes_once_and_three_disturbed_lines_are_none(seed: int) -> None:
     """Three references, each with natural frequencies of its own; the widths are a thirtieth to a third of a line."""
     freq_hz, natural = np.arange(1.0, 201.0), np.array([31.5, 87.45, 152.4])
     zeta, shapes = np.array([5.5, 3.7, 2.0]) * 1e-4, np.random.default_rng(5).uniform(0.4, 1.0, (3, 3))
@@ -158,7 +158,7 @@ def test_resonances_between_lines_are_modes_once_and_three_disturbed_lines_are_n
     np.testing.assert_allclose(estimate_modes(response).freq_hz, natural, atol=0.03)
 
 
-def test_a_response_of_opposite_phase_has_the_modes_of_its_conjugate():
+def test_a_response_of_opposite_phase_has_the_modes_of_its_conjugate() -> None:
     """Frequencies and dampings are those of the response itself; the note has the code modal/phase."""
     response = modal_response(FREQ_HZ[:300], NATURAL[:2], ZETA[:2], np.ones((2, 2)), noise=0.01)
     modes, inverted = (estimate_modes(each) for each in (response, replace(response, G=response.G.conj())))
@@ -169,7 +169,7 @@ def test_a_response_of_opposite_phase_has_the_modes_of_its_conjugate():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_tall_matrix_has_orthonormal_factors(seed):
+def test_a_tall_matrix_has_orthonormal_factors(seed: int) -> None:
     """Three pairs of columns that differ by 1e-11 to 1e-5: Q^T Q = I and A = Q R to rounding, R triangular."""
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((500, 12))

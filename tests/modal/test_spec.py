@@ -14,7 +14,7 @@ POINTS = {"foot": (0.0, 0.0, 0.0), "tip": (0.0, 0.0, 1.0)}
         ({"motion": {"a": ("tip", "up")}}, "direction of a is up; give x, y or z"),
     ],
 )
-def test_geometry_names_what_is_wrong(keys, says):
+def test_geometry_names_what_is_wrong(keys: dict, says: str) -> None:
     assert GeometrySpec(points=POINTS).direction_of("tip -x") == ("tip", "-x")
     assert not any(GeometrySpec(points=POINTS).direction_of(output) for output in ("head x", "tip up"))
     with pytest.raises(ValueError, match=says):

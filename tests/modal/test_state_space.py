@@ -1,6 +1,7 @@
 """The modal model as state space and transfer function: of the modes, and of the response in the band."""
 
 import importlib.util
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def far(G: np.ndarray, H: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("quantity", ["acceleration", "position"])
-def test_modes_in_real_form_have_the_modal_synthesis(quantity):
+def test_modes_in_real_form_have_the_modal_synthesis(quantity: Motion) -> None:
     """The sum of R / (s - lambda) and its conjugate, to rounding; as state space, and as transfer function."""
     pytest.importorskip("control")
     response, modes = structure(quantity)
@@ -47,7 +48,7 @@ def test_modes_in_real_form_have_the_modal_synthesis(quantity):
 
 
 @pytest.mark.parametrize("quantity", ["acceleration", "position"])
-def test_residual_makes_the_model_that_of_the_band(quantity):
+def test_residual_makes_the_model_that_of_the_band(quantity: Motion) -> None:
     """The mode above the band within 0.3 %; without the residual 0.3 to 22 % are lost. All poles are stable."""
     response, modes = structure(quantity)
     model, alone = (modes.state_space(residual).response(response.freq_hz) for residual in (True, False))
@@ -61,7 +62,7 @@ def test_residual_makes_the_model_that_of_the_band(quantity):
 
 
 @pytest.mark.slow
-def test_covariance_has_the_stated_deviations_and_is_that_of_draws():
+def test_covariance_has_the_stated_deviations_and_is_that_of_draws() -> None:
     """Of frequency and damping of two close modes, which share errors: correlation of 40 draws within 0.35."""
     pair, zeta, shapes = np.array([30.0, 30.6]), np.array([0.01, 0.01]), np.ones((1, 2))
     errors = []
@@ -75,7 +76,7 @@ def test_covariance_has_the_stated_deviations_and_is_that_of_draws():
     np.testing.assert_allclose(correlation, np.corrcoef(np.array(errors).T), atol=0.35)
 
 
-def test_exported_loader_has_model_and_covariance(tmp_path):
+def test_exported_loader_has_model_and_covariance(tmp_path: Path) -> None:
     """The system of `to_control`, as state space and transfer function, of a configuration with modes alone."""
     pytest.importorskip("control")
     response, modes = structure("acceleration")

@@ -73,5 +73,6 @@ def write_topics(path: Path, topics: dict[str, tuple[np.ndarray, dict[str, np.nd
                 arrays = (fields[key][k : k + 1] if key in fields else np.zeros(0) for key in ("position", "effort"))
                 position, effort = arrays
                 message = State(Header(Stamp(ns // 10**9, ns % 10**9), ""), ["axis"], position, np.zeros(0), effort)
-                writer.write(connection, ns, store.serialize_cdr(message, State.__msgtype__))
+                received = 1_700_000_000_000_000_000 + k  # in the order of the rows, whatever the stamps are
+                writer.write(connection, received, store.serialize_cdr(message, State.__msgtype__))
     return path

@@ -33,7 +33,7 @@ from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import FIFTH_ORDER, contacts
 
 
-def test_the_loop_is_that_of_a_plain_python_loop():
+def test_the_loop_is_that_of_a_plain_python_loop() -> None:
     """Sample by sample with the controller written out, across the border of two chunks."""
     model, n = serial(arm(damping=20.0)), CHUNK_SAMPLES + 50
     point = resting(model, 0.3, -0.8)
@@ -54,7 +54,7 @@ def test_the_loop_is_that_of_a_plain_python_loop():
         last = reading
 
 
-def test_the_integral_acts_and_stops_where_a_drive_clips():
+def test_the_integral_acts_and_stops_where_a_drive_clips() -> None:
     """A motor against a constant load: u = clip(e + k_i I), and I grows by e / rate where u is not clipped."""
     model, limit, n = serial(motor()), 15.0, 400
     gains, z = tune(model, np.zeros(1), 3.0, 0.8, integral_time=0.1), np.zeros((n, 1))
@@ -74,7 +74,7 @@ def test_the_integral_acts_and_stops_where_a_drive_clips():
     assert run.u[-1, 0] == pytest.approx(8.0, rel=0.1)
 
 
-def test_a_motion_begins_as_it_goes_on():
+def test_a_motion_begins_as_it_goes_on() -> None:
     """A motor at constant speed under the torque of its bent bristles keeps its speed from the first sample on."""
     model, n, speed = serial(motor()), 300, 0.4
     bristles = contacts(model, [PlacedLaw("motor 1", Bristle(1e5, 20.0), Friction(coulomb=30.0), 1.0)])
@@ -116,7 +116,7 @@ def compiler_script(folder: Path, body: str) -> str:
 
 
 @needs_compiler
-def test_a_motion_has_the_same_bytes_with_and_without_a_compiler():
+def test_a_motion_has_the_same_bytes_with_and_without_a_compiler() -> None:
     """Two links with friction, counts and noise in closed loop."""
     model, n, random = serial(arm(damping=20.0)), 1500, np.random.default_rng(2)
     point = resting(model, 0.3, -0.8)
@@ -133,7 +133,7 @@ def test_a_motion_has_the_same_bytes_with_and_without_a_compiler():
 
 
 @needs_compiler
-def test_machine_code_outlives_its_file(caplog):
+def test_machine_code_outlives_its_file(caplog: pytest.LogCaptureFixture) -> None:
     """Two functions of the same name with other numbers, evaluated after their libraries are gone."""
     first, second = (compiled(function, MIN_CALLS) for function in (wave(), wave(7.0)))
     x = np.array([0.7, -1.3])
@@ -154,7 +154,9 @@ def test_machine_code_outlives_its_file(caplog):
         (None, "no C compiler"),
     ],
 )
-def test_where_the_compiler_fails_a_warning_gives_the_reason(body, reason, tmp_path, monkeypatch, caplog):
+def test_where_the_compiler_fails_a_warning_gives_the_reason(
+    body: str | None, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     """It ends with an error, hangs with a child of its own, writes nothing or no library, or is missing."""
     monkeypatch.setenv("CC", str(tmp_path / "none") if body is None else compiler_script(tmp_path, body))
     monkeypatch.setattr("elastid.simulation.closed_loop.MAX_COMPILE_S", 0.2)

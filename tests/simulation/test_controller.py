@@ -24,7 +24,7 @@ from elastid.simulation.drives import Drives
 from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
 
 
-def test_the_controller_has_its_bandwidth_and_damping():
+def test_the_controller_has_its_bandwidth_and_damping() -> None:
     """A step of the reference overshoots by exp(-pi zeta / sqrt(1 - zeta^2)), after half a damped period."""
     model, zeta, bandwidth = serial(motor()), 0.5, 1.5
     gains = tune(model, np.zeros(1), bandwidth, zeta)
@@ -35,14 +35,14 @@ def test_the_controller_has_its_bandwidth_and_damping():
     np.testing.assert_allclose(run.q.argmax() / 1000, 1 / (2 * bandwidth * damped), rtol=0.01)
 
 
-def test_gains_of_a_cascade_are_those_of_its_loops():
+def test_gains_of_a_cascade_are_those_of_its_loops() -> None:
     """Position and velocity gain and integral time, one for both joints or one for each."""
     given = GainsSpec(position_gain=4.0, velocity_gain=(50.0, 20.0), integral_time=(0.5, 0.25))
     gains = gains_of(serial(arm()), np.zeros(2), ControllerSpec(kind="cascade", gains=given))
     np.testing.assert_array_equal([gains.kp, gains.kd, gains.ki], [[200.0, 80.0], [50.0, 20.0], [2.0, 4.0]])
 
 
-def test_feed_forward_is_the_rigid_robots_inverse_dynamics():
+def test_feed_forward_is_the_rigid_robots_inverse_dynamics() -> None:
     """Accelerating both motors from rest needs T^T M T q_a'' beyond the holding torque, springs out of it."""
     model = serial(arm(damping=20.0))
     point = resting(model, 0.3, -0.8)
@@ -61,12 +61,12 @@ SPEC = ControllerSpec(
 )  # fmt: skip
 
 
-def test_a_low_pass_is_that_of_scipy():
+def test_a_low_pass_is_that_of_scipy() -> None:
     """Butterworth's, by Tustin's rule."""
     np.testing.assert_allclose(low_pass(60.0, 500.0), signal.butter(2, 60.0, fs=500.0, output="sos")[0], rtol=1e-12)
 
 
-def test_a_notch_leaves_its_depth_at_its_frequency():
+def test_a_notch_leaves_its_depth_at_its_frequency() -> None:
     """And nothing at rest and at half the rate; its width is that between -3 dB points where its depth is 0."""
     filters = Filters(((notch(40.0, 0.5, 0.1, 500.0),),))
     H = np.abs(filters.response(np.array([1e-6, 40.0, 250.0]), 500.0)[:, 0])
@@ -76,7 +76,7 @@ def test_a_notch_leaves_its_depth_at_its_frequency():
     np.testing.assert_allclose(np.abs(narrow.response(ends, 5000.0)[:, 0]), np.sqrt(0.5), rtol=1e-4)
 
 
-def test_states_have_the_response():
+def test_states_have_the_response() -> None:
     """C (z - A)^-1 B + D, of a motor without filters, too."""
     filters = filters_of(("1", "2"), SPEC, RATE_HZ)
     A, B, C, D = filters.matrices
@@ -88,7 +88,7 @@ def test_states_have_the_response():
     assert [part.shape for part in alone] == [(0, 0), (0, 2), (2, 0), (2, 2)]
 
 
-def test_the_simulated_loop_filters_and_delays_its_feedback():
+def test_the_simulated_loop_filters_and_delays_its_feedback() -> None:
     """As SciPy filters the same errors, a sample later, sample by sample; what is injected passes at once."""
     model, n = serial(arm(damping=20.0)), 300
     point = resting(model, 0.3, -0.8)
@@ -117,6 +117,6 @@ def test_the_simulated_loop_filters_and_delays_its_feedback():
         ({"delay_samples": 21}, "at most 20"),
     ],
 )
-def test_contradictions_are_refused(words, says):
+def test_contradictions_are_refused(words: dict[str, object], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         ControllerSpec(**words)

@@ -1,5 +1,6 @@
 """Encoders count; drives clip, lag and ripple."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import casadi as ca
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from plants.two_mass_gear import RATIO, Gear, robot
 
+from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle, Stop
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Curve
@@ -20,7 +22,7 @@ from elastid.simulation.dynamics import contacts, free_acceleration
 
 
 @pytest.mark.parametrize("coefficients", [(1.0,), (1.4, 1.0), (2.0, 2.0, 1.0), (0.6, 0.5)])
-def test_a_lag_answers_a_step_as_its_transfer_function_does(coefficients):
+def test_a_lag_answers_a_step_as_its_transfer_function_does(coefficients: tuple[float, ...]) -> None:
     """1 / P(s T) against the step response by residues; at constant torque nothing moves."""
     T, h = 0.01, 0.003
     lag = Lag(coefficients, T)
@@ -50,7 +52,7 @@ def stated(gear: Gear, section: GearSection) -> Robot:
     return with_joints(robot(gear), changed)
 
 
-def test_accelerations_are_those_of_an_outside_plant():
+def test_accelerations_are_those_of_an_outside_plant() -> None:
     """Transmission error, hardening and friction on both sides, at random states."""
     gear = Gear(F_m=20.0, F_l=12.0, k_3=4e9, error=5e-5)
     model = formulate(stated(gear, GearSection(transmission_error=(TransmissionError(5e-5),))))
@@ -71,7 +73,7 @@ def test_accelerations_are_those_of_an_outside_plant():
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
-def test_friction_by_load_and_ripple_brake_the_motor_alone():
+def test_friction_by_load_and_ripple_brake_the_motor_alone() -> None:
     """By the torque that the gear has at that moment, and by the motor's own angle."""
     section = GearSection(load=0.1, ripple=(GearRipple(3.0, 6.0, 0.4),))
     model = formulate(stated(Gear(), section))
@@ -87,7 +89,9 @@ def test_friction_by_load_and_ripple_brake_the_motor_alone():
 
 
 @pytest.mark.parametrize(("law", "operator"), [(Stop(5e4), stop), (Bristle(5e4), bristle)], ids=["stop", "bristle"])
-def test_hysteresis_of_the_rig_is_that_of_the_search(law, operator):
+def test_hysteresis_of_the_rig_is_that_of_the_search(
+    law: Stop | Bristle, operator: Callable[[Path, float], FloatArray]
+) -> None:
     """Along the same deflection, element by element: torque 5 Nm, bending over 1e-4 rad."""
     x = 3e-4 * np.sin(np.linspace(0, 4 * np.pi, 801))
     z, torque, curve = ca.SX(0.0), [], Curve(ca.SX(5.0), ca.SX(5.0), ca.SX(0.0))

@@ -16,7 +16,7 @@ from elastid.simulation.dynamics import CLASSICAL, FIFTH_ORDER, MAX_STEP_RATE, l
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
 @settings(deadline=None, max_examples=25)
-def test_accelerations_solve_the_equations_of_motion(numbers):
+def test_accelerations_solve_the_equations_of_motion(numbers: list[float]) -> None:
     """M q'' + f + B tau_f = B u, with M factorised in symbols, equals NumPy's pivoted solve."""
     model, F_c = serial(arm(damping=20.0)), np.array([5.0, 3.0])
     q, v, u = np.split(np.array(numbers), [4, 8])
@@ -28,7 +28,7 @@ def test_accelerations_solve_the_equations_of_motion(numbers):
 
 
 @given(angle=st.floats(0.5 * np.pi, np.pi), rate=st.floats(1.0, 200.0), duration=st.floats(0.01, 0.5))
-def test_steps_are_as_few_as_let_no_mode_grow(angle, rate, duration):
+def test_steps_are_as_few_as_let_no_mode_grow(angle: float, rate: float, duration: float) -> None:
     """R(z) is exp(z) to its order; with one step less a mode grows of its own, or a step is too long."""
     pole = np.array([rate * np.exp(1j * angle)])
     for method, order in ((CLASSICAL, 4), (FIFTH_ORDER, 5)):
@@ -44,7 +44,7 @@ def test_steps_are_as_few_as_let_no_mode_grow(angle, rate, duration):
     assert n == 1 or grows(n - 1)
 
 
-def test_energy_is_conserved_at_the_rate_of_the_order():
+def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
     """Undamped and unforced, the energy drifts by less than 1e-6 of what moves, 16 times less with half the step."""
     model = serial(arm())
     q, v, free = np.array([0.3, -0.4, 0.31, -0.39]), np.array([1.0, -2.0, 1.0, -2.0]), acceleration(model, np.zeros(2))
@@ -57,7 +57,7 @@ def test_energy_is_conserved_at_the_rate_of_the_order():
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_friction_brakes_a_motor_in_both_directions_and_then_holds_it(direction):
+def test_friction_brakes_a_motor_in_both_directions_and_then_holds_it(direction: float) -> None:
     """J v' = -F_c sgn(v): the speed falls along a straight line to zero and stays there."""
     model, F_c, J = serial(motor()), np.array([10.0]), 20.0
     advance = runge_kutta(acceleration(model, F_c), 5e-4, 200)

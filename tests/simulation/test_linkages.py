@@ -79,7 +79,7 @@ def pinocchio_with_bar(pin, robot: Robot):
 
 @pytest.mark.parametrize("name", POSE)
 @pytest.mark.oracle("pinocchio")
-def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name):
+def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name: str):
     """Random states and torques, the arm bent out of its plane: to 1e-8 of the largest acceleration.
 
     There the rod is a body on a universal joint, its tip held in three coordinates; here it is one row and an energy.
@@ -135,7 +135,7 @@ def _between(pin, reference, data, q, v):
 
 
 @pytest.mark.parametrize("name", POSE)
-def test_constrained_and_cut_rod_accelerate_alike(name):
+def test_constrained_and_cut_rod_accelerate_alike(name: str):
     """The same torques give the same motion with the elongation as a coordinate and with the rod cut."""
     robot, random = shipped(name), np.random.default_rng(1)
     model, cut = formulate(robot, CONSTRAINED), formulate(robot, MINIMAL)
@@ -150,7 +150,7 @@ def test_constrained_and_cut_rod_accelerate_alike(name):
 
 
 @pytest.mark.parametrize("name", POSE)
-def test_energy_is_conserved_and_loops_stay_closed(name):
+def test_energy_is_conserved_and_loops_stay_closed(name: str):
     """Over 0.5 s without damping and torque, swinging freely: energy to 1e-6 of what moves, loops to rounding."""
     model = without(formulate(shipped(name)), "d", "f", "fm")
     point = equilibrium(model, model.theta, Configuration("c", POSE[name]))
@@ -190,7 +190,7 @@ def test_accelerations_of_a_linkage_have_its_frequency_response():
 
 @pytest.mark.parametrize("name", POSE)
 @pytest.mark.parametrize("spec", [slow(CONSTRAINED), MINIMAL])
-def test_feed_forward_of_a_linkage_holds_it_and_does_the_work(name, spec):
+def test_feed_forward_of_a_linkage_holds_it_and_does_the_work(name: str, spec: ModelSpec):
     """At rest the holding torque; in motion its power is the change of the rigid robot's energy."""
     model = without(formulate(shipped(name), spec), "d", "f", "fm")
     at = Configuration("c", POSE[name])

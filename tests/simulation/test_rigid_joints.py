@@ -20,7 +20,7 @@ def joints(reference: FloatArray, held: bool = True) -> CommandedJoints:
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0013, 0.0172])
-def test_delayed_step_response_agrees_with_closed_form(delay_s):
+def test_delayed_step_response_agrees_with_closed_form(delay_s: float) -> None:
     """A fraction of a sample counts as such: the poles of J s^2 + (f + k_d) s + k_p after the delay."""
     reference = np.where(np.arange(200) >= 20, 1.0, 0.0)
     moved = joints(reference).simulate(np.array([[[J, f, 0, 0, 0, 0]]]), np.array([delay_s]))[:, 0, 0]
@@ -31,7 +31,7 @@ def test_delayed_step_response_agrees_with_closed_form(delay_s):
     assert moved[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_linear_commands_agree_with_integration_by_scipy():
+def test_linear_commands_agree_with_integration_by_scipy() -> None:
     """With gravity, an offset and a load, under a sine that is linear between its samples."""
     t = np.arange(400) / 200
     reference, load = 0.3 * np.sin(2 * np.pi * t), 0.2 * t
@@ -48,7 +48,7 @@ def test_linear_commands_agree_with_integration_by_scipy():
     assert np.max(np.abs(moved - exact)) < 2e-4
 
 
-def test_a_joint_sticks_where_its_command_is_below_coulomb_friction():
+def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
     """Exactly, without creep; beyond it the joint ends where friction holds the rest of the command."""
     reference = np.full(400, 0.02)
     moved = joints(reference).simulate(np.array([[[J, f, 0.41, 0, 0, 0]], [[J, f, 0.1, 0, 0, 0]]]), np.zeros(2))
@@ -56,7 +56,7 @@ def test_a_joint_sticks_where_its_command_is_below_coulomb_friction():
     assert 0.015 <= moved[-1, 1, 0] <= 0.025
 
 
-def test_candidates_move_as_each_alone():
+def test_candidates_move_as_each_alone() -> None:
     """Together and alone they are the same to rounding; means over windows are means of samples."""
     reference = 0.3 * np.sin(np.arange(300) / 15)
     numbers = np.array([[[J, f, 0.1, 0, 0, 0]], [[J, 2 * f, 0.2, 0, 0.3, 0]]])

@@ -26,7 +26,7 @@ def best(result: Replay) -> tuple[str, float]:
     return (doubts[0].quantity, doubts[0].value) if doubts else ("", 1.0)
 
 
-def test_correct_model_is_better_than_trivial_predictors_and_raises_no_doubt(motion):
+def test_correct_model_is_better_than_trivial_predictors_and_raises_no_doubt(motion: CommandedMotion) -> None:
     """Within 0.6 mrad, of which half a sample of the simulated drives is most; the fitted delay is (f + kd) / kp."""
     result = replay(CommandedJoint().robot, motion)
     (joint,) = result.joints
@@ -45,13 +45,15 @@ def test_correct_model_is_better_than_trivial_predictors_and_raises_no_doubt(mot
         ("kd", {"gains": JointLoop(np.array([20.0]), np.array([1.3]), np.zeros(1))}, 1 / 1.3),
     ],
 )
-def test_wrong_number_of_the_replay_is_named_with_its_factor(motion, quantity, change, expected):
+def test_wrong_number_of_the_replay_is_named_with_its_factor(
+    motion: CommandedMotion, quantity: str, change: dict[str, object], expected: float
+) -> None:
     """A replay of 2 ms for a log of 5 ms, and gains 20 and 30 % off."""
     found = best(replay(CommandedJoint().robot, replace(motion, **change)))
     assert found == (quantity, pytest.approx(expected, rel=0.015))
 
 
-def test_late_commands_are_named_with_their_delay():
+def test_late_commands_are_named_with_their_delay() -> None:
     """15 ms, to half a sample of the simulated drives."""
     late = CommandedJoint(delay_s=0.015)
     motion = late.motion()
@@ -60,20 +62,20 @@ def test_late_commands_are_named_with_their_delay():
     assert not best(replay(late.robot, replace(motion, delay_s=0.015)))[0]
 
 
-def test_reversed_signs_are_named(motion):
+def test_reversed_signs_are_named(motion: CommandedMotion) -> None:
     """Of the position alone, and of command and position, which only gravity shows."""
     robot, reversed_position = CommandedJoint().robot, replace(motion, position=-motion.position)
     assert best(replay(robot, reversed_position))[0] == "position sign"
     assert best(replay(robot, replace(reversed_position, command=-motion.command)))[0] == "joint direction"
 
 
-def test_model_of_a_free_joint_is_worse_than_the_command(motion):
+def test_model_of_a_free_joint_is_worse_than_the_command(motion: CommandedMotion) -> None:
     """A model with a hundredth of the gains hangs down."""
     loose = JointLoop(motion.gains.kp / 100, motion.gains.kd / 100, motion.gains.ki)
     assert replay(CommandedJoint().robot, replace(motion, gains=loose), with_tests=False).joints[0].is_worse
 
 
-def test_octaves_divide_the_error_of_the_still_joint():
+def test_octaves_divide_the_error_of_the_still_joint() -> None:
     """A sine of 3 Hz is in its octave, with A / sqrt 2."""
     motion = CommandedJoint().motion(10.0)
     t = np.arange(len(motion.position)) / motion.rate_hz
@@ -86,7 +88,7 @@ def test_octaves_divide_the_error_of_the_still_joint():
 
 
 @pytest.mark.slow
-def test_quadruped_replayed_at_the_wrong_clock_is_named_as_factor_2_5():
+def test_quadruped_replayed_at_the_wrong_clock_is_named_as_factor_2_5() -> None:
     """Real logs of 12 joints: a regression on log 0 predicts log 7 to 6 mrad; at 2 ms for 5 ms hardly the command."""
     logs = [read_command_log(measured(f"{QUADRUPED}/log_{i}.npz"), NAMES) for i in (0, 7)]
     robot = robot_of_commands(logs[0])

@@ -35,7 +35,7 @@ from elastid.validation.frf_error import Fold
 
 
 @given(n=st.integers(1, 12), parts=st.integers(0, 12).filter(lambda k: k != 1))
-def test_parts_leave_every_configuration_out_once(n, parts):
+def test_parts_leave_every_configuration_out_once(n: int, parts: int) -> None:
     """And never all of them: a single one never."""
     names = [f"c{i}" for i in range(n)]
     found = divide(names, parts)
@@ -64,7 +64,7 @@ def world(error):
     return fitted
 
 
-def test_a_spring_that_another_stood_in_for_becomes_rigid_again():
+def test_a_spring_that_another_stood_in_for_becomes_rigid_again() -> None:
     """Alone a is the best, beside b and c it is good for nothing."""
     errors = {"a": 3, "b": 4, "c": 4, "ab": 2.5, "ac": 2.5, "bc": 1, "abc": 1.001}
     fitted = world(lambda model: errors.get("".join(model), 6) * ADDED)
@@ -78,7 +78,7 @@ def test_a_spring_that_another_stood_in_for_becomes_rigid_again():
     start=st.sets(st.sampled_from(NAMES)),
     gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5),
 )
-def test_wherever_a_search_starts_it_finds_what_helps(useful, start, gains):
+def test_wherever_a_search_starts_it_finds_what_helps(useful: set[str], start: set[str], gains: list[float]) -> None:
     """Of springs whose parts of the error add up: what helps is freed, the largest first and none tried twice.
 
     What is elastic to begin with becomes rigid where it helps nothing, and only after all that helps was freed.
@@ -121,7 +121,7 @@ def compared(robot: Robot, **models: tuple[int, float, tuple[float, ...]]) -> Co
     return rank(CONFIGURATIONS, [ComparedVariant(name, robot, FitSpec(), EXACT) for name in models], refits)
 
 
-def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the_best_fit(robot):
+def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the_best_fit(robot: Robot) -> None:
     """c = V / dof of the best fit, here 2: a cost 100 higher with one parameter less is 50 - 2."""
     found = compared(robot, lean=(4, 2092.0, (3, 3.2, 2.9, 3)), own=(5, 1990.0, (2, 2.1, 1.9, 2)))
     assert [row.name for row in found.rows] == ["own", "lean"]
@@ -135,7 +135,7 @@ def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the
     assert "own predicts left-out configurations best (1.41 sigma rms)" in found.verdict
 
 
-def test_a_model_within_the_standard_error_cannot_be_distinguished_and_the_simplest_is_named(robot):
+def test_a_model_within_the_standard_error_cannot_be_distinguished_and_the_simplest_is_named(robot: Robot) -> None:
     """Better in two configurations, worse in two; or worse by less than a thousandth in all."""
     for misfit in ((2.2, 1.8, 2.1, 1.95), (2.001,) * 4):
         verdict = compared(robot, lean=(4, 2000.0, misfit), own=(5, 1990.0, (2.0, 2.0, 2.0, 2.0))).verdict
@@ -145,7 +145,7 @@ def test_a_model_within_the_standard_error_cannot_be_distinguished_and_the_simpl
     assert "distinguished" not in compared(robot, lean=(4, 2e3, (2.003,) * 4), own=(5, 2e3, (2.0,) * 4)).verdict
 
 
-def test_failed_fits_are_last_and_their_reason_is_noted(robot):
+def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
     """One that failed on all, one that failed without a configuration, one that did not converge."""
     failed = Refit("failed", "every start failed", 0, math.inf, 0, {})
     fine = [Refit("converged", "", 3, 100.0, 100, {c: Fold(c, 1.0, 1.0, 1.0)}) for c in ("", *CONFIGURATIONS)]
@@ -160,7 +160,7 @@ def test_failed_fits_are_last_and_their_reason_is_noted(robot):
     assert rank(CONFIGURATIONS, variants[:1], [[failed] * 5]).verdict.startswith("No model could be fitted")
 
 
-def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot):
+def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -> None:
     """The others stay free, also without a list of parameters in the study."""
     for spec in (FitSpec(parameters={"k_*": ParameterSpec()}), FitSpec()):
         before, after = choose(spec, robot).free_names, choose(fix(spec, robot, ["k_2x", "k_9"]), robot).free_names
@@ -187,7 +187,7 @@ def responses(robot) -> list[Response]:
 SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpec(model_error=0.0))
 
 
-def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot, responses):
+def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot: Robot, responses: list[Response]) -> None:
     """|E|^2 / sigma^2 is 1 for the true model, 1 + 1 / 0.02^2 / 100 or more for responses a tenth larger."""
     scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
     task = (ComparedVariant("own", robot, SPEC, EXACT), ("c",))
@@ -199,7 +199,7 @@ def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot, re
     assert off.folds["c"].rms_log_db == pytest.approx(20 * math.log10(1.1), abs=0.2)
 
 
-def test_masks_apply_to_the_configurations_that_they_name(robot, responses):
+def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, responses: list[Response]) -> None:
     """Of those fitted and of those left out; where nothing is left to fit, the refit fails with the reason."""
     low = replace(SPEC, weights=WeightSpec(model_error=0.0, factors=(FactorSpec(0.0, ("c",), band_hz=(0.0, 30.0)),)))
     low_lines = (responses[2].freq_hz < 30)[:, None, None]

@@ -32,7 +32,7 @@ def one_joint(viscous: float) -> LinearModel:
     )  # fmt: skip
 
 
-def test_parts_of_a_known_joint_have_their_torque():
+def test_parts_of_a_known_joint_have_their_torque() -> None:
     """Rigid: (J_m + J_l) a; viscous: f v; elasticity the rest of the model; dry friction what the net record lacks."""
     whole, frictionless = one_joint(VISCOUS_COEFFICIENT), one_joint(0.0)
     alone = replace(
@@ -98,7 +98,7 @@ def errors(run: LogSimulation) -> dict[str, float]:
     return {signal.kind: signal.error for signal in run.signals}
 
 
-def test_the_true_twin_is_off_by_the_noise(measured):
+def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]) -> None:
     """Motions by what the noise of the torque moves, held on the log by a slow loop."""
     _, record = measured
     (run,) = simulate_record(record, arm(), BAND_HZ)
@@ -112,7 +112,9 @@ def test_the_true_twin_is_off_by_the_noise(measured):
     assert run.tracking_bandwidth_hz == pytest.approx(0.4)
 
 
-def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(measured):
+def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
+    measured: tuple[SimulatedRig, Record],
+) -> None:
     """LuGre's law under the torque, from the middle of a motion on: friction has slid so for long."""
     bristly = arm(friction=Friction(0.08, lugre=LuGre(30.0, 0.02)))
     rig = rig_of(bristly)
@@ -125,7 +127,7 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(me
     assert errors(once)[MOTION] < 0.2
 
 
-def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured):
+def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
     """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
     _, record = measured
     assert simulate_record(replace(record, has_rate=False), arm(), BAND_HZ) == ()

@@ -43,20 +43,20 @@ def test_robots_and_dates_that_differ_as_they_do_are_not_named(days):
     assert np.mean([bool(find_changes(natural(seed, days=days), 0.05)) for seed in range(60)]) <= 0.05
 
 
-def test_a_gear_that_is_a_tenth_soft_is_named_among_robots_that_differ():
+def test_a_gear_that_is_a_tenth_soft_is_named_among_robots_that_differ() -> None:
     """Of 8 robots, in 95 % of fleets, and hardly another with it."""
     findings = [find_changes(natural(seed, softened=0.1), 0.05) for seed in range(100)]
     assert np.mean([any((f.robot, f.parameter) == ("r2", "k_1") for f in each) for each in findings]) >= 0.95
     assert np.mean([any(f.robot != "r2" for f in each) for each in findings]) <= 0.05
 
 
-def test_two_dates_of_one_number_are_no_trend():
+def test_two_dates_of_one_number_are_no_trend() -> None:
     """The change of one spring of one robot is compared with nothing: the fit's std alone would name it in 86 %."""
     one = [value for value in natural(0, days=(0.0, 180.0), robots=1) if value.parameter == "k_1"]
     assert find_changes(one, 0.05) == ()
 
 
-def test_a_softer_gear_and_a_drift_are_found_and_named():
+def test_a_softer_gear_and_a_drift_are_found_and_named() -> None:
     found = find_changes(fleet(1, 64, softened=0.06, drift=0.08), 0.05)
     (off,) = [finding for finding in found if finding.kind == "differs" and finding.robot == "r3"]
     (drifting,) = [finding for finding in found if finding.kind == "drifts"]
@@ -68,7 +68,7 @@ def test_a_softer_gear_and_a_drift_are_found_and_named():
     assert drifting.z == pytest.approx(np.log1p(drifting.change) / (0.01 * np.sqrt(2)), rel=0.1)
 
 
-def test_one_odd_robot_of_three_does_not_make_the_others_odd():
+def test_one_odd_robot_of_three_does_not_make_the_others_odd() -> None:
     """Two of a kind are the fleet."""
     three = [FleetValue(f"r{i}", 0.0, "k_1", 54.0 if i == 2 else 60.0 + 0.01 * i, 0.05) for i in range(3)]
     assert [finding.robot for finding in find_changes(three, 0.05)] == ["r2"]

@@ -100,14 +100,14 @@ def test_a_twin_of_another_mass_moves_as_the_log_that_shows_its_friction(record)
 
 
 @pytest.mark.slow
-def test_known_pulses_push_the_twin_as_well():
+def test_known_pulses_push_the_twin_as_well() -> None:
     """Under its controller; one that is not pushed has another torque."""
     pushed = recorded(pulse=60.0)
     assert runs_of(pushed, CASCADE)[1].of(TORQUE)[0].error < 0.03
     assert runs_of(replace(pushed, disturbance=None), CASCADE)[1].of(TORQUE)[0].error > 0.1
 
 
-def test_simulation_along_a_slow_log_takes_its_steps():
+def test_simulation_along_a_slow_log_takes_its_steps() -> None:
     """A spring that needs more than 80 steps in a sample of 100 Hz, of which a study may raise the rate."""
     stiff = with_joints(swing(), lambda joint: replace(joint, spring=joint.spring and Spring(1e9, 60.0)))
     spec, start = SimulatedSpec(), Configuration("start", np.zeros(2))
@@ -116,7 +116,7 @@ def test_simulation_along_a_slow_log_takes_its_steps():
     assert true_plant(stiff, spec, 100.0, start, is_free=True).loop.rate_hz == 100.0
 
 
-def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record):
+def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record: FrictionRecord) -> None:
     """A velocity gain beyond what the sampled loop bears."""
     _, followed = runs_of(record, CascadeSpec(30.0, 2e4))
     assert followed.lost.startswith("motor 1 ")

@@ -34,7 +34,7 @@ def measured(lacking: float) -> FittedRobot:
     return replace(fitted, measured=(replace(empty, G=G, noise=Covariance(np.full(G.shape, std**2), np.inf)),))
 
 
-def test_modes_of_a_right_model_are_found_with_their_shapes():
+def test_modes_of_a_right_model_are_found_with_their_shapes() -> None:
     fitted = measured(0.0)
     (found,) = measured_modes(fitted)
     known = modes(fitted.linear[0], fitted.theta_of(found.configuration))
@@ -48,7 +48,7 @@ def test_modes_of_a_right_model_are_found_with_their_shapes():
     assert np.median(found.mac) > 0.98
 
 
-def test_a_mode_that_the_model_lacks_is_named_with_its_motors():
+def test_a_mode_that_the_model_lacks_is_named_with_its_motors() -> None:
     (own,) = measured_modes(measured(1.0))
     (note,) = own.notes
     assert note.code == "validation/missing-mode"

@@ -14,7 +14,7 @@ WHERE = Configuration("tapped", np.array([0.4, -0.6]))
 LINES = np.linspace(2, 60, 80)
 
 
-def test_a_hammer_response_is_the_closed_form():
+def test_a_hammer_response_is_the_closed_form() -> None:
     """Without noise the prediction at the true numbers is the measurement, to rounding."""
     each = predict_response(result(), tapped(WHERE, LINES, 0.0, np.random.default_rng(0)))
     np.testing.assert_allclose(each.predicted.G, each.measured.G, rtol=1e-8)
@@ -24,7 +24,7 @@ def test_a_hammer_response_is_the_closed_form():
 
 
 @pytest.mark.slow
-def test_both_bands_hold_what_they_say():
+def test_both_bands_hold_what_they_say() -> None:
     """Fits whose numbers are off by their std, noise of 5 %: 90 to 99.9 % of the lines agree."""
     shares = []
     for seed in range(20):

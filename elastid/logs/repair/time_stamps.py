@@ -135,7 +135,8 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
         place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
         raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
-    if 0 < len(twice) <= max(1.0, MAX_WRONG_FRACTION * len(time_s)) and even_grid(time_s) is None:
+    is_copy = len(twice) > 0 and np.array_equal(signals[twice], signals[twice - 1], equal_nan=True)
+    if is_copy or (0 < len(twice) <= max(1.0, MAX_WRONG_FRACTION * len(time_s)) and even_grid(time_s) is None):
         place = log.time_of(twice[0])
         log.report(
             "rows with the stamp of another",

@@ -1,5 +1,7 @@
 """Friction is found before the responses are estimated, from records that are read one configuration at a time."""
 
+from pathlib import Path
+
 import pytest
 from plants.runs import run_of, summary_of
 from plants.taken_friction import LEFT, taken_friction
@@ -14,7 +16,7 @@ from elastid.study import load_robot
 
 
 @pytest.mark.slow
-def test_what_was_taken_out_is_in_every_result(tiny):
+def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
     """frf.h5, summary and robot.yml have the same; the model explains more."""
     options = ["robot.bodies[0].joints[0].motor.coulomb=0.01", "experiment.simulated.substeps=20", "fit.starts=1"]
     options += ["fit.parameters={k_1: {}, fm_1: {}}", "estimator.friction=coulomb", "report.formats=[png]"]
@@ -33,7 +35,7 @@ def test_what_was_taken_out_is_in_every_result(tiny):
     assert numbers["f_m1"][0] == pytest.approx(viscous["value"], rel=1e-9)
 
 
-def test_estimate_prints_why_friction_was_not_compensated(capsys):
+def test_estimate_prints_why_friction_was_not_compensated(capsys: pytest.CaptureFixture[str]) -> None:
     """One line per motor, also of one whose friction stays."""
     _artefacts([], [], taken_friction()).report(Console(0))
     assert LEFT in capsys.readouterr().out

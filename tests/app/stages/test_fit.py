@@ -1,6 +1,7 @@
 """How a fit ends: everything is written, the last line says what its status means, the exit code what to make of it."""
 
 import shlex
+from pathlib import Path
 
 import pytest
 from plants.runs import summary_of
@@ -16,7 +17,9 @@ from elastid.study import load_robot
 @pytest.mark.parametrize(
     ("factor", "status", "code"), [(1.0, "converged", 0), pytest.param(1.3, "misfit", 3, marks=pytest.mark.slow)]
 )
-def test_a_fit_ends_with_the_meaning_of_its_status(study, capfd, factor, status, code):
+def test_a_fit_ends_with_the_meaning_of_its_status(
+    study: Path, capfd: pytest.CaptureFixture[str], factor: float, status: str, code: int
+) -> None:
     """In its last line; a misfit is written whole, validated and reported like any fit, and its exit code is 3."""
     overrides = ("fit.starts=1", "fit.profile=[]", "fit.weights.model_error=0")
     robot = load_robot(study.parent / "robot.yml")

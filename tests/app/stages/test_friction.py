@@ -41,7 +41,7 @@ def finished(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_study_leaves_its_artefacts_and_keeps_them(finished, monkeypatch):
+def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """plan, references, records, levels, law, summary, robot and page; nothing is done twice."""
     names = {path.name for path in (finished / "run").iterdir()}
     assert {"plan.h5", "references", "records.h5", "constant_velocity.h5", "friction.h5", "summary.json"} <= names
@@ -56,7 +56,7 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished, monkeypatch):
     assert {"value", "std", "interval95", "unit", "learnt_from", "truth"} <= set(summary["parameters"]["Fc_m1"])
 
 
-def test_the_identified_robot_is_exported_and_read(finished):
+def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
     """Its friction is that of the table; other tools take an elastic fit."""
     run = run_of(finished)
     (path,) = export(run, "robot")
@@ -100,7 +100,7 @@ def study(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
-def test_friction_of_a_log_is_followed(study):
+def test_friction_of_a_log_is_followed(study: Path) -> None:
     """The torque of sliding at the end of a warm-up is within 2 %, drawn, and its filter is exported as C."""
     run = study.parent / "run"
     stages = ("measure", "constant_velocity", "friction", "follow", "report")  # friction falls: a misfit
@@ -135,7 +135,7 @@ experiment:
 
 
 @pytest.mark.slow
-def test_coulomb_friction_without_presliding_is_followed_through_many_reversals(tmp_path):
+def test_coulomb_friction_without_presliding_is_followed_through_many_reversals(tmp_path: Path) -> None:
     """A reversal every second and a half: Coulomb and viscous friction of both directions stay in their bands."""
     rng, n = np.random.default_rng(0), 90_000
     position = sosfiltfilt(butter(2, 0.3, fs=1000, output="sos"), rng.standard_normal(n))

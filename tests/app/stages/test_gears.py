@@ -46,14 +46,16 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize(("options", "has_gears"), [((), True), (("gears=null",), False)])
-def test_stages_before_the_gears_know_whether_they_follow(options, has_gears, tmp_path):
+def test_stages_before_the_gears_know_whether_they_follow(
+    options: tuple[str, ...], has_gears: bool, tmp_path: Path
+) -> None:
     """Notes that ask for the section `gears` are not for a study that has it."""
     run = run_of(STUDY, tmp_path, *options)
     assert {run.work(stage).has_gears for stage in ("estimate", "fit")} == {has_gears}
 
 
 @pytest.mark.slow
-def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(folder):
+def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(folder: Path) -> None:
     """k within 0.1 %, d within 2 %; a misfit is one no more."""
     content = summary(folder)
     assert content["status"] == "converged"
@@ -65,7 +67,7 @@ def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(fo
 
 
 @pytest.mark.slow
-def test_every_effect_of_the_robot_is_found_and_no_other(folder):
+def test_every_effect_of_the_robot_is_found_and_no_other(folder: Path) -> None:
     """Intervals, of 40 % at most, hold the levels simulated; what the robot has not is below its bound."""
     content = summary(folder)
     assert content["modification_indices"] == []  # the gears explain what the linear fit has beyond the noise
@@ -80,7 +82,7 @@ def test_every_effect_of_the_robot_is_found_and_no_other(folder):
 
 
 @pytest.mark.slow
-def test_the_table_of_the_readme_is_of_this_run(folder):
+def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
     """Each number of the last column and of the linear fit, and their std, to within two of its last digit."""
     content = summary(folder)
     names, number = (
@@ -103,7 +105,7 @@ def test_the_table_of_the_readme_is_of_this_run(folder):
 
 
 @pytest.mark.slow
-def test_the_robot_that_was_found_moves_as_the_log(folder):
+def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
     """Its file states the effects; under the torque of the log it is 4 % off in its motion."""
     first = load_robot(folder / "identified_robot.yml").driven[0]
     assert first.gear.transmission_error[0].amplitude == pytest.approx(2e-5, rel=0.1)
@@ -116,7 +118,7 @@ def test_the_robot_that_was_found_moves_as_the_log(folder):
 
 
 @pytest.mark.slow
-def test_exports_have_the_effects_that_they_can_carry(folder):
+def test_exports_have_the_effects_that_they_can_carry(folder: Path) -> None:
     """MuJoCo friction alone; drawn robots the effects of the identified one."""
     for target in ("mujoco", "robot"):
         assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", target]) == 0
@@ -129,7 +131,7 @@ def test_exports_have_the_effects_that_they_can_carry(folder):
 
 
 @pytest.mark.slow
-def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder, capfd):
+def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """summary.json is the linear fit's until the gears are laid open again; without the section it stays so."""
     arguments = [str(STUDY), "--run", str(folder), "-q"]
     cli.run_command(["run", *arguments, "fit"])
@@ -142,7 +144,7 @@ def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder, capfd):
 
 
 @pytest.mark.slow
-def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already():
+def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> None:
     """About rest within the gap of the file, k shows in no response: the search starts from straight springs."""
     gear = Gear(gap=1e-4, loose=0.3)
     measured, spec = records(gear, seed=1, experiments=4), EstimatorSpec(friction="none", transient_periods=0)
@@ -157,7 +159,7 @@ def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already():
     assert numbers["lost_1"].value == pytest.approx(2 * 0.7 * 1e-4, rel=0.03)
 
 
-def test_a_term_of_a_spring_is_not_fitted_and_found():
+def test_a_term_of_a_spring_is_not_fitted_and_found() -> None:
     """Its number would act twice; a robot of straight springs goes through as it is."""
     hard, fit = with_spring(cubic=1e9), FitSpec()
     free = Parameters((Parameter("k_1", 2e5, log=True), Parameter("k3_1", 1e9)))
@@ -169,7 +171,7 @@ def test_a_term_of_a_spring_is_not_fitted_and_found():
     assert on_straight_springs(straight, [], result, EXACT, fit, Execution()) == (result, straight)
 
 
-def test_the_summary_has_numbers_of_gears_in_makers_units_too():
+def test_the_summary_has_numbers_of_gears_in_makers_units_too() -> None:
     """Nm/arcmin and arcsec where they are usual; of what was not seen its bound."""
     result, empty = some_fit(), {"parameters": {}, "notes": [], "warnings": []}
     gears = replace(sheets(), x=result.x, covariance=result.covariance)

@@ -62,7 +62,7 @@ print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kB on Linux alone")
-def test_memory_does_not_grow_with_the_log(tmp_path):
+def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
     """A log of 0.4 GB, 0.31 GB of it asked for, is measured with 200 MB."""
     asked = _write(tmp_path, 1600)
     done = subprocess.run([sys.executable, "-c", START], cwd=tmp_path, capture_output=True, text=True, check=True)
@@ -107,7 +107,7 @@ CSV = "configuration,fx,fy [N],fz,along_x,along_y,along_z,deflection [mm],std [u
 
 
 @pytest.mark.slow
-def test_a_study_with_load_tests_and_a_hammer(tiny):
+def test_a_study_with_load_tests_and_a_hammer(tiny: Path) -> None:
     """The simulated rig measures the deflections; the hammer's response is predicted."""
     robot = tiny.parent / "robot.yml"
     robot.write_text(robot.read_text() + FRAME)

@@ -39,7 +39,7 @@ def peaks(run: Path) -> list[float]:
     return [float(row["frequency"]) for row in rows]
 
 
-def test_a_structure_that_is_driven_by_a_voltage(bench):
+def test_a_structure_that_is_driven_by_a_voltage(bench: Path) -> None:
     """A response per volt in its 95 % regions, P(|error|^2 / variance > x) = (1 + x / dof)^-dof, and its peaks."""
     (found,) = read_responses(bench / "run" / "frf.h5")
     assert found.unit == "(m/s^2)/(V)"
@@ -48,7 +48,7 @@ def test_a_structure_that_is_driven_by_a_voltage(bench):
     np.testing.assert_allclose(peaks(bench / "run"), true_modes()[0] / (2 * np.pi), rtol=1e-4)
 
 
-def test_the_page_draws_the_band_of_the_modes(bench):
+def test_the_page_draws_the_band_of_the_modes(bench: Path) -> None:
     """All lines within modal.band_hz; friction, which was not asked for by name and is not there, has no section."""
     page = (bench / "run" / "report.html").read_text(encoding="utf-8")
     data = map(json.loads, re.findall(r'<script type="application/json".*?>(.*?)</script>', page, re.DOTALL))
@@ -71,7 +71,7 @@ def exported(bench: Path, target: str) -> Path:
 @pytest.mark.parametrize(
     ("target", "file"), [("uff", "bench.uff"), ("matlab", "responses.mat"), ("csv", "bench-measured.csv")]
 )
-def test_exports_are_read_back(bench, target, file):
+def test_exports_are_read_back(bench: Path, target: str, file: str) -> None:
     """By the readers of responses from elsewhere: the same lines and the same G."""
     pytest.importorskip("pyuff")
     (response,) = read_responses(bench / "run" / "frf.h5")
@@ -88,7 +88,7 @@ def test_exports_are_read_back(bench, target, file):
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_universal_files_become_configurations_of_a_study(count, bench, tmp_path):
+def test_universal_files_become_configurations_of_a_study(count: int, bench: Path, tmp_path: Path) -> None:
     pytest.importorskip("pyuff")
     files = [str(exported(bench, "uff") / "bench.uff")] * count
     assert run_command(["new", str(tmp_path), "--from", *files]) == 0
@@ -98,7 +98,9 @@ def test_universal_files_become_configurations_of_a_study(count, bench, tmp_path
 
 
 @pytest.mark.slow
-def test_responses_from_elsewhere_need_no_robot(bench, tmp_path, capsys):
+def test_responses_from_elsewhere_need_no_robot(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The exported CSV of a structure, read again under names of its own: the same G, peaks, page and exports."""
     pytest.importorskip("pyuff")
     (measured,) = read_responses(bench / "run" / "frf.h5")

@@ -52,7 +52,9 @@ def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -
     n_y=st.integers(1, 4), n_u=st.integers(1, 4), E=st.integers(1, 3), P=st.integers(1, 3), seed=st.integers(0, 10**6)
 )
 @settings(deadline=None, max_examples=15)
-def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(n_y, n_u, E, P, seed):
+def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(
+    n_y: int, n_u: int, E: int, P: int, seed: int
+) -> None:
     """Any n_y, n_u and number of experiments, fewer than inputs too; the transient beside or between the lines."""
     rng = np.random.default_rng(seed)
     G = _polynomial(n_y, n_u, rng)
@@ -62,7 +64,7 @@ def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(n_y,
 
 
 @pytest.mark.parametrize("order", [2, 3])
-def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order):
+def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order: int) -> None:
     """B(f) / A(f) of the local order, three inputs, two outputs, one experiment."""
     rng = np.random.default_rng(order)
     poles = np.array([40 + 1j, 85 + 2j, 200 + 5j])[:order]
@@ -75,7 +77,7 @@ def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order):
 
 
 @pytest.mark.parametrize(("spec", "closed"), [slow(LPM, True), (LPM, False), slow(LRM, True), slow(LRM, False)])
-def test_variances_are_those_of_monte_carlo(spec, closed):
+def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -> None:
     """One experiment of three inputs, of a plant that the local model can follow: the squared error to 5 %.
 
     In closed loop from R it follows poles only approximately, which is in total: 8 %, and noise is less.
@@ -102,7 +104,7 @@ def test_variances_are_those_of_monte_carlo(spec, closed):
         assert [by_noise, by_total] == pytest.approx([1, 1], rel=0.05)
 
 
-def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation():
+def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() -> None:
     """What repeats from period to period but is not linear is in total, not in noise."""
     rng = np.random.default_rng(4)
     std, distortion = 0.02, 0.05
@@ -121,7 +123,7 @@ def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation():
     assert ratio == pytest.approx(1 + distortion**2 / (1.1 * from_noise), rel=0.15)
 
 
-def test_records_of_unequal_length_and_a_drifting_position_give_one_response():
+def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -> None:
     """From rest, three and five periods, acceleration from a position that gains from end to end: -70 dB as a rule.
 
     Single draws scatter from -66 to -94 dB: where the phases leave a line near a resonance with little input.
@@ -143,7 +145,7 @@ def test_records_of_unequal_length_and_a_drifting_position_give_one_response():
     assert np.median(errors) < -70
 
 
-def test_the_noise_of_repeats_is_that_of_all_their_periods():
+def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:
     """Settled records of two and three periods: the merged one has the mean of five and its noise."""
     lines, spectra = np.arange(40, 700), []
     for P in (2, 3):
@@ -156,14 +158,14 @@ def test_the_noise_of_repeats_is_that_of_all_their_periods():
     np.testing.assert_allclose(merged.noise, (4 * spectra[0].noise + 9 * spectra[1].noise) / 25)
 
 
-def test_too_few_lines_are_refused():
+def test_too_few_lines_are_refused() -> None:
     rng = np.random.default_rng(0)
     few = _record(_phases(rng, 12, 3), _phases(rng, 12, 3), lines=LINES[:12])
     with refused("frf/lines", place="configuration c"):
         local_response([few], LPM, LINES[:12])
 
 
-def test_records_of_different_length_are_cut_for_a_local_method_or_refused():
+def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
     """A note for a little, a refusal whose remedy, h1, works for much."""
     spec = EstimatorSpec(method="local_rational", quantity="velocity", band_hz=(5.0, 80.0))
     a, b, c = (noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 2040, 900)))
@@ -174,7 +176,7 @@ def test_records_of_different_length_are_cut_for_a_local_method_or_refused():
 
 
 @pytest.mark.parametrize(("P", "N"), [(200, 100), (331, 64), (7, 300)])
-def test_spectra_near_lines_are_those_of_the_whole_record(P, N):
+def test_spectra_near_lines_are_those_of_the_whole_record(P: int, N: int) -> None:
     """Also for lengths with a large prime factor, and where all bins are wanted."""
     signals = np.random.default_rng(0).normal(size=(P * N + 37, 2))
     lines, used = np.arange(3, N // 2 - 1, 4), slice(20, 20 + P * N)

@@ -32,7 +32,7 @@ def measured(motors, kp, kd, inputs, outputs, forward=0.0, quantity="position"):
 
 
 @pytest.mark.parametrize("forward", [0.0, 0.7])
-def test_closed_loop_of_two_masses_is_exact(forward):
+def test_closed_loop_of_two_masses_is_exact(forward: float) -> None:
     """Motor and load of the exactly discretised plant under a sampled PD controller, to the images of the hold."""
     truth = ReferencedJoint(forward=forward, delay_s=3.7e-3)
     spring, motor = Spring(truth.k, truth.d), Motor(truth.motor, 1.0, truth.fm)
@@ -48,7 +48,7 @@ def test_closed_loop_of_two_masses_is_exact(forward):
 
 
 @pytest.mark.parametrize("inputs", [("reference 1", "reference 2"), ("reference 2",)])
-def test_derivatives_of_closed_loops_are_differences(inputs):
+def test_derivatives_of_closed_loops_are_differences(inputs: tuple[str, ...]) -> None:
     """Of springs, inertias, delays, gains of the controllers and lags, for a tool behind two coupled joints."""
     joints = [Joint(f"{i}", "y", motor=Motor(0.01 / i, 10.0, 0.01), spring=Spring(2e3 / i, 2.0 / i)) for i in (1, 2)]
     arm = {"center_of_mass": (0.2, 0.0, 0.0), "inertia": 0.3}

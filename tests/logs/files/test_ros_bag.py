@@ -10,8 +10,8 @@ from plants.ros_bag import JOINTS, LogArrays, write_bag, write_topics
 
 from elastid.app.cli import run_command
 from elastid.app.run import file_hash
-from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.experiment.specs.channels import ChannelSpec, Structure
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec, TextFormatSpec
 from elastid.logs.channels import gather_channels
 from elastid.logs.files.formats import contents, read_channels
 from elastid.study import load
@@ -81,6 +81,30 @@ def test_topics_with_different_stamps_are_brought_to_one_clock(
         error = np.abs(x - expected[channel.role])[50:-50] / np.abs(expected[channel.role]).max()
         assert np.sqrt(np.nanmean(error**2)) < 5e-4
         assert np.isnan(error).sum() <= 22
+
+
+def gathered(folder: Path, t_u: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """Torques on the clock of positions at 500 Hz; both begin at the first stamp of the torques."""
+    t_q, names = np.arange(8000) / 500, {"u": "drive.effort.axis", "y": "state.position.axis"}
+    quantities = {"u": ("torque", "N*m"), "y": ("position", "rad")}
+    channels = tuple(ChannelSpec(role, "motor 1", name, None, *quantities[role]) for role, name in names.items())
+    topics = {"/state": (t_q, {"position": _angle(t_q)}), "/drive": (t_u, {"effort": torque})}
+    write_topics(folder / "bag", topics)
+    recorded = RecordedSpec(500.0, channels, (FileSpec("bag"),))
+    log = gather_channels(recorded, recorded.files[0], folder, Structure.from_channels(channels))
+    return log.signals[:, [channel.role for channel in log.channels].index("u")]
+
+
+def test_a_clock_that_is_set_back_keeps_its_start(tmp_path: Path) -> None:
+    """From 0.3 s on, by 5 s at 8.3 s: aligned before."""
+    t = 0.3 + np.arange(7000) / 500
+    np.testing.assert_allclose(gathered(tmp_path, t - 5.0 * (t > 8.3), _torque(t))[:3900], _torque(t[:3900]), atol=1e-6)
+
+
+def test_messages_that_all_come_twice_count_once(tmp_path: Path) -> None:
+    t = 0.3 + np.arange(3500) / 500
+    twice = np.repeat(t, 2)
+    np.testing.assert_allclose(gathered(tmp_path, twice, _torque(twice))[:3500], _torque(t), atol=1e-6)
 
 
 def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(tmp_path: Path, log: LogArrays) -> None:
